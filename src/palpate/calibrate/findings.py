@@ -91,7 +91,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
         )
     at = at[np.linspace(0, len(at) - 1, min(ASKED, len(at))).round().astype(int)]
     factor = small_unit(skin, data)
-    found, wrong, ends = [], 0, []
+    found, wrong, tested, ends = [], 0, False, []
     quiet = skin.at_rest(factor * data.rest)
     for i in at:
         try:
@@ -103,6 +103,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
         status = Status.SOLVED if touch.status is None else Status.coded(int(np.asarray(touch.status)))
         fit = math.nan if touch.fit is None else float(np.asarray(touch.fit))
         wrong += status is Status.UNEXPLAINED or fit < 0.01
+        tested = tested or math.isfinite(fit)
         found.append(float(to_numpy(touch.force)[-1]))
         try:
             ends.append([float(to_numpy(end)[-1]) for end in touch.interval(0.95, "force")])
@@ -140,12 +141,15 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
     unit, std = factor * scale, relative / math.sqrt(max(int(good.sum()) - 1, 1))
     units = {channel_unit(c) for plane in skin.planes for c in plane.channels}
     off = f"its normal force is off by {100 * relative:.0f} % with one factor"
-    if relative <= max(ELASTIC_ERROR, ELASTIC_RATIO * mapped):
-        words = [f"the elastic model holds: {off}"]
-    else:
+    doubt = "A pressure map tells where it presses; do not read its pascals, nor components without labels"
+    if relative > max(ELASTIC_ERROR, ELASTIC_RATIO * mapped):
+        words = [f"the elastic model holds roughly: {off}, the map's by {100 * mapped:.0f} %. {doubt}"]
+    elif not tested:
         words = [
-            f"the elastic model holds roughly: {off}, the map's by {100 * mapped:.0f} %. A pressure map tells where it presses; do not read its pascals"
+            f"the elastic model holds for the force alone: {off}. These readings are too few to test more. {doubt}"
         ]
+    else:
+        words = [f"the elastic model holds: {off}"]
     if units == {"Pa"}:
         words.append(
             f"readings become pascals by a factor of {plain_number(unit, 3)} +- {100 * std:.0f} % on the unit that they were read in. Forces and stress do not tell the modulus: press with a ball of known radius and a known depth to learn it"
