@@ -32,6 +32,8 @@ RETURNS = frozenset(
         "notes_of",
         "_said",
         "_doubts",
+        "doubts",
+        "_misplaced",
         "_note",
         "calibration_note",
         "taken_as_they_are",
@@ -61,7 +63,7 @@ NAMED = {
     "camera.pictures": ("DAMAGED",),
 }
 #: Notes that are said in place of others, from a dictionary.
-MAPS = {"microscopy.cell": ("WORDS",)}
+MAPS = {"microscopy.doubts": ("WORDS",)}
 #: Words of an advice that notes have besides those of messages.
 ADVICE = (
     messages.ADVICE

@@ -104,7 +104,7 @@ def test_response_is_inverted_with_its_standard_deviation() -> None:
     assert 1.7 < square.mean() < 2.3  # chi-squared of two
     assert 0.85 < misfit.mean() < 1.15  # and of one
     step = 1e-6
-    moved = response.change(truth + [step, 0.0], base) - response.change(truth, base)
+    moved = response.change(truth + np.array([step, 0.0]), base) - response.change(truth, base)
     _value, exact = response.derivative(truth, response.local(base))
     assert moved / step == pytest.approx(exact[..., 0], abs=1e-4)
 

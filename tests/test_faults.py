@@ -54,7 +54,10 @@ def status(touch: pp.Touch) -> Status:
 def check(touch: pp.Touch) -> None:
     """Finite, or NaN with a status that says so."""
     values, known = np.asarray(touch.values), status(touch).known
-    if known:
+    if status(touch) is Status.UNDECIDED:  # a number where an interval bounds it, else none
+        assert np.isfinite(values).all() or np.isnan(values).all()
+        assert np.isnan(values).any() == (touch.errors is None)
+    elif known:
         assert np.isfinite(values).all()
     else:
         assert np.isnan(values).all()

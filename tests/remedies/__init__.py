@@ -38,6 +38,7 @@ ROOMS = (
     "differentiation",
     "networks",
     "objects",
+    "colours",
 )
 
 

@@ -531,6 +531,7 @@ REMEDIES = [
         "200 bar",
         "20 MPa",
         right=lambda v: v == 2e7,
+        room="units",
     ),
     value(
         "{} = {} is not finite",

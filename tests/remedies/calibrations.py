@@ -244,6 +244,7 @@ REMEDIES = [
         "calibrated.json",
         "calibrated.toml",
         given=calibrated_files,
+        room="calibrate.files",
     ),
     value(
         "names a positions_file beside it",

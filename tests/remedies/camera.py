@@ -360,8 +360,8 @@ REMEDIES = [
     value("mark those that are not known as NaN", lambda d: depths(depth=np.full((7, 35), d)).of(0), np.inf, np.nan),
     # touches
     value("the skin needs one plane with these channels", lambda s: touches(skin=s), AREA, SKIN_OF_DOTS),
-    value("nothing says how pixels become metres", lambda view: touches(view=view), None, VIEW),
-    value("every must be a whole number of at least 1", lambda n: touches(every=n), 0, 1),
+    value("nothing says how pixels become metres", lambda view: touches(view=view), None, VIEW, room="camera.touches"),
+    value("every must be a whole number of at least 1", lambda n: touches(every=n), 0, 1, room="camera.touches"),
     value("give track=True to follow them", lambda t: stepped(t), False, True),
     value("leave out depth_map, or give track=False", lambda given: touches(**given), {"depth_map": depths()}, {}),
     value("leave out every, or give track=False", lambda n: touches(every=n), 2, 1),
@@ -432,7 +432,9 @@ REMEDIES = [
         "weigh gel.mkv --skin gel.toml --force 1N --map frame=frame",
         "weigh gel.mkv --skin gel.toml --force 1N",
     ),
-    told("nothing says how pixels become metres", "track gel.mkv --skin plain.toml --fast", FILMED),
+    told(
+        "nothing says how pixels become metres", "track gel.mkv --skin plain.toml --fast", FILMED, room="camera.touches"
+    ),
 ]
 
 

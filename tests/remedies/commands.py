@@ -434,7 +434,7 @@ REMEDIES = [
     ),
     row(": no such file.", "track lost.nc --skin skin.toml", TRACK, room="cli.track"),
     row("are for pictures (a video, a folder, a .tif stack)", f"{TRACK} --every 2", TRACK),
-    row("leaves no frame of the", f"{TRACK} --baseline 2", f"{TRACK} --baseline 1"),
+    row("leaves no frame of the", f"{TRACK} --baseline 2", f"{TRACK} --baseline 1", room="cli.track"),
     row("is not in the recording, which goes from", f"{TRACK} --zero-at 9", f"{TRACK} --zero-at 1"),
     # palpate live
     live("give either a RECORDING, --camera", "live --skin skin.toml", "live r.nc --skin skin.toml"),

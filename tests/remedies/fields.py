@@ -328,9 +328,10 @@ REMEDIES = [
         ("f.npz", {"name": "displacement"}),
         ("f.npz", {"name": "u"}),
         given=lambda: np.savez("f.npz", u=U, v=V, ux=U, uy=V),
+        room="microscopy.found",
     ),
     field(
-        "Say which with name=",
+        "{} holds {} {}: {}. Say which with name=",
         "f.npz",
         ("f.npz", {"name": "u, v"}),
         given=lambda: np.savez("f.npz", u=U, v=V, ux=U, uy=V),

@@ -124,7 +124,7 @@ MEASURED = '[pad]\nkind = "measured"\nfile = "r.nc"\n'
 SIZE = ("--size", "20 mm x 20 mm")
 
 REMEDIES = [
-    value("{} reach to {} m. Lengths are in metres", lambda p: pad(places=p), 1e3 * PLACES, PLACES),
+    value("{} reach to {} m. Lengths are in metres", lambda p: pad(places=p, array=other(center=(4e-3, 4e-3))), 1e3 * (PLACES + 4e-3), PLACES + 4e-3),
     value("{} must be a finite array (n, 2) of (x, y) [m]; got shape", lambda p: pad(places=p), PLACES[0], PLACES),
     value("the presses reach over {} m about", lambda p: pad(places=p), PLACES + 0.1, PLACES),
     value("radius = {} m is more than half of the", lambda r: pad(radius=r), 1.0, 1e-3),
@@ -184,7 +184,7 @@ REMEDIES = [
     value("has the unit {}; accepted for a", lambda x: file(lambda: written(x=x)), "press_x [inch]", "press_x [m]", room="measured.files"),
     value("has no column {}; it has", lambda c: file(lambda: written(channel=c)), "counts", "stress_zz"),
     value("presses do not have one line for each of {} taxels", lambda n: file(lambda: written(drop=n)), 1, 0),
-    value("after the title is no row of numbers", lambda c: file(lambda: spoilt_cell(c)), "a", "0.001"),
+    value("after the title is no row of numbers", lambda c: file(lambda: spoilt_cell(c)), "a", "-0.002"),
     value("places and forces must be numbers in every line", lambda c: file(lambda: spoilt_cell(c)), "", "-0.002"),
     value("has no lines below its title", lambda n: file(lambda: written(lines=n)), False, True),
     Remedy("cannot be read as NetCDF ({})", lambda: (Path("r.nc").write_text("none"), pp.Measured("r.nc")), lambda: (Path("r.nc").unlink(missing_ok=True), whole().save("r.nc"), pp.Measured("r.nc"))),

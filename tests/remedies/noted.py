@@ -506,7 +506,7 @@ def told(forces: CellForces) -> bool:
 
 
 def of_cell(words: str, wrong: Any, mended: Any, right: Any = told, **how: Any) -> Note:
-    return Note(words, wrong, mended, right, room=how.pop("room", "microscopy.cell"), **how)
+    return Note(words, wrong, mended, right, room=how.pop("room", "microscopy.doubts"), **how)
 
 
 U = functools.partial(lambda: adhesions()[0])

@@ -299,13 +299,13 @@ NOTES = [
         near(*PRESSED, within=0.05),
     ),
     Note(
-        "by more than their noise: something touches, or they drift{}Give fewer frames (baseline=, --baseline)",
+        "by more than their noise: something touched, or they drift{}Give fewer frames (baseline=, --baseline)",
         lambda: tracked(wandering(), baseline=12)[-1],
         lambda: tracked(wandering(), baseline=6)[-1],
         holds(*PRESSED),
     ),
     Note(
-        "by more than their noise: something touches, or they drift{}or take the zero anew while nothing touches",
+        "by more than their noise: something touched, or they drift{}or take the zero anew while nothing touches",
         lambda: tracked([*wandering(), *readings(*[0.0] * 10, 1.0, seed=1)], baseline=12)[13],
         anew,
         holds(*PRESSED),
@@ -408,7 +408,7 @@ NOTES = [
         lambda: cell(U(), method="tikhonov"),
     ),
     of_cell(
-        'uncertainty=Uncertainty(youngs_modulus=0.2) in Python, --youngs-modulus "8 kPa +- 20 %")',
+        '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin; uncertainty=Uncertainty(youngs_modulus=0.2) in Python)',
         lambda: cell(U(), pp.HalfSpace(youngs_modulus=9.6e3, poissons_ratio=0.48)),
         lambda: cell(
             U(),

@@ -8,11 +8,25 @@ from typing import Any
 import numpy as np
 
 import palpate as pp
-from remedies._remedy import Remedy, value
+from palpate.recordings import write_recording
+from remedies._remedy import Remedy, command, laid, value
 
 __all__ = ["REMEDIES"]
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+SKIN_TEXT = """[pad]
+kind = "half_space"
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [6, 6]
+pitch = "2 mm"
+depth = "2 mm"
+channels = ["stress_zz"]
+noise = "300 Pa"
+"""
 SKIN = pp.Skin(PAD, pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=300.0))
 BALL = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0)
 READINGS = SKIN.sense(BALL)
@@ -36,7 +50,33 @@ def decoded(made: Any) -> Any:
     return decoded(made)
 
 
+def fingers() -> None:
+    """A skin file, and two frames at rest before one of a ball."""
+    laid(skin_toml=SKIN_TEXT)
+    noise = [SKIN.planes[0].sample_noise(np.random.default_rng(i), ()) for i in range(2)]
+    write_recording(pp.Recording(readings=np.stack([*noise, READINGS]), channels=("stress_zz",)), "r.nc")
+
+
+def told(words: str, wrong: str, mended: str, *, room: str = "cli.identify") -> Remedy:
+    how = "identify r.nc --skin skin.toml --shape ball"
+    return Remedy(words, command(f"{how} {wrong}"), command(f"{how} {mended}"), room=room, given=fingers)
+
+
+def creeping(out: bool) -> Any:
+    """A press on a pad that creeps; whether its creep is taken out first."""
+    times = np.array([0.0, 0.5, 1.0])
+    creeps = pp.Skin(pp.Viscoelastic(PAD, prony=[(0.2, 1.0)]), SKIN.planes[0])
+    skin = creeps.without_creep() if out else creeps
+    touch = SKIN.reconstruct(np.stack([READINGS] * 3), method="tikhonov")
+    return skin.identify(np.stack([READINGS] * len(times)), touch, shape="ball")
+
+
 REMEDIES = [
+    told("leaves no frame of the", "--baseline 3", "--baseline 2"),
+    told("the recording has the frames 0 to", "--frame 9", "--frame 2"),
+    told("times: at most {}, since each takes seconds", "--frame 2 " * 41, "--frame 2"),
+    told("once for each --frame", "--indentation 1mm --indentation 1mm --frame 2", "--indentation 1mm --frame 2"),
+    value("identify does not serve pads that creep", creeping, False, True),
     value("indentation must be one number [m] for each frame", lambda v: identified(indentation=v), [1e-3, 2e-3], 1e-3),
     value("indentation must not be negative", lambda v: identified(indentation=v), -1e-3, 1e-3),
     value('shape must be "{}" or "{}", or None', lambda v: identified(shape=v), "cube", None),

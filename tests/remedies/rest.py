@@ -127,7 +127,7 @@ REMEDIES = [
         slow=True,
     ),
     value(
-        "over a picture there is neither truth, ax nor seen_from",
+        "over a picture there is neither truth, ax, seen_from nor taxels",
         lambda how: plotted(picture=(PICTURE, VIEW), **how),
         {"seen_from": "outside"},
         {},

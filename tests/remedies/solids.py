@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import palpate as pp
-from palpate.sensing import MatrixMap
+from palpate.sensing import MatrixMap, SphereChart
 from remedies._remedy import Remedy, value
 
 __all__ = ["REMEDIES"]
@@ -23,10 +23,26 @@ def box(**changed: Any) -> pp.SolidPad:
     return pp.SolidPad.box(6e-3, 6e-3, 2e-3, **given)
 
 
+def dome(**changed: Any) -> pp.SolidPad:
+    given: dict[str, Any] = {"radius": 5e-3, "thickness": 2e-3, "element": 2e-3, **MATERIAL, **changed}
+    return pp.SolidPad.dome(**given)
+
+
+def bend(**changed: Any) -> pp.SolidPad:
+    sizes = {"radius": 6e-3, "length": 8e-3, "width": 6e-3, "thickness": 2e-3, "element": 2e-3}
+    return pp.SolidPad.bend(**{**sizes, **MATERIAL, **changed})
+
+
 def skin(array: Any = None, **given: Any) -> pp.Skin:
     if array is None:
         array = pp.AreaArray(shape=(3, 3), pitch=1e-3, depth="base", channels=["stress_zz"])
     return pp.Skin(box(), array, **given)
+
+
+def untouched(**given: Any) -> Any:
+    """Readings of a skin with no traction on its surface."""
+    found = skin(**given)
+    return found.sense(np.zeros((3, *found.surface.shape)))
 
 
 def wide(pitch: float) -> pp.Skin:
@@ -76,6 +92,24 @@ def meshes() -> None:
     Path("gel.txt").write_text("a gel of 6 x 6 x 2 mm\n", encoding="utf-8")
 
 
+def tip(reach: float = 1.0) -> None:
+    """A fingertip in millimetres, whose z points out of it."""
+    from skfem import MeshHex
+
+    from palpate.solid.shapes import disc, laid_on
+
+    chart = SphereChart(radius=10.0, reach=reach)
+    rim = chart.outline[0][1]
+    flat = disc(rim, 4.0, 2.0, 2)
+    curved, places = laid_on(flat, chart, rim=rim)
+    corners = curved.doflocs[:, : flat.nvertices] * np.array([[1.0], [-1.0], [-1.0]])
+    found = MeshHex(corners, flat.t)
+    outside = found.boundary_facets()
+    depth = places[: flat.nvertices, 2][found.facets[:, outside]]
+    named = {"skin": outside[(depth < 1e-9).all(axis=0)], "core": outside[(depth > 4.0 - 1e-9).all(axis=0)]}
+    MeshHex(corners, flat.t, _boundaries=named).save("tip.msh")
+
+
 def mesh(name: str, **changed: Any) -> pp.SolidPad:
     return pp.SolidPad.from_mesh(name, **{"base": "glue", "contact": "skin", **MATERIAL, **changed})
 
@@ -117,9 +151,36 @@ REMEDIES = [
         [0.0, 0.0, 1e-3],
         [1e-3, 0.0, 0.0],
     ),
-    value("Of a mesh whose z points out of it", lambda t: mesh("up.msh", turned=t), False, True, given=meshes),
+    value(
+        "Of a mesh whose z points out of it",
+        lambda t: mesh("up.msh", turned=t),
+        False,
+        True,
+        given=meshes,
+        room="solid.pad",
+    ),
+    value(
+        "Of a mesh whose z points out of it",
+        lambda t: mesh("tip.msh", base="core", scale=1e-3, turned=t),
+        False,
+        True,
+        given=tip,
+        room="solid.making",
+    ),
+    value(
+        "is too steep to be seen from above",
+        lambda t: mesh("tip.msh", base="core", scale=1e-3, turned=t),
+        False,
+        True,
+        given=lambda: tip(np.pi / 2),
+    ),
+    value("readings_along must be", lambda v: of(readings_along=v), "skin", "surface"),
+    value("thickness must be less than the radius", lambda t: dome(thickness=t), 6e-3, 2e-3),
+    value("radius must be more than the thickness of", lambda r: bend(radius=r), 1e-3, 6e-3),
+    value("does not fit on a cylinder of radius", lambda n: bend(length=n), 40e-3, 8e-3),
+    value("reach must be an angle between 0 and pi", lambda a: SphereChart(radius=5e-3, reach=a), 90.0, np.pi / 2),
     value('base must be "bonded" and sides', lambda v: box(sides=v), "glued", "bonded"),
-    value("there is no such file", mesh, "none.msh", "gel.msh", given=meshes, room="solid.pad"),
+    value("there is no such file", mesh, "none.msh", "gel.msh", given=meshes, room="solid.making"),
     value("is no mesh that meshio reads", mesh, "gel.txt", "gel.msh", given=meshes),
     value("has no surface named", mesh, "bottom.msh", "gel.msh", given=meshes),
     Remedy(
@@ -138,7 +199,8 @@ REMEDIES = [
     ),
     Remedy(
         "ends where it ends",
-        lambda: skin(boundary="periodic").sense(np.zeros((3, 3, 3))),
-        lambda: skin(boundary="free").sense(np.zeros((3, 6, 6))),
+        lambda: untouched(boundary="periodic"),
+        lambda: untouched(boundary="free"),
+        right=lambda readings: not np.any(np.asarray(readings)),
     ),
 ]

@@ -171,6 +171,7 @@ REMEDIES = [
         lambda: preset("gelsight_mini").write("s.toml"),
         lambda: preset("gelsight_mini").write("new.toml"),
         given=lambda: laid(s_toml="mine"),
+        room="sensors.__init__",
     ),
     value("has no number {}; it has", filled, {"hardness": "1"}, {"thickness": "3 mm"}),
     # methods of others

@@ -86,6 +86,27 @@ class Measured:
     >>> touch = skin.reconstruct(real.sense(ball.shifted(1e-3, -2e-3)))
     >>> round(float(touch.force[2]), 1)
     1.0
+
+    The table tells its own noise (none was simulated), and the part of a reading that the response is off by between the places.
+
+    >>> bool(pad.fit.noise[0] < 1.0), round(pad.uncertainty.gain, 2)  # less than 1 Pa; 1 %
+    (True, 0.01)
+
+    What an elastic model would tell, and a table does not; a half-space stands for the pad where one is asked for what can be observed.
+
+    >>> pad.modelled, pad.thickness, pad.mean_compliance(0.0), pad.compliance(0.0).shape
+    (False, None, None, (6, 6))
+
+    >>> pad.states(np.array([1e3]), np.array([[1.0, 0.0]]), 1e-3).shape
+    (1, 6, 3)
+
+    Contact is sought on the rectangle that was pressed. If 1 kPa presses all of it, the taxel in the middle reads about 1 kPa.
+
+    >>> surface = pad.patch([array])
+    >>> pressed = np.zeros((3, *surface.shape))
+    >>> pressed[2] = 1000.0
+    >>> surface.shape, round(float(pad.response(array, surface).forward(pressed)[0, 2, 2]), -2)  # [Pa]
+    ((9, 9), 1000.0)
     """
 
     table: Any

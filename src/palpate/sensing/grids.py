@@ -50,7 +50,30 @@ def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) ->
 
 
 class _Flat:
-    """Sums over the cells of a flat surface, whose components of traction are those of the pad's axes; `palpate.sensing.CurvedGrid` has the same members."""
+    """Sums over the cells of a flat surface, whose components of traction are those of the pad's axes; `palpate.sensing.CurvedGrid` has the same members.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing import AreaGrid
+    >>> grid = AreaGrid(shape=(2, 3), spacing=1e-3)
+    >>> grid.areas.shape, grid.positions.shape, grid.bends, grid.labels
+    ((2, 3), (2, 3, 3), False, {})
+
+    >>> pressed = np.zeros((3, 2, 3))
+    >>> pressed[2, 0, 2] = 1e6  # 1 MPa on the cell at x = 1 mm, y = -0.5 mm
+    >>> float(grid.integral(pressed[2])), grid.cell_forces(pressed)[2, 0, 2].item()  # [N]
+    (1.0, 1.0)
+
+    >>> grid.total_force(pressed).tolist(), (1e3 * grid.total_moment(pressed)).round(6).tolist()  # [N], [N mm]
+    ([0.0, 0.0, 1.0], [-0.5, -1.0, 0.0])
+
+    >>> grid.force_axes([2]), grid.force_rows([2]).shape, grid.moment_rows([2]).shape  # pressure alone is sought
+    ((2,), (1, 1, 2, 3), (3, 1, 2, 3))
+
+    >>> grid.turned_errors(np.array([0.1, 0.1, 0.2]), pressed).tolist()  # the pad's axes are those of the contact
+    [0.1, 0.1, 0.2]
+    """
 
     if TYPE_CHECKING:  # no members: a dataclass would take them for defaults of its fields
 

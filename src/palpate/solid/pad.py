@@ -252,7 +252,7 @@ class SolidPad:
         >>> import palpate as pp
         >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
         >>> tip.elements.shape, tip.thickness.__round__(6)
-        ((96, 8), 0.003)
+        ((65, 8), 0.003)
         """
         made = making.dome(radius, thickness, height=height, base=base, sides=sides, element=element)
         return cls(**made, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, readings_along=readings_along)
