@@ -373,3 +373,15 @@ def test_what_is_no_dome_is_refused(dome: pp.SolidPad) -> None:
         pp.Skin(dome, array, surface=pp.AreaGrid(shape=(8, 8), spacing=2e-3)).operator.dense()
     with pytest.raises(pp.InvalidInput, match="beside the pad"):
         pp.Skin(dome, pp.AreaArray(shape=(12, 12), pitch=3e-3, depth="base", channels=STRESS))
+
+
+def test_pressure_alone_is_found_on_a_dome(dome: pp.SolidPad) -> None:
+    """One channel tells one component along the normal; its net force has three, and errors for each."""
+    array = pp.AreaArray(shape=(5, 5), pitch=2.4e-3, depth="base", channels=["stress_zz"], noise=60.0)
+    skin = pp.Skin(dome, array)
+    ball = pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0).shifted(3e-3, 0.0)
+    touch = skin.reconstruct(skin.sense(ball, rng=np.random.default_rng(1)))
+    low, high = touch.interval(0.95, "force")
+    assert touch.force.shape == low.shape == high.shape == (3,)
+    assert np.isfinite(low).all()
+    assert 0.5 < touch.force[2] < 1.5

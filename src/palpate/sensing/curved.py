@@ -243,6 +243,8 @@ class CurvedGrid(AreaGrid):
 
     >>> grid.turned_errors(np.array([0.0, 0.0, 1.0]), pressed).round(2).tolist()
     [0.58, 0.58, 0.58]
+    >>> grid.turned_errors(np.array([1.0]), pressed[2:]).round(2).tolist()  # the same, where pressure alone is sought
+    [0.58, 0.58, 0.58]
 
     >>> grid.bends, sorted(grid.labels)[:2], grid.cell_forces(pressed).shape  # the cells' forces sum to the net force
     (True, ['area', 'normal_x'], (3, 40, 40))
@@ -341,7 +343,13 @@ class CurvedGrid(AreaGrid):
         return xp.stack(parts, axis=-1)
 
     def turned_errors(self, errors: Floats, traction: Floats) -> Floats:
-        """Errors (component,) of a force in the axes of a contact, as errors (axis of the pad,), where the ``traction`` (component, *surface) is."""
+        """Errors (component sought,) of a force in the axes of a contact, as errors (axis of the pad,), where the ``traction`` (component, *surface) is.
+
+        One error is that of the normal. Of two, the first holds along both tangents, for it is not said which of them is sought.
+        """
+        errors = np.asarray(errors, dtype=np.float64)
+        if len(errors) < 3:
+            errors = np.array([errors[0] if len(errors) == 2 else 0.0] * (3 - len(errors)) + errors.tolist())
         weights = np.sqrt((np.nan_to_num(traction) ** 2).sum(axis=0)) * self.areas
         if not weights.sum() > 0.0:
             return np.full(3, float(np.max(errors)))
