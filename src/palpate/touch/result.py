@@ -163,7 +163,9 @@ class Touch(Numbers):
         if self.batch:
             first = f"{' x '.join(map(str, self.batch))} frames"
         else:
-            force = ", ".join(plain_number(float(f), 3) for f in np.asarray(to_numpy(self.force), dtype=np.float64))
+            found = np.asarray(to_numpy(self.force), dtype=np.float64)
+            faint = 1e-9 * np.abs(found).max(initial=0.0)
+            force = ", ".join(plain_number(0.0 if abs(f) < faint else float(f), 3) for f in found)
             first = f"force ({force}) {'N' if self.surface.dimensions == 2 else 'N/m'}"
         return f"<Touch: {first}, traction on {cells} cells, by {self.method}>"
 
