@@ -4,7 +4,7 @@ Constants of `palpate.microscopy.spread` come from cells 0 to 47 (`--rows consta
 
     python benchmarks/cells.py --cells 0:48 --rows constants            # three minutes, as the next
     python benchmarks/cells.py --cells 3000:3060 --methods adhesions --markdown docs/_generated/cells.md
-    python benchmarks/cells.py --cells 0:10 --rows population --keep /tmp/cells.json  # in pieces: the next run adds to these
+    python benchmarks/cells.py --cells 0:10 --rows population --keep cells.json  # in pieces: the next run adds to these
 """
 
 from __future__ import annotations
