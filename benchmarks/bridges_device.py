@@ -17,7 +17,7 @@ import numpy as np
 import palpate as pp
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-import differentiable as cases  # noqa: E402
+import differentiable as cases
 
 BATCHES = (1, 64, 4096)
 #: Seconds of wall clock that a process may take: two of them stay below 150 s.
