@@ -277,9 +277,14 @@ def test_outlines_are_labels_by_their_place(tmp_path):
 def test_a_result_that_is_stopped_changes_no_file(tmp_path):
     old, new = tmp_path / "a.csv", tmp_path / "b.csv"
     old.write_text("before")
-    with pytest.raises(KeyboardInterrupt), whole_result([old, new]) as at:
-        at[old].write_text("after")
-        raise KeyboardInterrupt
+
+    def stopped():
+        with whole_result([old, new]) as at:
+            at[old].write_text("after")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
     assert old.read_text() == "before"
     assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
     with whole_result([old, new]) as at:
