@@ -18,7 +18,7 @@ from palpate.status import Status
 from palpate.touch.counted import numberless
 from palpate.touch.intervals import interval
 from palpate.touch.numbers import Numbers
-from palpate.touch.outcome import Outcome
+from palpate.touch.outcome import Outcome, notes_with
 from palpate.touch.rounding import decimals, force_unit, open_interval
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class Forces:
         """What was assumed, what was said of single frames, with how many of them, and what became of the frames."""
         many = f" of {len(self)} frames)"
         said = [n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.values()]
-        return tuple(said if self._outcome is None else [*said, *self._outcome.words()])
+        return notes_with(said, self._outcome)
 
     def table(self) -> pandas.DataFrame:
         """One row a frame; see `Touch.table`."""
