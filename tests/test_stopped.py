@@ -168,6 +168,7 @@ def test_frames_that_were_solved_are_kept(
 ) -> None:
     """Ctrl-C in the third piece: the forces of the first two are in a table that reads, and what was there before stays."""
     import pandas
+
     from palpate.archives.numbers import Numbers
 
     add = Numbers.add
