@@ -111,7 +111,8 @@ def table(clean: Path, spoiled: Path, before: list[Path] | None) -> str:
     heads = ["before", "now"][-len(columns) :]
     rows = [
         ("clean frames answered", [len(c) for c, _ in columns]),
-        ("of these with a note", [sum(bool(f["notes"]) for f in c) for c, _ in columns]),
+        ("of these with a note, the interval wide or narrow", [sum(bool(f["notes"]) for f in c) for c, _ in columns]),
+        ("notes a clean frame", [f"{sum(len(f['notes']) for f in c) / len(c):.2f}" for c, _ in columns]),
         ("with a needless note", [f"{len(needless(c))} ({len(needless(c)) / len(c):.0%})" for c, _ in columns]),
         ("spoiled frames answered", [len(s) for _, s in columns]),
         ("of these wrong or far outside", [sum(f["betrays"] for f in s) for _, s in columns]),
