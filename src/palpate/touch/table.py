@@ -240,7 +240,8 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
         values = factor * np.asarray(table[title])
         half = 0.5 * (high - low)
         known = np.isfinite(half) & (half > 0)
-        # what a column is known to on the whole; single frames may be known better or worse
+        # what a column is known to where something touches; single frames may be known better or worse
+        known = known & (values != 0) if (known & (values != 0)).any() else known
         n = decimals(float(np.median(half[known]))) if known.any() else None
         cells.append(
             [f"{name.replace('_', ' ')} [{unit}]", *(_cell(values[i], low[i], high[i], n) for i in picked.index)]
