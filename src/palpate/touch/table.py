@@ -238,8 +238,9 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
         )
         low, high = (factor * np.asarray(table[f"{name}_{side} ({title.split(' (')[1]}"]) for side in ("low", "high"))
         values = factor * np.asarray(table[title])
+        values = np.where(table["status"] == Status.UNEXPLAINED.label, math.nan, values)
         half = 0.5 * (high - low)
-        known = np.isfinite(half) & (half > 0)
+        known = np.isfinite(half) & (half > 0) & np.isfinite(values)
         # what a column is known to where something touches; single frames may be known better or worse
         known = known & (values != 0) if (known & (values != 0)).any() else known
         n = decimals(float(np.median(half[known]))) if known.any() else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate._plot import scaled
 from palpate.elastic.pad import Floats
+from palpate.status import Status
 from palpate.touch.intervals import calibration_note, interval
 from palpate.touch.numbers import Numbers
 from palpate.touch.outcome import Outcome, assumed, notes_with
@@ -45,8 +47,10 @@ def summary(one: Numbers, friction: float | None) -> str:
     line = one.surface.dimensions == 1
     force = np.asarray(to_numpy(one.force), dtype=np.float64)
     components = one.surface.components
-    if not np.isfinite(force).any():
-        return "\n".join(["net force       not known", *_below(one)])
+    # a tracker goes on with numbers that its model does not explain: nobody should read them off
+    unexplained = one.status is not None and int(np.asarray(one.status)) == int(Status.UNEXPLAINED)
+    if unexplained or not np.isfinite(force).any():
+        return "\n".join([f"{'net force':<16}not known{_at_most(one, line=line)}", *_below(one)])
     # some frames have no intervals: found by a method without error bars, or before a stream has made them
     calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
     known = one.errors is not None and (calibrated or bool(np.isfinite(one.errors.force).any()))
@@ -111,6 +115,17 @@ def summary(one: Numbers, friction: float | None) -> str:
         if first is not None:
             lines[first] = lines[first].replace(" (", " (95 %: ", 1)
     return "\n".join([*lines, *_below(one)])
+
+
+def _at_most(one: Numbers, *, line: bool) -> str:
+    """Where the interval of the normal force ends, which is all that is known of a frame that is not explained."""
+    if one.errors is None or "z" not in one.components:
+        return ""
+    end = float(np.ravel(to_numpy(interval(one, 0.95, "force", None)[1]))[-1])
+    if not (math.isfinite(end) and end > 0.0):
+        return ""
+    factor, unit = force_unit(end, "N/m" if line else "N")
+    return f" (at most {said(end, factor=factor, unit=unit)})"
 
 
 def _below(one: Numbers) -> list[str]:
