@@ -213,8 +213,7 @@ class Outcome:
                 continue
             if status is Status.NO_CONTACT:
                 count -= self.unlike_noise
-                # rest between presses is nothing to look at
-                if not count or len(self.status) > 1:
+                if not count:
                     continue
             # what did not converge says itself what helps: a tracker, a rule and a constrained method need something different
             own = status is Status.NOT_CONVERGED
