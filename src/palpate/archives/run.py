@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from palpate.errors import InvalidInput
 from palpate.inverse.method import Method
 from palpate.inverse.registry import method_asked
 from palpate.recordings.described import check_described
+from palpate.recordings.files import atomically
 from palpate.recordings.formats import find_format, open_recording
 from palpate.recordings.locks import sole_writer
 from palpate.recordings.opened import OpenRecording
@@ -31,7 +32,8 @@ from palpate.sensing.readings import Creep, Layout, joined_planes
 from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
-from palpate.touch.outcome import Outcome
+from palpate.touch.outcome import Outcome, notes_with
+from palpate.touch.table import write_table
 
 if TYPE_CHECKING:
     import pandas
@@ -157,7 +159,8 @@ def reconstruct_recording(
         NetCDF, HDF5 and Zarr are read piece by piece, a long CSV once into a temporary file; other formats whole.
     out : str or Path
         NetCDF, HDF5, Zarr, CSV and MCAP are written piece by piece; the touches of other formats stay in memory until the end. A Zarr store grows
-        in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete.
+        in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete, and of a run that
+        is broken off ``NAME.part.csv`` keeps the forces of the frames so far.
     method, components, **options
         As for `Skin.reconstruct`.
     workers : int
@@ -293,12 +296,13 @@ def reconstruct_recording(
         for start, frames in done.items():  # by an earlier run
             gathered.add(start, Told.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
-        for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
-            stream.add(task.start - wanted.start, solved.piece)
-            gathered.add(task.start, solved.told, wanted.start)
-            finished += task.stop - task.start
-            if progress is not None:
-                progress(finished, len(wanted))
+        with nullcontext() if known.can("touch_stream") else _numbers_kept(numbers, target, len(wanted)):
+            for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
+                stream.add(task.start - wanted.start, solved.piece)
+                gathered.add(task.start, solved.told, wanted.start)
+                finished += task.stop - task.start
+                if progress is not None:
+                    progress(finished, len(wanted))
     remarks: tuple[str, ...] = ()
     if not baseline and levels.standing():
         remarks = (OFFSETS,)
@@ -320,6 +324,23 @@ def _numbers_of(target: Path) -> Iterator[None]:
         raise InvalidInput(
             f"{target}: writing the numbers of the frames beside it failed ({error.strerror or error}). Free space there, and run it again."
         ) from error
+
+
+@contextmanager
+def _numbers_kept(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
+    """Where a run is broken off whose format cannot go on: the numbers of the frames so far as NAME.part.csv, and a note of the exception that says so."""
+    try:
+        yield
+    except BaseException as error:
+        if solved := len(numbers):
+            kept = target.with_name(f"{target.stem}.part.csv")
+            with suppress(OSError, InvalidInput):  # a full disk, which is why it ended
+                atomically(kept, lambda path: write_table(numbers.table().iloc[:solved], path))
+                error.add_note(
+                    f"{kept} holds the forces of the first {solved} of {frames} frames. To be able to go on after a stop, "
+                    f"write a .zarr: --out {target.with_suffix('.zarr').name} --resume"
+                )
+        raise
 
 
 class _Gathered:
@@ -348,12 +369,10 @@ class _Gathered:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return (*self._said.words(), *(() if self._outcome is None else self._outcome.words()))
+        return notes_with(self._said.words(), self._outcome)
 
 
 def _opened(recording: str | Path | Recording | OpenRecording) -> Any:
-    from contextlib import nullcontext
-
     if isinstance(recording, OpenRecording):
         return nullcontext(recording)
     if isinstance(recording, Recording):

@@ -194,10 +194,11 @@ def reconstruct(
         typer.echo(f"largest traction: frame {done.frame} of {total}")
     else:
         typer.echo(f"frame {done.frame} of {total}")
-    typer.echo(touch.summary())
+    # of many frames, notes say in how many: those of the one frame would say the same again
+    said = touch.summary().splitlines()
+    typer.echo("\n".join(line for line in said if done.frames == 1 or not line.startswith("note: ")))
     for note in done.notes if done.frames > 1 else ():
-        if note not in touch.notes:
-            typer.echo(f"note: {note}")
+        typer.echo(f"note: {note}")
     if touch.parameter is not None:
         typer.echo(f"parameter       {float(touch.parameter):.4g}")
     if done.before:
@@ -226,7 +227,9 @@ def _said_what_stays(target: Path) -> Iterator[None]:
     before = partial(target).exists()
     try:
         yield
-    except BaseException:
+    except BaseException as error:
+        for said in getattr(error, "__notes__", ()):
+            typer.echo(said, err=True)
         if partial(target).exists() and not before:
             typer.echo(f"{partial(target)} keeps what is done: --resume goes on with it.", err=True)
         raise
