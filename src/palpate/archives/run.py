@@ -247,7 +247,7 @@ def reconstruct_recording(
             raise InvalidInput(
                 f"baseline must be a number of frames, or one frame of shape {source.head.readings.shape[1:]}; got shape {given.shape}."
             )
-        if isinstance(baseline, bool) or isinstance(baseline, int) and not 0 <= baseline < max(count, 1):
+        if isinstance(baseline, bool) or (isinstance(baseline, int) and not 0 <= baseline < max(count, 1)):
             raise InvalidInput(
                 f"baseline must be a number of frames at the start, from 0 to {count - 1} of the {count} in {source.name}; got {baseline!r}."
             )

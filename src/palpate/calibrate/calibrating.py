@@ -169,10 +169,12 @@ def calibrate(
     if len(runs) == 1 and before is None:
         said.append(ONE_RUN)
     said += best_press(skin, main)
+    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest)
     return replace(
         found,
         rest=data.rest,
-        **_kept_zero(skin.planes, zeros, data.rest),
+        zero=zero,
+        zero_std=zero_std,
         scale=small_unit(skin, data),
         unit=unit,
         unit_std=unit_std,
@@ -343,14 +345,16 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
     return None
 
 
-def _kept_zero(planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats) -> dict[str, Floats]:
+def _kept_zero(
+    planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats
+) -> tuple[Floats | None, Floats | None]:
     """The zero of the last run that has one, and its standard deviation: scatter at rest, and of runs from each other."""
     known = [z for z in zeros if z is not None]
     if not known:
-        return {}
+        return None, None
     scatter = flat_readings(planes, rest).std(axis=0)
     apart = np.std(known, axis=0, ddof=1) if len(known) > 1 else 0.0
-    return {"zero": _unflat(planes, known[-1]), "zero_std": _unflat(planes, np.hypot(scatter, apart))}
+    return _unflat(planes, known[-1]), _unflat(planes, np.hypot(scatter, apart))
 
 
 def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:

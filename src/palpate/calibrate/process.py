@@ -51,7 +51,7 @@ SPREAD = np.array([p[1] for p in PRIORS.values()])
 AT = {name: i for i, name in enumerate(NAMES)}
 #: Amplitudes of terms that a member may lack.
 TERMS = ("physics", "linear", "growing", "free", "quadratic", "zero")
-#: Members of the average: the terms that each lacks.
+#: Members of the average: the terms that each lacks, "lag" for errors that are alike in time. Files keep them in this order: add others at the end.
 MEMBERS: tuple[tuple[str, ...], ...] = (
     ("growing", "free", "quadratic"),
     ("growing", "quadratic"),
