@@ -346,6 +346,20 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     found = float(done.stdout.split("net force z")[1].split("N")[0])
     assert found == pytest.approx(force[1], rel=0.15)
+    # a recording that begins under load has no frames for a zero: that of the calibration serves
+    pressed = np.c_[time, frames, -load][42:48]
+    np.savetxt(tmp_path / "pressed.csv", pressed, delimiter=",", header=titles, comments="")
+    for command in (("reconstruct", "--frame", "3", "--out", "two.nc"), ("track", "--out", "two.csv")):
+        done = run(command[0], "pressed.csv", "--skin", "calibrated.toml", *command[1:], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "that of the calibration" in done.stdout
+        if command[0] == "reconstruct":
+            found = float(done.stdout.split("net force z")[1].split("N")[0])
+        else:
+            text = (tmp_path / "two.csv").read_text()
+            rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
+            found = float(rows[-1][next(i for i, name in enumerate(rows[0]) if name.startswith("force_z"))])
+        assert found == pytest.approx(force[1], rel=0.15)
     for words, arguments in (
         ("say what is known", ()),
         ("no column 'Fy'", ("--reference", "fz=Fy")),

@@ -17,7 +17,7 @@ from palpate._threads import SMALL, cached_property, cores
 from palpate.archives.numbers import Numbers
 from palpate.archives.pools import in_order, pool_of
 from palpate.archives.work import Task, Told, fingerprint
-from palpate.calibrate import at_calibrated_zero
+from palpate.calibrate.answer import at_calibrated_zero
 from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput

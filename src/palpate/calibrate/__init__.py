@@ -1,6 +1,6 @@
 """Newtons from a few known weights: maps from readings to net force that begin as physics and end as a regression."""
 
-from palpate.calibrate.answer import at_calibrated_zero, calibrated_touch
+from palpate.calibrate.answer import calibrated_touch
 from palpate.calibrate.calibrating import calibrate, flat_readings
 from palpate.calibrate.calibration import ALONE, SkinCalibration
 from palpate.calibrate.files import calibrated_text, read_calibration, write_calibrated
@@ -13,7 +13,6 @@ __all__ = [
     "ForceMap",
     "SkinCalibration",
     "Weight",
-    "at_calibrated_zero",
     "calibrate",
     "calibrated_text",
     "calibrated_touch",
