@@ -9,12 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import palpate
 from palpate._memory import require
 from palpate._threads import SMALL, cached_property, cores
 from palpate.archives.numbers import Numbers
 from palpate.archives.pools import in_order, pool_of
 from palpate.archives.work import Task, Told, fingerprint
+from palpate.calibrate.answer import at_calibrated_zero
 from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -145,7 +148,7 @@ def reconstruct_recording(
     resume: bool = False,
     overwrite: bool = False,
     frame: int | None = None,
-    baseline: int = 0,
+    baseline: int | Floats = 0,
     provenance: Mapping[str, str] | None = None,
     progress: Callable[[int, int], object] | None = None,
     **options: Any,
@@ -175,8 +178,8 @@ def reconstruct_recording(
         Replace a result, or a run that was broken off.
     frame : int, optional
         Solve and write this frame alone; -1 is the last. Default: all frames.
-    baseline : int
-        Frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
+    baseline : int or array
+        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the intervals); or frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
         Five or more also tell the noise, where the array's is not given.
         0 (default): the readings are zero already. Readings that evidently are not (raw counts) are said in ``remarks``.
     provenance : mapping of str to str
@@ -242,15 +245,22 @@ def reconstruct_recording(
             raise InvalidInput(
                 f"frame {frame} is not among the {count} frames of {source.name}: give 0 to {count - 1}, or -1 for the last."
             )
-        if isinstance(baseline, bool) or not isinstance(baseline, int) or not 0 <= baseline < max(count, 1):
+        given = None if isinstance(baseline, int) else np.asarray(baseline, dtype=np.float64)
+        if given is not None and given.shape != source.head.readings.shape[1:]:
+            raise InvalidInput(
+                f"baseline must be a number of frames, or one frame of shape {source.head.readings.shape[1:]}; got shape {given.shape}."
+            )
+        if isinstance(baseline, bool) or (isinstance(baseline, int) and not 0 <= baseline < max(count, 1)):
             raise InvalidInput(
                 f"baseline must be a number of frames at the start, from 0 to {count - 1} of the {count} in {source.name}; got {baseline!r}."
             )
         wanted = range(count) if frame is None else range(frame % count, frame % count + 1)
         elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
         settings: dict[str, Any] = {"method": chosen, "components": components}
-        rest = Rest.of(source.frames(0, baseline).readings) if baseline else None
-        zero = None if rest is None else rest.zero
+        rest = Rest.of(source.frames(0, baseline).readings) if isinstance(baseline, int) and baseline else None
+        zero = given if rest is None else rest.zero
+        if given is not None and skin.calibration is not None and skin.calibration.is_zero(given):
+            elastic = at_calibrated_zero(elastic)
         elastic = elastic if rest is None else elastic.at_rest(rest)
         pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)
@@ -269,7 +279,7 @@ def reconstruct_recording(
             "frames": count,
             "chunk": length,
             "method": str(chosen),
-            "baseline": baseline,
+            "baseline": baseline if given is None else fingerprint([given]),
             "options": fingerprint([chosen, components]),
             "skin": fingerprint(
                 [skin.pad, skin.planes, skin.surface, skin.boundary, skin.problem().nuisance, skin.uncertainty]
@@ -304,9 +314,9 @@ def reconstruct_recording(
                 if progress is not None:
                     progress(finished, len(wanted))
     remarks: tuple[str, ...] = ()
-    if not baseline and levels.standing():
+    if zero is None and levels.standing():
         remarks = (OFFSETS,)
-    elif not baseline and frame is None and levels.still(gathered.numbers.untouched()):
+    elif zero is None and frame is None and levels.still(gathered.numbers.untouched()):
         remarks = (STANDS,)
     if rest is not None and rest.wanders:
         remarks += (

@@ -127,6 +127,17 @@ def known_channels(names: list[str]) -> list[str]:
     return list(check_channels(names, 2))
 
 
+def zero_of_skin(skin: Skin, baseline: int) -> Any:
+    """The frames of the zero that were asked for; without any the zero of the skin's calibration, where it has one."""
+    found = skin.calibration
+    if baseline or found is None or found.zero is None:
+        return baseline
+    typer.echo(
+        "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes it anew"
+    )
+    return found.zero
+
+
 def check_matching(recording: Any, skin: Skin) -> None:
     channels = tuple(c for p in skin.planes for c in p.channels)
     if recording.channels != channels:

@@ -11,7 +11,7 @@ import typer
 
 from palpate.cli.files import Force, check_outputs, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import chosen_method
-from palpate.cli.options import Columns, check_matching, check_picture, mapping_for
+from palpate.cli.options import Columns, check_matching, check_picture, mapping_for, zero_of_skin
 from palpate.cli.progress import Frames
 from palpate.errors import InvalidInput
 
@@ -149,6 +149,7 @@ def reconstruct(
         names = None if components is None else [c.strip() for c in components.split(",")]
         if prepared is not None:
             _prepare(skin, prepared, method, names)
+        zero = zero_of_skin(skin, baseline)
         frames = len(recording) if frame is None else 1
         if workers is None:
             elsewhere = scheduler is not None and "://" in scheduler
@@ -167,7 +168,7 @@ def reconstruct(
                 resume=resume,
                 overwrite=force,
                 frame=frame,
-                baseline=baseline,
+                baseline=zero,
                 provenance=provenance(skin_text(skin_file), str(recording_file)),
                 progress=lambda finished, _: bar(finished),
             )
