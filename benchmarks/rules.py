@@ -64,9 +64,6 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "models that end on the surface": {"parts.ends_on_surface": False},
     "common shear": {"parts.common_shear": False},
     "faint cells left out early": {"parts.narrowed": False},
-    "finer cells of sliding contact": {"parts.finer_sliding": False},
-    "skipped models": {"parts.skipped": False},
-    "no shear outside contact": {"parts.shear_in_contact": False},
     "uneven noise is no contact": {"parts.uneven_evidence": False},
     "second derivative": {"parts.second_derivative": False},
     "discs": {"discs.least": 2.0},
@@ -134,9 +131,7 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "ambiguous peak": {"errors.ambiguous_peak": 0.0},
     "ambiguous shear": {"errors.ambiguous_shear": 0.0},
     "unsure ramps": {"errors.unsure": 0.0},
-    "series of nuisances": {"work.slow": 2.0},
     "likely cells": {"work.likely": 0.0},
-    "least absolute deviations": {"work.reweighed": 1},
     "cells of few readings": {"detection.few_readings": 0},
 }
 

@@ -33,7 +33,6 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.differences import Sparse
-from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated
 from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
@@ -84,14 +83,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
         )
         wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= most]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
-
-    def _freedom_along(self, data: Normal, weight: float) -> float:
-        """How many degrees of freedom of the pressure the data tell, by the even penalty of that weight."""
-        import scipy.linalg
-
-        even = self.precisions(data.level, 1, weight)[-1][data.cells][:, data.cells].toarray()
-        factor = cholesky(data.gram + even)
-        return float(np.trace(scipy.linalg.cho_solve((factor, True), data.gram, check_finite=False)))
 
     def models(
         self,
@@ -168,23 +159,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
                 given = in_blocks(*given, policy)
             slides = ways_of_sliding(given[0], given[1], self.cone, given[2], self.policy)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
-        # what is as good as excluded is not worth its local weights
-        whole = rest >= policy.prior.slides or not policy.parts.skipped
-        for m in self._members(data, start, y, evidence if whole else {1: evidence[1]}, local=whole):
+        for m in self._members(data, start, y, evidence):
             m.weight *= rest * fields
             yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
-        if slides and not coarse.at_size:
-            # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
-            freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
-            finer = self._ratio(count, freedom, count)
-            if (
-                policy.parts.finer_sliding
-                and finer > ratio
-                and count * c * finer**grid.dimensions <= policy.work.unknowns
-            ):
-                data, start = refined(finer)
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = expanded(one, data, ray, changes)
@@ -225,16 +204,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
         start: Floats,
         y: Floats,
         evidence: Mapping[int, LinearEvidence],
-        *,
-        local: bool = True,
     ) -> Iterator[ContactModel]:
-        """The models on the cells of ``data``, with their weights; without ``local``, those of an even penalty alone."""
+        """The models on the cells of ``data``, with their weights."""
         policy = self.policy
         level = data.level
         odds = weights_by_evidence({order: e.gain for order, e in evidence.items()})
         chosen = [order for order in evidence if order == 1 or odds[order] >= policy.prior.improbable]
         total = sum(odds[order] for order in chosen)
-        reaches = self._reaches(level) if local else []
+        reaches = self._reaches(level)
         even = 1.0
         if reaches:
             # an even penalty gets its share, and half where the second derivative is what the frame speaks for
@@ -307,7 +284,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """The penalty learned from its own result, over and over, beginning with the ``energies`` of the first."""
         policy = self.policy
         level, first = member.level, member
-        c = len(self.columns)
         precisions: list[Sparse] = []
         quiet, rounds = policy.extent.quiet, policy.prior.rounds
         for i in range(rounds):
@@ -315,9 +291,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
             loud = tau.max(axis=0).ravel()
             pressure = member.solution.traction[-1]
             keep = (loud[member.cells] > quiet * loud.max()) | (pressure > self.quiet(y) * pressure.max())
-            if policy.parts.shear_in_contact and not self.cone.coupled and c > 1:
-                # no shear outside contact
-                keep &= dilated(member.pressure > 0, 1).ravel()[member.cells]
             position = np.flatnonzero(keep)
             if not len(position):
                 break

@@ -60,9 +60,7 @@ class Parts:
     wide_weights: bool = part("local weights, wide")
     narrow_weights: bool = part("local weights, narrow")
     posterior_variance: bool = part("posterior variance in local weights")
-    shear_in_contact: bool = part("no shear outside contact", needs="shear")
     finer_grid: bool = part("finer grid")
-    finer_sliding: bool = part("finer grid of sliding contact", needs="friction")
     wide_surface: bool = part("surface beyond the edge")
     ends_on_surface: bool = part("models that end on the surface")
     sliding: bool = part("sliding as a whole", needs="friction")
@@ -80,7 +78,6 @@ class Parts:
     narrowed: bool = part("faint cells left out early")
     few_cells: bool = part("contact smaller than a pitch, seen in a few cells")
     compact: bool = part("discs of any place and radius")
-    skipped: bool = part("no local weights for the improbable (saves time)", needs="friction")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -455,10 +452,6 @@ class Work:
     nearest: int = number(9, "else so many cells nearest to the largest reading at least")
     finest: int = number(10_000, "cells up to which they are twice as fine: where in a cell it lies is seen")
     blocks: int = number(32, "blocks that are multiplied at a time")
-    slow: float = number(0.5, "steps of nuisances that shrink by less are summed as a geometric series")
-    series: float = number(0.7, "this part of it: wide pressure would take the place of the offset")
-    farthest: float = number(20.0, "and so many times the last step at most")
-    reweighed: int = number(20, "rounds of weighed least squares that make least absolute deviations")
     trace: float = number(1e-6, "noise that readings without any are given, as a part of each")
 
 

@@ -97,7 +97,7 @@ def _without_cone(estimator: Prepared) -> Prepared:
     free.cone = Cone(estimator.cone.components, tension=True)
     free.policy = replace(
         policy,
-        parts=replace(policy.parts, shear_in_contact=False, trim=False),
+        parts=replace(policy.parts, trim=False),
         grid=replace(policy.grid, unknowns=policy.rims.unknowns),
     )
     free.posterior = copy.copy(estimator.posterior)

@@ -60,9 +60,7 @@ def lowest_levels(
 
 
 def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
-    """First sizes of offsets and ramps together, from the outermost taxels by least absolute deviations, which a contact across a part of the edge hardly
-    moves (weighed least squares in turn; E. J. Schlossmacher, J. American Statistical Association 68, 1973, 857-859); 0 for other nuisances.
-    """
+    """First sizes of offsets and ramps together, from the outermost taxels by least squares; 0 for other nuisances."""
     sizes = np.zeros(len(terms))
     for offset in terms:
         if offset.kind != "offset":
@@ -81,13 +79,7 @@ def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequen
             continue
         rows = np.stack([terms[j].rows[place][edge] for j in of], axis=1)
         scale = np.abs(rows).max(axis=0)
-        y = data[place][edge]
-        weight = np.ones(len(y))
-        for _ in range(estimator.policy.work.reweighed):
-            found = np.linalg.lstsq(rows / scale * weight[:, None], y * weight, rcond=1e-9)[0]
-            left = np.abs(y - rows / scale @ found)
-            weight = 1.0 / np.sqrt(np.maximum(left, 1e-3 * max(float(np.abs(y).max()), 1e-300)))
-        sizes[of] = found / scale
+        sizes[of] = np.linalg.lstsq(rows / scale, data[place][edge], rcond=1e-9)[0] / scale
     return sizes
 
 

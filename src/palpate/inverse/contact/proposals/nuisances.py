@@ -45,8 +45,7 @@ def _in_turn(
     """The rough solution with the nuisances that are there, and their sizes; None where it is as good as certain that its gain stays below ``beat``: rounds
     that go on as the best of them so far do not bring it there.
 
-    Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares. Where displacement is felt far away each
-    turn goes only a quarter of the way: then most of the steps' geometric series is summed (A. C. Aitken, Proc. R. Soc. Edinburgh 46, 1926, 289-305).
+    Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares.
     """
     estimator, data, observed = search.estimator, search.data, search.observed
     policy = estimator.policy
@@ -55,7 +54,7 @@ def _in_turn(
     unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
-    deviation, last = np.zeros(len(terms)), np.zeros(len(terms))
+    deviation = np.zeros(len(terms))
     near: Floats | None = None
     step = 0.0
     for turn in range(policy.explanations.nuisance_rounds):
@@ -74,14 +73,6 @@ def _in_turn(
         allowed = readings.allowing(columns[:, present])
         change = np.zeros(len(terms))
         change[present] = allowed.sizes_of(left, observed)
-        ratio = np.divide(change, last, out=np.zeros_like(change), where=last != 0.0)
-        slow = (ratio > policy.work.slow) & (ratio < 1.0)
-        last = np.where(slow, 0.0, change)
-        change = np.where(
-            slow,
-            change * (1.0 + policy.work.series * ratio / np.maximum(1.0 - ratio, 1.0 / policy.work.farthest)),
-            change,
-        )
         sizes = sizes + change
         present = np.abs(sizes) > policy.explanations.nuisance * deviation
         sizes = np.where(present, sizes, 0.0)
