@@ -346,6 +346,20 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     found = float(done.stdout.split("net force z")[1].split("N")[0])
     assert found == pytest.approx(force[1], rel=0.15)
+    # a recording that begins under load has no frames for a zero: that of the calibration serves
+    pressed = np.c_[time, frames, -load][42:48]
+    np.savetxt(tmp_path / "pressed.csv", pressed, delimiter=",", header=titles, comments="")
+    for command in (("reconstruct", "--frame", "3", "--out", "two.nc"), ("track", "--out", "two.csv")):
+        done = run(command[0], "pressed.csv", "--skin", "calibrated.toml", *command[1:], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "that of the calibration" in done.stdout
+        if command[0] == "reconstruct":
+            found = float(done.stdout.split("net force z")[1].split("N")[0])
+        else:
+            text = (tmp_path / "two.csv").read_text()
+            rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
+            found = float(rows[-1][next(i for i, name in enumerate(rows[0]) if name.startswith("force_z"))])
+        assert found == pytest.approx(force[1], rel=0.15)
     for words, arguments in (
         ("say what is known", ()),
         ("no column 'Fy'", ("--reference", "fz=Fy")),
@@ -465,3 +479,71 @@ def test_a_stream_of_a_calibrated_skin_needs_no_zero_where_its_readings_have_one
     )  # its noise is that of the calibration's rest
     forces = [float(tracker.step(min(1.0, 0.1 * i) * press + rest[i % 8]).force[2]) for i in range(60)]
     assert forces[-1] == pytest.approx(4.0, rel=0.2)
+
+
+def test_the_zero_of_a_calibration_serves_where_none_is_taken(skin: pp.Skin, tmp_path: Path) -> None:
+    """Raw counts with an offset, and a stream that begins under load: by the calibration's own zero, its scatter in the interval."""
+    readings, force, _ = bench(16, 21)
+    rng = np.random.default_rng(2)
+    noise = 0.003 * np.abs(readings).max()
+    offset = 500.0 + 20.0 * rng.standard_normal((1, 4, 4))
+    rest = offset + noise * rng.standard_normal((12, 1, 4, 4))
+    found = skin.calibrate(np.concatenate([rest, offset + readings]), reference=np.r_[np.zeros(12), force])
+    (tmp_path / "skin.toml").write_text("[pad]\n")
+    write_calibrated(tmp_path / "calibrated.toml", tmp_path / "skin.toml", found.calibration)
+    kept = read_calibration(tmp_path / "calibrated.toml")
+    assert kept is not None
+    assert kept.zero == pytest.approx(offset, abs=2.0 * noise)
+    assert 0.3 * noise < float(np.median(kept.zero_std)) < 3.0 * noise
+    new = ball(3.0, 1e-3, 1e-3, depth=3.4e-3) / 41.0 * (1.0 + 0.1 * np.random.default_rng(21).normal(size=(1, 4, 4)))
+    with found.track(baseline=kept.zero) as tracker:
+        touch = tracker.step(offset + new)
+    assert float(touch.force[2]) == pytest.approx(3.0, rel=0.2)
+    flat = new.reshape(1, -1)
+    own, opened = (c.force(flat)[1][0, 2] for c in (kept, kept.opened()))
+    assert opened > own
+    with found.track(baseline=np.asarray(kept.zero) + 0.0 * noise) as tracker:
+        assert tracker.calibration.open_zero
+
+
+def test_a_press_that_grows_while_the_zero_is_taken(skin: pp.Skin) -> None:
+    """Half of the press in the zero took half of every force; the zero of the calibration serves instead, and that is said."""
+    readings, force, _ = bench(16, 21)
+    rng = np.random.default_rng(3)
+    noise = 0.003 * np.abs(readings).max()
+    rest = noise * rng.standard_normal((12, 1, 4, 4))
+    found = skin.calibrate(np.concatenate([rest, readings]), reference=np.r_[np.zeros(12), force])
+    press = ball(4.0, 1e-3, depth=3.4e-3) / 41.0 * (1.0 + 0.1 * np.random.default_rng(21).normal(size=(1, 4, 4)))
+    with found.track(baseline=20) as tracker:
+        for i in range(60):
+            touch = tracker.step(min(1.0, max(i - 8, 0) / 24) * press + noise * rng.standard_normal((1, 4, 4)))
+        assert float(touch.force[2]) == pytest.approx(4.0, rel=0.2)
+        assert any("the zero of the calibration serves instead" in n for n in touch.assumptions)
+        tracker.rezero(frames=10)
+        for _ in range(14):
+            touch = tracker.step(noise * rng.standard_normal((1, 4, 4)))
+        assert not any("the zero of the calibration serves" in n for n in touch.assumptions)
+        assert not tracker.calibration.open_zero
+
+
+def test_coarse_counts_that_are_alike_by_chance_are_no_overload() -> None:
+    """Five magnetometers in steps of 2.4 counts: two of one channel are often the largest. Labelled presses gave larger readings."""
+    array = pp.ScatteredArray(
+        positions=1e-3 * np.array([[0, 0], [7, 0], [-7, 0], [0, 7], [0, -7]]), depth=8e-3, channels=["stress_zz"]
+    )
+    plus = pp.Skin(pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=1e5, poissons_ratio=0.3)]), array)
+    rng = np.random.default_rng(0)
+    weight = np.array([1.0, 0.7, 0.7, 0.5, 0.3]) * 100.0
+
+    def counts(f: float) -> np.ndarray:
+        return np.round((f * weight + 2.0 * rng.standard_normal(5)) / 2.4)[None] * 2.4
+
+    forces = np.r_[np.zeros(10), rng.uniform(0.5, 5.0, 30)]
+    found = plus.calibrate(np.stack([counts(f) for f in forces]), reference=forces)
+    pressed = np.array([[0.4, 0.4, 0.2, 0.15, 0.1]]) * 480.0  # two alike, far below the largest labelled
+    with found.track() as tracker:
+        for _ in range(5):
+            tracker.step(counts(0.0))
+        touch = tracker.step(pressed)
+    assert not any("end of their range" in n for n in touch.assumptions)
+    assert Status.coded(int(touch.status)) is not Status.OVERLOAD

@@ -397,7 +397,7 @@ def test_condition_of_each_wavelength() -> None:
 def test_notes_say_what_was_assumed() -> None:
     skin = pp.Skin(PAD, pp.LineArray(count=20, pitch=0.5, depth=0.8, channels=["stress_zz"]))
     touch = skin.reconstruct(np.zeros((1, 20)))
-    assert "shear along x taken as zero" in touch.notes[0]
+    assert "shear along x taken as zero" in touch.assumed[0]
     with pytest.raises(pp.NotObservable, match="not sought"):
         touch.slip_margin(0.5)
     strain = pp.Skin(

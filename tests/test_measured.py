@@ -151,7 +151,7 @@ def test_shear_that_was_measured_is_found_and_shear_that_was_not_is_refused() ->
         normal.reconstruct(noisy(7)[0], components=["x", "z"])
     with pytest.raises(pp.Unsupported, match="no press along x"):
         normal.sense(contact)
-    assert any("no press of the table acts that way" in n for n in normal.reconstruct(noisy(7)[24]).notes)
+    assert any("no press of the table acts that way" in n for n in normal.reconstruct(noisy(7)[24]).assumed)
 
 
 def test_forces_of_any_size_order_and_number() -> None:
@@ -420,3 +420,9 @@ def test_more_rows_than_are_looked_at_are_drawn() -> None:
         ["z"],
     )
     assert float(found.error[0]) < 0.02
+
+
+def test_a_measured_pad_is_not_doubted_for_its_stiffness() -> None:
+    from palpate.cli.options import doubtful_units
+
+    assert doubtful_units(pp.Skin(pad(), taxels())) == []

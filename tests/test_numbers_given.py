@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.cli.options import doubtful_units
+from skin_files import skin_text
 
 HOW: dict[str, Any] = {
     "shape": (4, 4),
@@ -59,3 +62,20 @@ def test_friction_that_no_surface_has_is_refused_and_its_remedy_reads_the_force(
     for touch in (SKIN.reconstruct(readings), SKIN.reconstruct(readings, friction=10.0)):
         low, high = touch.interval(0.95, "force")
         assert low[2] < 0.5 < high[2]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"pitch": "5 m"}, "15 m: is the unit of pitch"),
+        ({"modulus": "200 GPa"}, "200 GPa, as metal has: is the unit of youngs_modulus"),
+        ({}, ""),
+    ],
+)
+def test_a_slip_of_a_unit_in_a_skin_file_is_doubted(given: dict[str, str], said: str, tmp_path: Path) -> None:
+    """Metres for millimetres made 2 MN of 2 N, without a word."""
+    file = tmp_path / "skin.toml"
+    file.write_text(skin_text(4, 4, **{"pitch": "5 mm", "depth": "1 mm", **given}))
+    doubts = doubtful_units(pp.Skin.from_file(file))
+    assert len(doubts) == bool(said)
+    assert said in "".join(doubts)

@@ -98,3 +98,17 @@ def test_a_deep_picture_is_shown_by_its_own_brightness(kind: type) -> None:
     shown = np.asarray(overlay(picture, touch(), VIEW).axes[0].images[0].get_array())
     assert shown.dtype == np.uint8
     assert (shown.min(), shown.max()) == (0, 255)
+
+
+def test_a_coloured_gel_is_drawn_grey() -> None:
+    """A lit gel is pink, green and blue, which would pass for pressure: only what was found has colour."""
+    gel = np.zeros((48, 64, 3), dtype=np.uint8)
+    gel[..., 0] = 200
+    grid = pp.AreaGrid(shape=(6, 8), spacing=1e-3)
+    touch = pp.Touch(np.zeros((3, 6, 8)), grid, ("x", "y", "z"), "automatic")
+    figure = overlay(gel, touch, View.scaled(0.125e-3, size=(64, 48)))
+    (axes, bar) = figure.axes
+    drawn = axes.images[0].get_array()
+    assert drawn.shape == (48, 64)
+    assert int(drawn[0, 0]) == 59  # 0.299 of 200
+    assert "nPa" not in bar.get_xlabel()

@@ -181,6 +181,35 @@ def test_a_mesh_from_a_file_is_the_box(pad: pp.SolidPad, tmp_path: Path) -> None
     assert np.abs(a - b).max() < 0.05 * np.abs(b).max()
 
 
+def test_intervals_hold_with_the_error_of_the_mesh() -> None:
+    """Readings of a finer mesh: the interval of the shear force misses it if the error of the mesh is not stated."""
+    model, truth, finest = (pp.SolidPad.box(8e-3, 8e-3, 2e-3, element=e, **MATERIAL) for e in (1e-3, 0.67e-3, 0.6e-3))
+    array = pp.AreaArray(shape=(4, 4), pitch=1.6e-3, depth="base", channels=STRESS, noise=20.0)
+    error = model.mesh_error(finest, array)
+    coarse = pp.SolidPad.box(8e-3, 8e-3, 2e-3, element=2e-3, **MATERIAL)
+    assert coarse.mesh_error(finest, array) > 2.0 * error
+    force = np.array([0.2, 0.0, 1.0])
+    ball = pp.solutions.hertz_point(contact_radius=1e-3, force=1.0).sliding(0.2).shifted(1.5e-3, 0.0)
+    readings = pp.Skin(truth, array).sense(ball, rng=np.random.default_rng(3))
+    held = []
+    for gain in (error, 0.0):
+        known = pp.Uncertainty(depth=0.0, gain=gain)
+        low, high = pp.Skin(model, array, uncertainty=known).reconstruct(readings).interval(0.95, "force")
+        held.append(bool(((np.asarray(low) < force) & (force < np.asarray(high))).all()))
+    assert held == [True, False]
+
+
+def test_mesh_error_refuses_what_is_not_the_same_pad() -> None:
+    array = pp.AreaArray(shape=(2, 2), pitch=1e-3, depth="base", channels=["stress_zz"])
+    pad = pp.SolidPad.box(6e-3, 6e-3, 2e-3, element=2e-3, **MATERIAL)
+    with pytest.raises(pp.InvalidInput, match="same mesh"):
+        pad.mesh_error(pad, array)
+    with pytest.raises(pp.InvalidInput, match="another shape"):
+        pad.mesh_error(pp.SolidPad.box(6e-3, 8e-3, 2e-3, element=1e-3, **MATERIAL), array)
+    with pytest.raises(pp.InvalidInput, match="radius"):
+        pad.mesh_error(pp.SolidPad.box(6e-3, 6e-3, 2e-3, element=1e-3, **MATERIAL), array, radius=-1.0)
+
+
 def test_refusals(tmp_path: Path, pad: pp.SolidPad) -> None:
     path = written(tmp_path / "gel.msh")
     with pytest.raises(pp.InvalidInput, match=r"no surface named .bottom. .base.; it has"):

@@ -160,3 +160,33 @@ def test_rows_so_far_are_written_while_frames_come(folder: Path, monkeypatch: py
                 assert len((folder / kept).read_text().splitlines()) == 1 + frame + 1
         assert len((folder / name).read_text().splitlines()) == 1 + 3
         assert not (folder / "old.part.csv").exists()  # the whole table came in its place
+
+
+@pytest.mark.parametrize("name", ["new.csv", "new.nc", "new.npz", "old.csv"])
+def test_frames_that_were_solved_are_kept(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C in the third piece: the forces of the first two are in a table that reads, and what was there before stays."""
+    import pandas
+
+    from palpate.archives.numbers import Numbers
+
+    add = Numbers.add
+
+    def stopped(self: Numbers, start: int, numbers: dict[str, object]) -> None:
+        if start == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+        add(self, start, numbers)
+
+    monkeypatch.setattr(Numbers, "add", stopped)
+    before = (folder / name).read_text() if (folder / name).exists() else None
+    command = ["reconstruct", "r.nc", "--skin", "skin.toml", "--force", "--method", "tikhonov", "--chunk", "1"]
+    assert run(*command, "--out", name, monkeypatch=monkeypatch) == 130
+    said = capsys.readouterr().err
+    kept = f"{name[:3]}.part.csv"
+    assert f"{kept} holds the forces of the first 2 of 3 frames." in said
+    assert f"--out {name[:3]}.zarr --resume" in said
+    table = pandas.read_csv(kept)
+    assert len(table) == 2
+    assert table["force_z (N/m)"].to_numpy() == pytest.approx(20.0, rel=0.05)
+    assert ((folder / name).read_text() if (folder / name).exists() else None) == before

@@ -9,7 +9,9 @@ import palpate as pp
 from palpate import solutions
 from palpate._batches import per_frame_fields
 from palpate.inverse.estimate import Errors, Stated
+from palpate.status import Status
 from palpate.touch import joined
+from palpate.touch.table import table_words
 from palpate.uncertainty import Case, constants
 
 
@@ -283,3 +285,20 @@ def test_a_frame_without_error_bars_says_so_in_words() -> None:
     words = whole.summary(frame=1)
     assert "nan" not in words.split("centre")[0]
     assert "not known for this frame (method nnls)" in words
+
+
+def test_numbers_of_a_frame_that_is_not_explained_are_not_told() -> None:
+    """A tracker goes on through such frames with 162 N where a frame by itself has no number: neither the summary nor the table prints one."""
+    skin = pp.Skin(
+        pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48),
+        pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=10.0),
+    )
+    touch = skin.reconstruct(skin.sense(pp.solutions.hertz_line(half_width=2e-3, force=10.0)), method="tikhonov")
+    assert "net force z" in touch.summary()
+    found = replace(touch, status=np.array(int(Status.UNEXPLAINED)))
+    first = found.summary().splitlines()[0]
+    assert first.startswith("net force       not known (at most 1")
+    assert first.endswith(" N/m)")
+    row = table_words(found.table()).splitlines()[1]
+    assert row.split()[1:3] == ["-", "-"]
+    assert row.endswith("unexplained")

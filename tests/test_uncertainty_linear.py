@@ -57,14 +57,17 @@ def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() ->
     blind = plain.reconstruct(frames)
     low, high = blind.interval(0.95, "force")
     assert np.count_nonzero((low[:, 0] < 1e-7) & (high[:, 0] > 1e-7)) < 48
-    assert not any("taken to be known" in n for n in (*touch.notes, *blind.notes))
+    assert not any("Young's modulus" in n for n in (*touch.assumed, *blind.assumed))
 
 
 def test_a_modulus_that_nothing_is_said_of_is_known_to_15_percent_and_a_scale_to_2() -> None:
     silent = pp.Skin(PAD, IN_PLANE, nuisance=[])
     readings = pulled(silent)
     touch = silent.reconstruct(readings)
-    assert any("Young's modulus is taken to be known to 15 %" in n for n in touch.notes)
+    assert any("Young's modulus known to 15 %" in n for n in touch.assumed)
+    assert not any("modulus" in n for n in touch.notes)
+    (line,) = (x for x in touch.summary().splitlines() if "modulus" in x)
+    assert line.startswith("assumed ")
     low, high = touch.interval(0.95, "force")
     least, most = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=EXACT).reconstruct(readings).interval(0.95, "force")
     both = float(np.hypot(0.15, 0.02) * touch.force[0])

@@ -44,7 +44,7 @@ def texts(got: Any) -> str:
         return got
     if isinstance(got, tuple | list):
         return "\n".join(map(texts, got))
-    return "\n".join(text for name in ("remarks", "notes", "past") for text in getattr(got, name, ()))
+    return "\n".join(text for name in ("remarks", "notes", "assumed", "past") for text in getattr(got, name, ()))
 
 
 def last(got: Any) -> Any:

@@ -170,7 +170,7 @@ NOTES = [
         holds(*PRESSED),
     ),
     Note(
-        "left out as unexplained by any contact (dead, stuck or saturated?): {}{}",
+        "left out{} as unexplained by any contact (dead, stuck or saturated?): {}{}",
         lambda: stuck(mended=False),
         lambda: stuck(mended=True),
         holds(*PRESSED),

@@ -39,6 +39,11 @@ def skin(array: Any = None, **given: Any) -> pp.Skin:
     return pp.Skin(box(), array, **given)
 
 
+def compared(**changed: Any) -> float:
+    """The error of the mesh of `box`, by another one."""
+    return box().mesh_error(box(**changed), AREA)
+
+
 def untouched(**given: Any) -> Any:
     """Readings of a skin with no traction on its surface."""
     found = skin(**given)
@@ -189,6 +194,10 @@ REMEDIES = [
         worked_out_again,
         given=kept,
     ),
+    value(
+        "the other pad has another shape", lambda given: compared(**given), {"poissons_ratio": 0.3}, {"element": 0.7e-3}
+    ),
+    value("both pads have the same mesh", lambda e: compared(element=e), 1e-3, 0.7e-3),
     value("a solid pad is touched on an area", skin, LINE, AREA),
     value("a matrix (channel, taxel, component, *surface) of", lambda m: MatrixMap(m, (2,)), MATRIX[:, :1], MATRIX),
     value("the matrix of a map must be finite", lambda m: MatrixMap(m, (2,)), np.nan * MATRIX, MATRIX),

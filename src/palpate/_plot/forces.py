@@ -150,9 +150,12 @@ def _draw(ax: Axes, table: pandas.DataFrame, titles: Sequence[str], clock: _Cloc
         name = title.split(" (")[0]
         colour = INK[name[-1]] if force else INK["pressure" if name == "peak_pressure" else "other"]
         value, below, above = (factor * numbers for numbers in _numbers(table, title))
-        single = "o" if len(when) == 1 else None
+        there = np.concatenate([[False], np.isfinite(value), [False]])
+        # a frame between unknown ones has no line
+        alone = np.flatnonzero(there[1:-1] & ~there[:-2] & ~there[2:])
         ax.fill_between(when, below, above, color=colour, alpha=0.25, linewidth=0)
-        ax.plot(when, value, color=colour, marker=single, label=name[-1] if force else None)
+        label = name[-1] if force else None
+        ax.plot(when, value, color=colour, marker="o" if len(alone) else None, markevery=alone.tolist(), label=label)
     ax.axhline(0.0, color="0.75", linewidth=0.5, zorder=0)
     if force:
         ax.set_ylabel(f"net force [{unit}]")

@@ -29,6 +29,8 @@ SHOWN = {"pressure": "inferno", "shear": "cividis", "std": "magma"}
 FAINT = 0.03
 #: The strongest hides so much of the picture; larger pictures are drawn over at no more than so many pixels across.
 OPAQUE, FINEST = 0.85, 800
+#: Grey of red, green and blue (ITU-R BT.601).
+LUMA = np.array([0.299, 0.587, 0.114])
 #: Arrows side by side across a picture.
 ARROWS = 13
 
@@ -72,6 +74,8 @@ def plot_over(
             f"a picture must be (row, column) or (row, column, 3); got the shape {picture.shape} of {picture.dtype}. Of several, give the one of this frame."
         )
     picture = eight_bit(picture)
+    if picture.ndim == 3:  # grey, so that every colour is the field's: a lit gel has colours of its own
+        picture = (picture[..., :3] @ LUMA).astype(np.uint8)
     if show != "all" and show not in SHOWN:
         raise InvalidInput(f"show must be {', '.join(SHOWN)} or all; got {show!r}.")
     fields = {name: _field(touch, name, std) for name in SHOWN}
@@ -88,7 +92,7 @@ def plot_over(
     panels: list[list[Axes]] = [list(p) for p in figure.subplots(1, count, squeeze=False).reshape(len(names), -1)]
     for name, beside in zip(names, panels):
         found = fields[name]
-        top = max(float(np.nanmax(np.abs(found), initial=0.0)) if found is not None else 0.0, 1e-12)
+        top = max(float(np.nanmax(np.abs(found), initial=0.0)) if found is not None else 0.0, 0.0) or 1.0
         unit = scaled(top, "Pa")[1]
         for axes, one, label in zip(beside, rows, ("found", "true")):
             field = fields[name] if one is touch else _field(one, name)

@@ -65,6 +65,12 @@ class Numbers:
             while left:
                 left = left[self._file.write(left) :]
 
+    def __len__(self) -> int:
+        """How many frames have come."""
+        if self._file is not None:
+            return sum(count for count, _ in self._held.values())
+        return sum(len(part["status"]) for part in self._parts.values())
+
     def untouched(self) -> Any:
         """Whether nothing was found to touch in each frame."""
         if self._file is not None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import palpate
 from palpate._memory import require
@@ -15,12 +17,14 @@ from palpate._threads import SMALL, cached_property, cores
 from palpate.archives.numbers import Numbers
 from palpate.archives.pools import in_order, pool_of
 from palpate.archives.work import Task, Told, fingerprint
+from palpate.calibrate.answer import at_calibrated_zero
 from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.method import Method
 from palpate.inverse.registry import method_asked
 from palpate.recordings.described import check_described
+from palpate.recordings.files import atomically
 from palpate.recordings.formats import find_format, open_recording
 from palpate.recordings.locks import sole_writer
 from palpate.recordings.opened import OpenRecording
@@ -31,7 +35,8 @@ from palpate.sensing.readings import Creep, Layout, joined_planes
 from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
-from palpate.touch.outcome import Outcome
+from palpate.touch.outcome import Outcome, notes_with
+from palpate.touch.table import write_table
 
 if TYPE_CHECKING:
     import pandas
@@ -143,7 +148,7 @@ def reconstruct_recording(
     resume: bool = False,
     overwrite: bool = False,
     frame: int | None = None,
-    baseline: int = 0,
+    baseline: int | Floats = 0,
     provenance: Mapping[str, str] | None = None,
     progress: Callable[[int, int], object] | None = None,
     **options: Any,
@@ -157,7 +162,8 @@ def reconstruct_recording(
         NetCDF, HDF5 and Zarr are read piece by piece, a long CSV once into a temporary file; other formats whole.
     out : str or Path
         NetCDF, HDF5, Zarr, CSV and MCAP are written piece by piece; the touches of other formats stay in memory until the end. A Zarr store grows
-        in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete.
+        in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete, and of a run that
+        is broken off ``NAME.part.csv`` keeps the forces of the frames so far.
     method, components, **options
         As for `Skin.reconstruct`.
     workers : int
@@ -172,8 +178,8 @@ def reconstruct_recording(
         Replace a result, or a run that was broken off.
     frame : int, optional
         Solve and write this frame alone; -1 is the last. Default: all frames.
-    baseline : int
-        Frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
+    baseline : int or array
+        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the intervals); or frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
         Five or more also tell the noise, where the array's is not given.
         0 (default): the readings are zero already. Readings that evidently are not (raw counts) are said in ``remarks``.
     provenance : mapping of str to str
@@ -239,15 +245,22 @@ def reconstruct_recording(
             raise InvalidInput(
                 f"frame {frame} is not among the {count} frames of {source.name}: give 0 to {count - 1}, or -1 for the last."
             )
-        if isinstance(baseline, bool) or not isinstance(baseline, int) or not 0 <= baseline < max(count, 1):
+        given = None if isinstance(baseline, int) else np.asarray(baseline, dtype=np.float64)
+        if given is not None and given.shape != source.head.readings.shape[1:]:
+            raise InvalidInput(
+                f"baseline must be a number of frames, or one frame of shape {source.head.readings.shape[1:]}; got shape {given.shape}."
+            )
+        if isinstance(baseline, bool) or (isinstance(baseline, int) and not 0 <= baseline < max(count, 1)):
             raise InvalidInput(
                 f"baseline must be a number of frames at the start, from 0 to {count - 1} of the {count} in {source.name}; got {baseline!r}."
             )
         wanted = range(count) if frame is None else range(frame % count, frame % count + 1)
         elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
         settings: dict[str, Any] = {"method": chosen, "components": components}
-        rest = Rest.of(source.frames(0, baseline).readings) if baseline else None
-        zero = None if rest is None else rest.zero
+        rest = Rest.of(source.frames(0, baseline).readings) if isinstance(baseline, int) and baseline else None
+        zero = given if rest is None else rest.zero
+        if given is not None and skin.calibration is not None and skin.calibration.is_zero(given):
+            elastic = at_calibrated_zero(elastic)
         elastic = elastic if rest is None else elastic.at_rest(rest)
         pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)
@@ -266,7 +279,7 @@ def reconstruct_recording(
             "frames": count,
             "chunk": length,
             "method": str(chosen),
-            "baseline": baseline,
+            "baseline": baseline if given is None else fingerprint([given]),
             "options": fingerprint([chosen, components]),
             "skin": fingerprint(
                 [skin.pad, skin.planes, skin.surface, skin.boundary, skin.problem().nuisance, skin.uncertainty]
@@ -293,16 +306,17 @@ def reconstruct_recording(
         for start, frames in done.items():  # by an earlier run
             gathered.add(start, Told.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
-        for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
-            stream.add(task.start - wanted.start, solved.piece)
-            gathered.add(task.start, solved.told, wanted.start)
-            finished += task.stop - task.start
-            if progress is not None:
-                progress(finished, len(wanted))
+        with nullcontext() if known.can("touch_stream") else _numbers_kept(numbers, target, len(wanted)):
+            for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
+                stream.add(task.start - wanted.start, solved.piece)
+                gathered.add(task.start, solved.told, wanted.start)
+                finished += task.stop - task.start
+                if progress is not None:
+                    progress(finished, len(wanted))
     remarks: tuple[str, ...] = ()
-    if not baseline and levels.standing():
+    if zero is None and levels.standing():
         remarks = (OFFSETS,)
-    elif not baseline and frame is None and levels.still(gathered.numbers.untouched()):
+    elif zero is None and frame is None and levels.still(gathered.numbers.untouched()):
         remarks = (STANDS,)
     if rest is not None and rest.wanders:
         remarks += (
@@ -320,6 +334,23 @@ def _numbers_of(target: Path) -> Iterator[None]:
         raise InvalidInput(
             f"{target}: writing the numbers of the frames beside it failed ({error.strerror or error}). Free space there, and run it again."
         ) from error
+
+
+@contextmanager
+def _numbers_kept(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
+    """Where a run is broken off whose format cannot go on: the numbers of the frames so far as NAME.part.csv, and a note of the exception that says so."""
+    try:
+        yield
+    except BaseException as error:
+        if solved := len(numbers):
+            kept = target.with_name(f"{target.stem}.part.csv")
+            with suppress(OSError, InvalidInput):  # a full disk, which is why it ended
+                atomically(kept, lambda path: write_table(numbers.table().iloc[:solved], path))
+                error.add_note(
+                    f"{kept} holds the forces of the first {solved} of {frames} frames. To be able to go on after a stop, "
+                    f"write a .zarr: --out {target.with_suffix('.zarr').name} --resume"
+                )
+        raise
 
 
 class _Gathered:
@@ -348,12 +379,10 @@ class _Gathered:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return (*self._said.words(), *(() if self._outcome is None else self._outcome.words()))
+        return notes_with(self._said.words(), self._outcome)
 
 
 def _opened(recording: str | Path | Recording | OpenRecording) -> Any:
-    from contextlib import nullcontext
-
     if isinstance(recording, OpenRecording):
         return nullcontext(recording)
     if isinstance(recording, Recording):

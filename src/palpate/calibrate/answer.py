@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 from palpate.touch import Touch
 
-__all__ = ["calibrated_touch"]
+__all__ = ["at_calibrated_zero", "calibrated_touch"]
 
 
 def calibrated_touch(
@@ -28,3 +29,10 @@ def calibrated_touch(
     parts = [found.unit * part for part in checked_planes(readings, skin.planes)]
     touch: Touch = plain.reconstruct(parts[0] if len(parts) == 1 else parts, time=time, **options)
     return found.attach(touch, flat)
+
+
+def at_calibrated_zero(skin: Any) -> Any:
+    """The skin for readings from which the zero of its calibration was taken: that zero's error is in the intervals."""
+    out = copy.copy(skin)
+    out._calibration, out._plain = skin.calibration.opened(), None
+    return out

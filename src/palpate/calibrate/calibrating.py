@@ -153,10 +153,8 @@ def calibrate(
             one = _known(run, own, reference_time, said)
         known.append(one)
         _check_size("known forces", np.concatenate([one[f] for f in FORCES if f in one]))
-    flats: list[Floats] = []
-    for run, one in zip(runs, known):
-        zero = _zero(run, one, baseline, said)
-        flats.append(run.flat - zero)
+    zeros = [_zero(run, one, baseline, said) for run, one in zip(runs, known)]
+    flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
     data = _gathered(runs, flats, known, labels)
     if before is not None:
         said += ageing(before, data)
@@ -171,9 +169,12 @@ def calibrate(
     if len(runs) == 1 and before is None:
         said.append(ONE_RUN)
     said += best_press(skin, main)
+    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest)
     return replace(
         found,
         rest=data.rest,
+        zero=zero,
+        zero_std=zero_std,
         scale=small_unit(skin, data),
         unit=unit,
         unit_std=unit_std,
@@ -328,12 +329,12 @@ def _flat_like(run: Run, frame: Floats, index: int) -> Floats:
     return frame.ravel()[kept][: run.flat.shape[1]]
 
 
-def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats:
-    """The readings at rest."""
+def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats | None:
+    """The readings at rest; None where no frame at rest is known."""
     if baseline is not None:
         if not 0 <= baseline < len(run.flat):
             raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
-        return np.nanmean(run.flat[:baseline], axis=0) if baseline else np.zeros(run.flat.shape[1])
+        return np.asarray(np.nanmean(run.flat[:baseline], axis=0)) if baseline else None
     forces = [known[f] for f in FORCES if f in known]
     at_rest = at_rest_of(forces, run.flat)
     if at_rest.any():
@@ -341,7 +342,31 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
     words = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
     if words not in said:
         said.append(words)
-    return np.zeros(run.flat.shape[1])
+    return None
+
+
+def _kept_zero(
+    planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats
+) -> tuple[Floats | None, Floats | None]:
+    """The zero of the last run that has one, and its standard deviation: scatter at rest, and of runs from each other."""
+    known = [z for z in zeros if z is not None]
+    if not known:
+        return None, None
+    scatter = flat_readings(planes, rest).std(axis=0)
+    apart = np.std(known, axis=0, ddof=1) if len(known) > 1 else 0.0
+    return _unflat(planes, known[-1]), _unflat(planes, np.hypot(scatter, apart))
+
+
+def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:
+    """Readings (channel, *array) of their flat form, NaN where a taxel is missing."""
+    out, start = [], 0
+    for plane in planes:
+        part = np.full((len(plane.channels), *plane.shape), math.nan)
+        count = part[:, plane.valid].size
+        part[:, plane.valid] = flat[start : start + count].reshape(len(plane.channels), -1)
+        start += count
+        out.append(part)
+    return np.concatenate(out)
 
 
 def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:

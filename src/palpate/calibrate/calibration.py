@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,12 @@ class SkinCalibration:
         Readings at rest without their zero: their scatter is the noise that the elastic model is given.
     scale : float
         What makes the labelled readings small for the pad, where the elastic model was rejected: a tracker watches the zero in this unit.
+    zero : array (channel, *array) or None
+        Readings at rest of the last recording, in the sensor's own unit; None where no frame at rest was known.
+    zero_std : array (channel, *array) or None
+        Standard deviation of one frame at rest about it, and of the zeros of several recordings from each other.
+    open_zero : bool
+        Whether ``zero`` was taken from the readings, instead of a zero of their own day: its error is then in every interval.
     """
 
     maps: Mapping[str, ForceMap]
@@ -64,6 +71,9 @@ class SkinCalibration:
     table: tuple[tuple[str, float, float, float], ...] = field(default=())
     rest: Floats | None = None
     scale: float = 1.0
+    zero: Floats | None = None
+    zero_std: Floats | None = None
+    open_zero: bool = False
 
     @property
     def elastic(self) -> bool:
@@ -81,8 +91,30 @@ class SkinCalibration:
         good = np.isfinite(flat).all(axis=1)
         for i, name in enumerate(FORCES):
             if name in self.maps and good.any():
-                value[good, i], std[good, i] = self.maps[name].predict(flat[good])
+                value[good, i], own = self.maps[name].predict(flat[good])
+                std[good, i] = np.hypot(own, self._zero_error.get(name, 0.0))
         return value, std
+
+    def is_zero(self, baseline: Any) -> bool:
+        """Whether a baseline is the zero of this calibration."""
+        return self.zero is not None and np.array_equal(np.asarray(baseline), self.zero, equal_nan=True)
+
+    def opened(self) -> SkinCalibration:
+        """The same, for readings from which its own zero was taken: that zero's error is in the intervals."""
+        return replace(self, open_zero=True)
+
+    @property
+    def largest(self) -> Floats:
+        """The largest labelled magnitude of each reading, in the sensor's own unit and without its zero."""
+        return np.asarray(np.max([np.abs(m.process.readings).max(axis=0) for m in self.maps.values()], axis=0))
+
+    @cached_property
+    def _zero_error(self) -> dict[str, float]:
+        """What the error of an open zero adds to each quantity (standard deviation): each reading's by itself, at rest."""
+        if not self.open_zero or self.zero_std is None:
+            return {}
+        off = self.zero_std[np.isfinite(self.zero_std)]
+        return {n: float(np.sqrt((m.predict(np.diag(off))[0] ** 2).sum())) for n, m in self.maps.items()}
 
     def center(self, readings: Any, force: Floats, force_std: Floats) -> tuple[Floats, Floats] | None:
         """Centre (frame, 2) [m] and its standard deviation by the delta method; None without labelled positions."""
@@ -93,7 +125,8 @@ class SkinCalibration:
         good = np.isfinite(flat).all(axis=1) & (np.abs(force[:, 2]) > 2.0 * force_std[:, 2])
         for i, name in enumerate(PLACES):
             if name in self.maps and good.any():
-                moment, moment_std = self.maps[name].predict(flat[good])
+                moment, own = self.maps[name].predict(flat[good])
+                moment_std = np.hypot(own, self._zero_error.get(name, 0.0))
                 value[good, i] = moment / force[good, 2]
                 std[good, i] = np.hypot(moment_std, value[good, i] * force_std[good, 2]) / np.abs(force[good, 2])
         return value, std

@@ -69,8 +69,9 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
     )
     held["scale"] = np.asarray(found.scale)
     held["said"], held["table"] = np.asarray(json.dumps(found.said)), np.asarray(json.dumps(found.table))
-    if found.rest is not None:
-        held["rest"] = found.rest
+    for key in ("rest", "zero", "zero_std"):
+        if getattr(found, key) is not None:
+            held[key] = getattr(found, key)
     for name, one in found.maps.items():
         held.update({f"{name}.{key}": value for key, value in one.arrays().items()})
 
@@ -127,7 +128,7 @@ def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
         return SkinCalibration(
             maps, int(held["readings"]), float(held["unit"]), float(held["unit_std"]), float(held["elastic_error"]),
             tuple(json.loads(str(held["said"]))), table, held.get("rest"),
-            float(held["scale"]),
+            float(held["scale"]), held.get("zero"), held.get("zero_std"),
         )  # fmt: skip
     except (KeyError, ValueError, OSError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
         raise InvalidInput(f"{path}: no calibration of palpate, or damaged ({error}). Calibrate again.") from error

@@ -25,7 +25,7 @@ FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
 #: Spread of gains from one run to the next before labels of several runs show it, and how many runs that counts for. Presses at the same places: 3 and 11 % between
 #: two streams of four barometers, 2 and 3 % between two runs of five magnetometers.
 RUN, RUNS_OF_PRIOR = 0.08, 1.0
-#: Error of a value, as a part of it, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
+#: Error of a value, as a part of the usual one, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
 NOVEL, STRONG = 2.0, 0.2
 #: Sum of squared distances that the first counts for: one press at a distance of 0.3.
 NOVEL_SEEN = 0.09
@@ -82,10 +82,13 @@ class ForceMap:
         mean = np.asarray(sum(w * m for w, (m, _) in zip(self.weights, found)))
         square = sum(w * (s**2 + (m - mean) ** 2) for w, (m, s) in zip(self.weights, found))
         own = self.inflation * np.sqrt(square)
-        return mean, np.hypot(own, np.hypot(self.run_share, self.novelty(readings)) * np.abs(mean))
+        p = self.process
+        # what is usual for readings of this size: a component of either sign may be 0 by chance, and is no better known there
+        usual = p.unit * Scaled.of(readings, p.scale).size
+        return mean, np.sqrt(own**2 + (self.run_share * mean) ** 2 + (self.novelty(readings) * usual) ** 2)
 
     def novelty(self, readings: Floats) -> Floats:
-        """The part of a value (standard deviation) that is open because no label is like the frame (frame, reading).
+        """Standard deviation that is open because no label is like the frame (frame, reading), as a part of what is usual for readings of its size.
 
         Two parts: beyond the largest labelled readings a map goes on as it began, and pads do not; and a press at another place than any label's has readings
         of another direction u = z/|z|, at a distance from that of the nearest label.
@@ -101,15 +104,15 @@ class ForceMap:
 
     @cached_property
     def direction_share(self) -> float:
-        """Error of a value, as a part of it, for each unit of distance between directions: the prior, and what each press shows when it is left out."""
+        """Error of a value, as a part of the usual one, for each unit of distance between directions: the prior, and what each press shows when it is left out."""
         p = self.process
         labels, error = Scaled.of(p.readings, p.scale), self.left_out
         strong = labels.size > STRONG * float(labels.size.max())
         squares, distances = NOVEL_SEEN * NOVEL**2, NOVEL_SEEN
         for press in np.unique(p.press[strong]):
             one, other = strong & (p.press == press), strong & (p.press != press)
-            size = float((p.values[one] ** 2).mean())
-            if other.any() and size > 0.0:
+            size = float(((p.unit * labels.size[one]) ** 2).mean())
+            if other.any():
                 squares += float((error[one] ** 2).mean()) / size
                 distances += float((chord(labels.direction[one] @ labels.direction[other].T) ** 2).mean())
         return float(np.sqrt(squares / distances))
@@ -145,13 +148,15 @@ class ForceMap:
     @classmethod
     def from_arrays(cls, held: Mapping[str, Any]) -> ForceMap:
         """The map of `arrays`."""
-        if held["log"].shape != (len(MEMBERS), len(NAMES)):
-            raise ValueError(f"holds {held['log'].shape} hyperparameters for {(len(MEMBERS), len(NAMES))}")
+        log = held["log"]
+        # files of before have fewer members, in the same order
+        if log.ndim != 2 or not 1 <= len(log) <= len(MEMBERS) or log.shape[1] != len(NAMES):
+            raise ValueError(f"holds {log.shape} hyperparameters for {(len(MEMBERS), len(NAMES))}")
         process = Process(
             held["readings"], held["values"], held["std"], held["scale"], held.get("physics"), held["press"], held.get("time"), held.get("run")
         )  # fmt: skip
         lacks = () if process.physics is not None else ("physics",)
-        members = tuple(process.made(log, (*without, *lacks)) for log, without in zip(held["log"], MEMBERS))
+        members = tuple(process.made(row, (*without, *lacks)) for row, without in zip(log, MEMBERS))
         return cls.of(process, members)
 
 

@@ -51,7 +51,7 @@ SPREAD = np.array([p[1] for p in PRIORS.values()])
 AT = {name: i for i, name in enumerate(NAMES)}
 #: Amplitudes of terms that a member may lack.
 TERMS = ("physics", "linear", "growing", "free", "quadratic", "zero")
-#: Members of the average: the terms that each lacks.
+#: Members of the average: the terms that each lacks, "lag" for errors that are alike in time. Files keep them in this order: add others at the end.
 MEMBERS: tuple[tuple[str, ...], ...] = (
     ("growing", "free", "quadratic"),
     ("growing", "quadratic"),
@@ -59,6 +59,9 @@ MEMBERS: tuple[tuple[str, ...], ...] = (
     ("quadratic",),
     ("growing", "free"),
     (),
+    ("growing", "quadratic", "lag"),
+    ("quadratic", "lag"),
+    ("lag",),
 )
 #: Bounds of the hyperparameters in standard deviations of their prior; added to the diagonal, as a part of the mean square; least reading, as a part of the usual.
 REACH, JITTER, LEAST = 5.0, 1e-9, 1e-3
@@ -210,11 +213,11 @@ class Process:
         usual = float(np.einsum("ij,jk,ik->", z, moved, z)) / max(len(z), 1)
         return moved / usual if usual > 0.0 else None
 
-    def error_parts(self, a: Scaled, log: Floats) -> tuple[Floats, Floats]:
+    def error_parts(self, a: Scaled, log: Floats, without: tuple[str, ...]) -> tuple[Floats, Floats]:
         """Variance of the labels' errors that are new in each frame, and the covariance of those that are alike within a press."""
         value = np.exp(log)
         new = value[AT["noise"]] + value[AT["share"]] * a.size**2 + (self.std / self.unit) ** 2 + JITTER
-        if self.time is None:
+        if self.time is None or "lag" in without:
             return new, np.zeros((len(a.size), len(a.size)))
         apart = np.abs(self.time[:, None] - self.time[None])
         return new, value[AT["lag"]] * np.outer(a.size, a.size) * np.exp(-apart / value[AT["time"]])
@@ -231,7 +234,7 @@ class Process:
 
         def objective(log: Floats) -> tuple[float, Floats]:
             value, made = np.exp(log), terms(a, a, log, physics, without)
-            new, lag = self.error_parts(a, log)
+            new, lag = self.error_parts(a, log, without)
             try:
                 inverse, logdet = inverted(made.total + lag + np.diag(new))
             except np.linalg.LinAlgError:
@@ -251,7 +254,7 @@ class Process:
             diagonal = np.diag(w)
             gradient[AT["noise"]] = 0.5 * value[AT["noise"]] * diagonal.sum()
             gradient[AT["share"]] = 0.5 * value[AT["share"]] * float(diagonal @ a.size**2)
-            if apart is not None:
+            if apart is not None and "lag" not in without:
                 gradient[AT["lag"]] = 0.5 * np.vdot(w, lag)
                 gradient[AT["time"]] = 0.5 * np.vdot(w * lag, apart) / value[AT["time"]]
             off = (log - MEDIAN) / SPREAD
@@ -271,7 +274,7 @@ class Process:
         """
         a, z = Scaled.of(self.readings, self.scale), self.values / self.unit
         made = terms(a, a, log, self.scaled_physics, without)
-        new, lag = self.error_parts(a, log)
+        new, lag = self.error_parts(a, log, without)
         covariance = made.total + lag + np.diag(new)
         factor = np.linalg.cholesky(covariance)
         inverse, _ = inverted(covariance)
@@ -300,7 +303,7 @@ class Process:
         mean = across @ member.weights
         reduced = solve_triangular(member.factor, across.T, lower=True)
         left = variance(a, member.log, physics, member.without) - (reduced**2).sum(axis=0)
-        share = value[AT["share"]] + (0.0 if self.time is None else value[AT["lag"]])
+        share = value[AT["share"]] + (0.0 if self.time is None or "lag" in member.without else value[AT["lag"]])
         left = np.maximum(left, 0.0) + value[AT["noise"]] + share * a.size**2
         return self.unit * mean, self.unit * np.sqrt(left)
 

@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
 from palpate.cli.methods import tracker_options
-from palpate.cli.options import Columns, check_matching, grasp_monitor, mapping_for
+from palpate.cli.options import Columns, check_matching, grasp_monitor, mapping_for, zero_of_skin
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -164,7 +164,7 @@ def live(
         tracker = seen.touches.tracker
     else:
         with busy("preparing the skin"):
-            tracker = skin.track(**options, baseline=baseline or 0, budget=BUDGET)
+            tracker = skin.track(**options, baseline=zero_of_skin(skin, baseline or 0), budget=BUDGET)
     sinks: list[Sink] = []
     if foxglove is not None:
         sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))

@@ -127,6 +127,17 @@ def known_channels(names: list[str]) -> list[str]:
     return list(check_channels(names, 2))
 
 
+def zero_of_skin(skin: Skin, baseline: int) -> Any:
+    """The frames of the zero that were asked for; without any the zero of the skin's calibration, where it has one."""
+    found = skin.calibration
+    if baseline or found is None or found.zero is None:
+        return baseline
+    typer.echo(
+        "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes it anew"
+    )
+    return found.zero
+
+
 def check_matching(recording: Any, skin: Skin) -> None:
     channels = tuple(c for p in skin.planes for c in p.channels)
     if recording.channels != channels:
@@ -140,6 +151,33 @@ def check_matching(recording: Any, skin: Skin) -> None:
         )
     if recording.positions is not None:
         _check_places(recording.positions, skin)
+    for doubt in doubtful_units(skin):
+        typer.echo(f"warning: {doubt}", err=True)
+
+
+#: No elastic pad is as wide or as stiff [m, Pa]: a car's tyre is 0.3 m across, the hardest rubber below 0.1 GPa, epoxy 3 GPa.
+WIDEST, STIFFEST = 2.0, 10e9
+
+
+def doubtful_units(skin: Skin) -> list[str]:
+    """What a slip of a unit in a skin.toml (m for mm, GPa for kPa) leaves: sizes that no pad has. The forces would be wrong by as much, without any other sign."""
+    import numpy as np
+
+    from palpate.measured import Measured
+
+    found = []
+    width = max(float(np.ptp(plane.points, axis=0).max()) for plane in skin.planes)
+    if width > WIDEST:
+        found.append(
+            f"the taxels of the skin.toml are spread over {plain_number(width, 3)} m: is the unit of pitch, spacing or positions right?"
+        )
+    # a pad that was pressed point by point has no modulus
+    softness = 0.0 if isinstance(skin.pad, Measured) else float(np.asarray(skin.pad.compliance(0.0))[2, 2])
+    if 0.0 < softness < 1.0 / STIFFEST:
+        found.append(
+            f"the pad of the skin.toml has a modulus of {plain_number(1e-9 / softness, 3)} GPa, as metal has: is the unit of youngs_modulus right?"
+        )
+    return found
 
 
 def _check_places(positions: Any, skin: Skin) -> None:

@@ -72,6 +72,10 @@ def roughly(skin: Skin | str | Path, positions: Any) -> str:
     )
 
 
+#: Pictures of a zero from which on their spread shows whether the gel was still.
+CHECKS_ITSELF = 3
+
+
 def track_pictures(
     source: Path,
     skin_file: Path,
@@ -134,6 +138,12 @@ def track_pictures(
                 else "each picture is solved by itself, seconds each (--every 10 takes fewer, --fast follows all)"
             )
         )
+        if 0 < baseline < CHECKS_ITSELF:
+            typer.echo(
+                f"warning: the zero is {baseline} picture{'s' if baseline > 1 else ''}, and nothing shows whether something touched in "
+                f"{'them' if baseline > 1 else 'it'}; every force would be off by it. Give more untouched pictures: --baseline 5.",
+                err=True,
+            )
         if limit := roughly(skin_file, readings.positions):
             typer.echo(limit)
         sink = None
@@ -150,8 +160,13 @@ def track_pictures(
             events = monitor.update(touch) if "z" in touch.components else []
             marks += events
             forces.add(touch, events)
-            load = float(np.linalg.norm(np.nan_to_num(np.asarray(touch.force, dtype=np.float64))))
-            if picture is not None and reading.image is not None and (strongest is None or load > strongest[0]):
+            load = float(np.linalg.norm(np.asarray(touch.force, dtype=np.float64)))
+            if (
+                picture is not None
+                and reading.image is not None
+                and load >= 0.0
+                and (strongest is None or load > strongest[0])
+            ):
                 strongest = (load, reading.image, touch)
             if sink is not None:
                 sink.readings(reading.time, reading.values)

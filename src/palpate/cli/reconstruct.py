@@ -11,7 +11,7 @@ import typer
 
 from palpate.cli.files import Force, check_outputs, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import chosen_method
-from palpate.cli.options import Columns, check_matching, check_picture, mapping_for
+from palpate.cli.options import Columns, check_matching, check_picture, mapping_for, zero_of_skin
 from palpate.cli.progress import Frames
 from palpate.errors import InvalidInput
 
@@ -149,6 +149,7 @@ def reconstruct(
         names = None if components is None else [c.strip() for c in components.split(",")]
         if prepared is not None:
             _prepare(skin, prepared, method, names)
+        zero = zero_of_skin(skin, baseline)
         frames = len(recording) if frame is None else 1
         if workers is None:
             elsewhere = scheduler is not None and "://" in scheduler
@@ -167,7 +168,7 @@ def reconstruct(
                 resume=resume,
                 overwrite=force,
                 frame=frame,
-                baseline=baseline,
+                baseline=zero,
                 provenance=provenance(skin_text(skin_file), str(recording_file)),
                 progress=lambda finished, _: bar(finished),
             )
@@ -194,10 +195,11 @@ def reconstruct(
         typer.echo(f"largest traction: frame {done.frame} of {total}")
     else:
         typer.echo(f"frame {done.frame} of {total}")
-    typer.echo(touch.summary())
+    # of many frames, notes say in how many: those of the one frame would say the same again
+    said = touch.summary().splitlines()
+    typer.echo("\n".join(line for line in said if done.frames == 1 or not line.startswith("note: ")))
     for note in done.notes if done.frames > 1 else ():
-        if note not in touch.notes:
-            typer.echo(f"note: {note}")
+        typer.echo(f"note: {note}")
     if touch.parameter is not None:
         typer.echo(f"parameter       {float(touch.parameter):.4g}")
     if done.before:
@@ -226,7 +228,9 @@ def _said_what_stays(target: Path) -> Iterator[None]:
     before = partial(target).exists()
     try:
         yield
-    except BaseException:
+    except BaseException as error:
+        for said in getattr(error, "__notes__", ()):
+            typer.echo(said, err=True)
         if partial(target).exists() and not before:
             typer.echo(f"{partial(target)} keeps what is done: --resume goes on with it.", err=True)
         raise

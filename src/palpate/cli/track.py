@@ -10,7 +10,7 @@ import typer
 from palpate._numbers import plain_time
 from palpate.cli.files import Force, check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
 from palpate.cli.methods import tracker_options
-from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for
+from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for, zero_of_skin
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
 
@@ -176,10 +176,11 @@ def track(
     touches, seconds, marks = [], [], []
     forces, levels = Forces(), Levels()
     levels.look(recording.readings)
-    if not baseline and levels.standing():
+    zero = zero_of_skin(skin, baseline)
+    if isinstance(zero, int) and not zero and levels.standing():
         typer.echo(f"warning: {OFFSETS}.", err=True)
     with busy("preparing the skin"):
-        tracker = skin.track(**options, baseline=baseline, budget=None if budget is None else 1e-3 * budget)
+        tracker = skin.track(**options, baseline=zero, budget=None if budget is None else 1e-3 * budget)
     record = provenance(skin_text(skin_file), str(recording_file))
     with contextlib.ExitStack() as stack:
         stack.enter_context(tracker)

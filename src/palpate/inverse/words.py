@@ -13,7 +13,10 @@ from palpate.inverse.observability import blind_to_force, presses, without_mean
 from palpate.inverse.problem import Problem
 from palpate.sensing.uncertainty import MODULUS, scale_free
 
-__all__ = ["notes", "surface_strain"]
+__all__ = ["ASSUMED", "notes", "surface_strain"]
+
+#: How a sentence begins that says what was assumed: a summary joins these in one line, and they are no notes.
+ASSUMED = "assumed: "
 
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
 
@@ -24,10 +27,10 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
     zero = [c for c in problem.surface.components if c not in sought]
     if zero:
         forced = set(sought) == set(default)
-        why = ": the channels cannot tell all components apart" if forced else ", as asked"
+        why = " (the channels cannot tell all components apart)" if forced else " as asked"
         if set(zero).isdisjoint(getattr(problem.pad, "components", zero)):
-            why = ": no press of the table acts that way"
-        found.append(f"{_spoken(zero)} taken as zero{why}")
+            why = " (no press of the table acts that way)"
+        found.append(f"{ASSUMED}{_spoken(zero)} taken as zero{why}")
         if forced and zero == ["z"] and problem.boundary == "free" and presses(problem.pad, problem.planes, sought):
             found.append(
                 "pressure would move these readings too, and is then part of the shear: where something presses, seek it as well "
@@ -38,7 +41,7 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
             "these channels alone cannot tell pressure from shear: that pressure pushes, and only where something touches, does; a pull, "
             "or an offset of the readings that is not named, would be taken for contact"
         )
-    found.extend(method.assumptions())
+    found.extend(f"{ASSUMED}{one}" for one in method.assumptions())
     if without_mean(problem.pad, problem.planes, problem.boundary):
         found.append(
             "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
@@ -52,8 +55,7 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
             )
     if problem.uncertainty.youngs_modulus is None and scale_free(problem.planes).any():
         found.append(
-            f"Young's modulus is taken to be known to {100.0 * MODULUS:g} %, and forces from strain or displacement are proportional to it: say how well it is known "
-            '("200 kPa +- 20 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.2) in Python)'
+            f'{ASSUMED}Young\'s modulus known to {100.0 * MODULUS:g} % ("200 kPa +- 5 %" in skin.toml, or uncertainty=, says how well)'
         )
     found.extend(getattr(prepared, "notes", ()))
     return tuple(found)

@@ -16,7 +16,7 @@ from palpate.recordings.heldfile import Apart
 from palpate.recordings.labelled import OWN, missing_value, touch_dataset, touch_of
 from palpate.touch import Touch, joined
 from palpate.touch.counted import Counted
-from palpate.touch.outcome import Outcome
+from palpate.touch.outcome import Outcome, notes_with
 
 if TYPE_CHECKING:
     import xarray
@@ -128,10 +128,8 @@ class Whole:
     @property
     def notes(self) -> str:
         """What was assumed and what became of the frames, in words."""
-        said = self._outcome.words() if self._outcome is not None else []
-        return "\n".join(
-            dict.fromkeys((*self._assumptions.words(), *said, *([self._calibration] if self._calibration else [])))
-        )
+        found = notes_with(self._assumptions.words(), self._outcome)
+        return "\n".join((*found, *([self._calibration] if self._calibration else [])))
 
 
 class TouchStream(abc.ABC):

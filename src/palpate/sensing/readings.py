@@ -172,7 +172,7 @@ def check_finite(values: Any, array: Array) -> Any:
         raise InvalidInput(
             f"readings hold {int(where.sum())} values that are missing or not finite, at {int(taxels.sum())} of {taxels.size} "
             f"taxels (first at index {tuple(int(i) for i in np.argwhere(taxels)[0])}). Leave dead taxels out: "
-            "array.masked(working)."
+            "array.masked(working), or palpate reconstruct --drop-missing."
         )
     return values
 

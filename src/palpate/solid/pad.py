@@ -28,7 +28,7 @@ from palpate.sensing.grids import AreaGrid, Grid, check_length
 from palpate.sensing.kernels import aperture_rule
 from palpate.sensing.maps import LinearMap, MatrixMap
 from palpate.sensing.surface import default_surface
-from palpate.solid import making
+from palpate.solid import accuracy, making
 from palpate.solid.charts import PlaneChart
 from palpate.solid.making import FLAT, LARGEST, THROUGH
 
@@ -445,6 +445,22 @@ class SolidPad:
             out[:, component] += (loads @ fields[:, axis].T).T
         found = out.reshape(points, len(array.channels), 3, *surface.shape).swapaxes(0, 1)
         return MatrixMap(np.ascontiguousarray(found), array.shape)
+
+    def mesh_error(self, other: SolidPad, array: Array, *, radius: float | None = None) -> float:
+        """Error of readings by the mesh, for ``Uncertainty(gain=...)``: rms difference to another mesh of the pad, over the rms of the readings.
+
+        Presses of Hertz's pressure and shears like it, of ``radius`` [m] (by default half the thickness), lie over every sensing element.
+        `InvalidInput` where the other pad is not of the same shape and material, or has the same mesh.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad, finer = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (1e-3, 0.7e-3))
+        >>> array = pp.AreaArray(shape=(2, 2), pitch=2e-3, depth="base", channels=["stress_zz"], noise=20.0)
+        >>> 0.0 < pad.mesh_error(finer, array) < 0.1
+        True
+        """
+        return accuracy.mesh_error(self, other, array, radius)
 
     def save(self, path: str | Path) -> None:
         """Write what is worked out by now for sensors in this pad, for `load` in another run.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -13,12 +13,13 @@ import numpy.typing as npt
 from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT, PROVEN
+from palpate.inverse.words import ASSUMED
 from palpate.status import Status
 from palpate.touch.fields import pulling
 from palpate.touch.intervals import interval
 from palpate.touch.numbers import Numbers
 
-__all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome"]
+__all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "assumed", "notes_with"]
 
 #: How far the 95 % interval of the net force reaches to its longer side, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
@@ -92,6 +93,7 @@ class Outcome:
     strained: int = 0
     strain: float = 0.0
     above_modulus: int = 0
+    with_left_out: int = 0
 
     @classmethod
     def of(cls, touch: Numbers) -> Outcome:
@@ -110,8 +112,10 @@ class Outcome:
             both = neither & (False if touch.status is None else touch.status == int(Status.SOLVED))
             rims, unexplained = int(np.count_nonzero(both)), int(np.count_nonzero(neither & ~both))
         left_out: dict[int, str] = {}
+        with_left_out = 0
         if touch.outliers is not None:
-            rows = np.flatnonzero(touch.outliers.reshape(-1, touch.outliers.shape[-1]).any(axis=0))
+            flags = touch.outliers.reshape(-1, touch.outliers.shape[-1])
+            rows, with_left_out = np.flatnonzero(flags.any(axis=0)), int(np.count_nonzero(flags.any(axis=1)))
             left_out = {int(r): touch.reading_names.get(int(r), f"reading {r}") for r in rows}
         at_limit = most = 0
         if touch.at_limit is not None and touch.at_limit.size:
@@ -146,6 +150,7 @@ class Outcome:
             strained,
             strain,
             above_modulus,
+            with_left_out,
         )
 
     def __add__(self, other: Outcome) -> Outcome:
@@ -175,6 +180,7 @@ class Outcome:
             self.strained + other.strained,
             max(self.strain, other.strain),
             self.above_modulus + other.above_modulus,
+            self.with_left_out + other.with_left_out,
         )
 
     def plain(self) -> dict[str, Any]:
@@ -211,7 +217,7 @@ class Outcome:
                     continue
             # what did not converge says itself what helps: a tracker, a rule and a constrained method need something different
             own = status is Status.NOT_CONVERGED
-            remedy = f"; {status.remedy}" if status.remedy and not self.batch and not own else ""
+            remedy = f"; {status.remedy}" if status.remedy and not own else ""
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
         if self.unlike_noise:
             said.append(
@@ -232,7 +238,8 @@ class Outcome:
         if self.left_out:
             names = ", ".join(list(self.left_out.values())[:4])
             more = f" and {len(self.left_out) - 4} more" if len(self.left_out) > 4 else ""
-            said.append(f"left out as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
+            where = some(self.with_left_out) if self.with_left_out else ""
+            said.append(f"left out{where} as unexplained by any contact (dead, stuck or saturated?): {names}{more}")
         if self.at_limit:
             up_to = "up to " if self.batch else ""
             said.append(
@@ -259,16 +266,18 @@ class Outcome:
             )
         up_to = "up to " if self.batch else ""
         if self.discrepant and not self.poor:
-            assumed = self.discrepancy <= DISCREPANCY + 0.005
-            what = "may leave" if assumed else "leaves"
+            begins = (
+                f"{ASSUMED}the pad's model may leave"
+                if self.discrepancy <= DISCREPANCY + 0.005
+                else "the pad's model leaves"
+            )
             said.append(
-                f"the pad's model {what} {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
+                f"{begins} {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
             )
         if self.rough:
-            up_to = "up to " if self.batch else ""
-            said.append(
-                f"the net force is known roughly only{some(self.rough)}: +- {up_to}{_of_load(self.roughest)} (95 %)"
-            )
+            # the widest of many frames tells nothing of the others: it is one that hardly touches
+            wide = f"more than +- {ROUGH:.0%} of the load" if self.batch else f"+- {_of_load(self.roughest)}"
+            said.append(f"{ROUGHLY}{some(self.rough)}: {wide} (95 %)")
         if self.poor:
             how = "" if self.batch else f" (fit {self.worst_fit:.1g})"
             share = f"; it leaves {up_to}{self.discrepancy:.0%} of them unexplained, and intervals allow for it"
@@ -278,6 +287,25 @@ class Outcome:
                 f"wrong, or taxels broken{share}"
             )
         return said
+
+
+#: How the note of a small contact begins, which is a reason for a force that is known roughly, and for nothing else.
+_SMALL = ("small contact:", "small contact in ")
+
+
+def notes_with(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
+    """The notes among what was said of frames and what became of them: without assumptions, and without the reason for a wide interval where none is wide."""
+    words = () if outcome is None else outcome.words()
+    narrow = outcome is not None and not outcome.rough
+    return tuple(
+        dict.fromkeys(n for n in (*said, *words) if not n.startswith(ASSUMED) and not (narrow and n.startswith(_SMALL)))
+    )
+
+
+def assumed(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
+    """What was assumed, among what was said of frames and what became of them."""
+    words = () if outcome is None else outcome.words()
+    return tuple(dict.fromkeys(n.removeprefix(ASSUMED) for n in (*said, *words) if n.startswith(ASSUMED)))
 
 
 def _in(touch: Numbers, *statuses: Status) -> npt.NDArray[np.bool_]:

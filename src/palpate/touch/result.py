@@ -19,7 +19,7 @@ from palpate.touch import intervals
 from palpate.touch.counted import of_one
 from palpate.touch.numbers import Numbers
 from palpate.touch.table import Forces
-from palpate.touch.words import notes, summary
+from palpate.touch.words import assumptions, notes, summary
 
 if TYPE_CHECKING:
     import pandas
@@ -237,7 +237,7 @@ class Touch(Numbers):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, what could not be seen, and what became of the frames that it holds, in words.
+        """What to look at: what could not be seen, and what became of the frames that it holds, in words; `assumed` says what was assumed.
 
         Examples
         --------
@@ -248,6 +248,21 @@ class Touch(Numbers):
         ('shear was taken as zero',)
         """
         return notes(self)
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """What was assumed of frames, in words: the line "assumed" of `summary`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
+        >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
+        >>> skin.reconstruct(readings, method="tikhonov").assumed
+        ('shear along x taken as zero (the channels cannot tell all components apart)',)
+        """
+        return assumptions(self)
 
     # -- labelled views ------------------------------------------------------------------------------------------------
 

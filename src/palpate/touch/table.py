@@ -18,7 +18,7 @@ from palpate.status import Status
 from palpate.touch.counted import numberless
 from palpate.touch.intervals import interval
 from palpate.touch.numbers import Numbers
-from palpate.touch.outcome import Outcome
+from palpate.touch.outcome import Outcome, notes_with
 from palpate.touch.rounding import decimals, force_unit, open_interval
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class Forces:
         """What was assumed, what was said of single frames, with how many of them, and what became of the frames."""
         many = f" of {len(self)} frames)"
         said = [n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.values()]
-        return tuple(said if self._outcome is None else [*said, *self._outcome.words()])
+        return notes_with(said, self._outcome)
 
     def table(self) -> pandas.DataFrame:
         """One row a frame; see `Touch.table`."""
@@ -238,9 +238,11 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
         )
         low, high = (factor * np.asarray(table[f"{name}_{side} ({title.split(' (')[1]}"]) for side in ("low", "high"))
         values = factor * np.asarray(table[title])
+        values = np.where(table["status"] == Status.UNEXPLAINED.label, math.nan, values)
         half = 0.5 * (high - low)
-        known = np.isfinite(half) & (half > 0)
-        # what a column is known to on the whole; single frames may be known better or worse
+        known = np.isfinite(half) & (half > 0) & np.isfinite(values)
+        # what a column is known to where something touches; single frames may be known better or worse
+        known = known & (values != 0) if (known & (values != 0)).any() else known
         n = decimals(float(np.median(half[known]))) if known.any() else None
         cells.append(
             [f"{name.replace('_', ' ')} [{unit}]", *(_cell(values[i], low[i], high[i], n) for i in picked.index)]

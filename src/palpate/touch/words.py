@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,12 +11,13 @@ from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate._plot import scaled
 from palpate.elastic.pad import Floats
+from palpate.status import Status
 from palpate.touch.intervals import calibration_note, interval
 from palpate.touch.numbers import Numbers
-from palpate.touch.outcome import Outcome
+from palpate.touch.outcome import Outcome, assumed, notes_with
 from palpate.touch.rounding import force_unit, said
 
-__all__ = ["notes", "outcome", "summary"]
+__all__ = ["assumptions", "notes", "outcome", "summary"]
 
 #: Part of the normal force that lies outside the outermost taxels from which on a summary says so.
 OUTSIDE = 0.05
@@ -29,19 +31,26 @@ def outcome(touch: Numbers) -> list[str]:
 def notes(touch: Numbers) -> tuple[str, ...]:
     """See `Touch.notes`."""
     said = calibration_note(touch)
-    return tuple(dict.fromkeys((*touch.assumptions, *outcome(touch), *((said,) if said else ()))))
+    return (*notes_with(touch.assumptions, Outcome.of(touch)), *((said,) if said else ()))
+
+
+def assumptions(touch: Numbers) -> tuple[str, ...]:
+    """See `Touch.assumed`."""
+    return assumed(touch.assumptions, Outcome.of(touch))
 
 
 def summary(one: Numbers, friction: float | None) -> str:
-    """Force, peak pressure, centre of pressure, contact and slip margin of one frame, one to a line, then the notes.
+    """Force, peak pressure, centre of pressure, contact and slip margin of one frame, one to a line, what was assumed, then the notes.
 
     A number and its 95 % interval are rounded alike.
     """
     line = one.surface.dimensions == 1
     force = np.asarray(to_numpy(one.force), dtype=np.float64)
     components = one.surface.components
-    if not np.isfinite(force).any():
-        return "\n".join(["net force       not known", *(f"note: {n}" for n in notes(one))])
+    # a tracker goes on with numbers that its model does not explain: nobody should read them off
+    unexplained = one.status is not None and int(np.asarray(one.status)) == int(Status.UNEXPLAINED)
+    if unexplained or not np.isfinite(force).any():
+        return "\n".join([f"{'net force':<16}not known{_at_most(one, line=line)}", *_below(one)])
     # some frames have no intervals: found by a method without error bars, or before a stream has made them
     calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
     known = one.errors is not None and (calibrated or bool(np.isfinite(one.errors.force).any()))
@@ -105,7 +114,24 @@ def summary(one: Numbers, friction: float | None) -> str:
         first = next((i for i, text in enumerate(lines) if " (" in text), None)
         if first is not None:
             lines[first] = lines[first].replace(" (", " (95 %: ", 1)
-    return "\n".join([*lines, *(f"note: {n}" for n in notes(one))])
+    return "\n".join([*lines, *_below(one)])
+
+
+def _at_most(one: Numbers, *, line: bool) -> str:
+    """Where the interval of the normal force ends, which is all that is known of a frame that is not explained."""
+    if one.errors is None or "z" not in one.components:
+        return ""
+    end = float(np.ravel(to_numpy(interval(one, 0.95, "force", None)[1]))[-1])
+    if not (math.isfinite(end) and end > 0.0):
+        return ""
+    factor, unit = force_unit(end, "N/m" if line else "N")
+    return f" (at most {said(end, factor=factor, unit=unit)})"
+
+
+def _below(one: Numbers) -> list[str]:
+    """What was assumed, in one line, and a line for each note."""
+    found = assumptions(one)
+    return [*([f"{'assumed':<16}{'; '.join(found)}"] if found else []), *(f"note: {n}" for n in notes(one))]
 
 
 def _unit(values: Sequence[float], unit: str) -> tuple[float, str]:

@@ -10,11 +10,20 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import Grid
+from palpate.sensing.zero import MOVED
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.tracking.rest import Rest
 from palpate.tracking.tracker import Tracker
+from palpate.tracking.zero import Zero
 
 __all__ = ["CalibratedTracker"]
+
+#: What is said where frames that moved were to be the zero.
+NO_ZERO = (
+    "the readings moved while the zero was taken, by more than their noise: the zero of the calibration serves instead, its scatter is in the interval, drift since then "
+    "is not. Give fewer frames (baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
+)
 
 
 class CalibrationLike(Protocol):
@@ -30,6 +39,12 @@ class CalibrationLike(Protocol):
     def elastic(self) -> bool: ...
     @property
     def rest(self) -> Floats | None: ...
+    @property
+    def zero(self) -> Floats | None: ...
+    @property
+    def largest(self) -> Floats: ...
+    def is_zero(self, baseline: Any) -> bool: ...
+    def opened(self) -> CalibrationLike: ...
     def attach(self, touch: Touch, flat: Floats) -> Touch: ...
     def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch: ...
 
@@ -54,7 +69,9 @@ class CalibratedTracker(Tracker):
     """
 
     def __init__(self, *args: Any, calibration: CalibrationLike, **options: Any) -> None:
-        self.calibration = calibration
+        self._calibrated = calibration
+        self.calibration = calibration.opened() if calibration.is_zero(options.get("baseline", 0)) else calibration
+        self._no_zero = False  # whether frames that moved were to be the zero
         self._actual: Floats | None = None
         super().__init__(*args, **options)
         if len(self._std) != calibration.readings:
@@ -66,6 +83,7 @@ class CalibratedTracker(Tracker):
         flat = np.array([self._flat(frame)[0] for frame in rest])
         scatter = float(np.median(flat.std(axis=0) / self._std)) if len(flat) > 1 else 0.0
         self._noise_at_rest = scatter if scatter > 0.0 else None
+        self._ranged = any(p.limits is not None for p in self.estimator.operator.planes_of)
 
     @property
     def _unit(self) -> float:
@@ -94,9 +112,31 @@ class CalibratedTracker(Tracker):
         )
 
     def _step(self, flat: Floats, elapsed: float, started: float, known: float | None) -> tuple[Status, bool]:
-        before = self._zero.baseline
+        before, capturing = self._zero.baseline, self._zero.capturing
         self._actual = None if before is None else flat - before * self._std
-        return super()._step(flat, elapsed, started, self._noise_at_rest if known is None else known)
+        found = super()._step(flat, elapsed, started, self._noise_at_rest if known is None else known)
+        if capturing and not self._zero.capturing:
+            self.calibration, self._no_zero = self._calibrated, self._zero.moved and self._calibrated.zero is not None
+            if self._no_zero:
+                self._go_back_to_zero()
+        if self._no_zero:
+            self._said = [s for s in self._said if s != MOVED] + [NO_ZERO]
+        return found
+
+    def _go_back_to_zero(self) -> None:
+        """Take the zero of the calibration, where one is kept, instead of frames that moved."""
+        zero = self._flat(self._calibrated.zero)[0] / self._std
+        self._zero = Zero(zero, 0, self.drift_time, self._offsets.index)
+        self._rest, self.calibration = Rest(), self._calibrated.opened()
+
+    def _say(self, elapsed: float) -> None:
+        check = self._check
+        actual = np.abs(self._actual) / self._unit if self._actual is not None else None
+        # labelled presses gave larger readings: several that are alike are alike by chance, as those of coarse counts are
+        if actual is not None and not self._ranged and not (check.clipped & (actual >= self.calibration.largest)).any():
+            check.overload = False
+            check.clipped = np.zeros_like(check.clipped)
+        super()._say(elapsed)
 
     def reset(self) -> None:
         """Forget contact, drift and zero, as `Tracker.reset`.
@@ -107,5 +147,5 @@ class CalibratedTracker(Tracker):
         >>> CalibratedTracker.reset.__name__
         'reset'
         """
-        self._actual = None
+        self._actual, self._no_zero = None, False
         super().reset()

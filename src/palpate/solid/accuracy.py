@@ -1,0 +1,45 @@
+"""How far two meshes of one pad differ in what sensors read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import InvalidInput
+from palpate.sensing.arrays import Array
+from palpate.sensing.grids import check_length
+
+__all__ = ["mesh_error"]
+
+#: Cells from the middle of a press to its rim, at least.
+ACROSS = 4.0
+#: Two pads are of one shape where their outlines and thicknesses agree to this part: a mesh of facets leaves a curve by 2 %.
+SAME = 0.02
+
+
+def mesh_error(pad: Any, other: Any, array: Array, radius: float | None) -> float:
+    """See `SolidPad.mesh_error`; both pads are solid ones, whose file imports this one."""
+    size = 0.5 * pad.thickness if radius is None else check_length("radius", radius)
+    mine, its = (np.array([*np.ravel(p.outline), p.thickness]) for p in (pad, other))
+    material = (pad.youngs_modulus, pad.poissons_ratio) == (other.youngs_modulus, other.poissons_ratio)
+    if np.abs(mine - its).max() > SAME * pad.thickness or type(pad.chart) is not type(other.chart) or not material:
+        raise InvalidInput(
+            "the other pad has another shape, surface or material. Compare two meshes of one pad: make it again with another element=."
+        )
+    if len(pad.elements) == len(other.elements) and np.array_equal(pad.vertices, other.vertices):
+        raise InvalidInput("both pads have the same mesh. Make the other one with a smaller element=.")
+    width = size / ACROSS
+    squares = []
+    for y, x in array.points:
+        cells = int(2 * ACROSS)
+        # each pad by its own chart: those of two mesh files differ a little
+        surfaces = [p.grid(shape=(cells, cells), spacing=width, center=(float(x), float(y))) for p in (pad, other)]
+        across = [a - m for a, m in zip(surfaces[0].axes, (float(y), float(x)))]
+        press = np.sqrt(np.maximum(0.0, 1.0 - (across[0][:, None] ** 2 + across[1] ** 2) / size**2))
+        found, finer = (
+            np.tensordot(p.response(array.at_base(p.thickness), s).dense(), press, axes=2).reshape(-1, 3)
+            for p, s in zip((pad, other), surfaces)
+        )
+        squares.append(((found - finer) ** 2).sum(axis=0) / (finer**2).sum(axis=0))
+    return float(np.sqrt(np.mean(squares)))
