@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -124,3 +125,26 @@ def test_an_endpoint_that_is_none_says_so() -> None:
         zenoh_session(listen="nowhere")
     with pytest.raises(pp.InvalidInput, match="either listen or connect"):
         zenoh_session(listen="tcp/127.0.0.1:0", connect="tcp/127.0.0.1:0")
+
+
+def test_a_second_session_of_one_machine_has_an_endpoint_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the refusal advises works."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        taken = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+        free.listen()
+        with pytest.raises(pp.InvalidInput, match="ZENOH_CONFIG"):
+            zenoh_session(listen=taken)
+    (tmp_path / "second.json5").write_text(
+        f'{{listen: {{endpoints: ["{taken}"]}}, scouting: {{multicast: {{enabled: false}}}}}}', encoding="utf-8"
+    )
+    monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "second.json5"))
+    with (
+        zenoh_session() as second,
+        zenoh_session(connect=taken) as driver,
+        ZenohListener(second, SHAPE, key="finger/readings") as listener,
+    ):
+        publishing(driver, "finger/readings")(0, frame_bytes(0, 0.0, np.ones(SHAPE)))
+        wait(lambda: listener.counts["frames"] == 1)

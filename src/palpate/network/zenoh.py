@@ -68,8 +68,9 @@ def zenoh_session(*, listen: str | None = None, connect: str | None = None) -> A
         return zenoh.open(config)
     except zenoh.ZError as error:
         where = listen or connect or os.environ.get(CONFIG) or LOCAL
+        why = str(error).split(" at /")[0].rstrip(".! ")
         raise InvalidInput(
-            f"zenoh does not begin with {where} ({str(error).split(' at /')[0].rstrip('.')})."
+            f"zenoh does not begin with {where} ({why}). Another endpoint, for a second session of one machine too, stands in a file of zenoh's configuration that ZENOH_CONFIG names."
         ) from error
 
 
