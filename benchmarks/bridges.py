@@ -3,11 +3,13 @@ differentiable inverse in PyTorch (and JAX) by batch size. Writes docs/_generate
 
     python benchmarks/bridges.py [--quick]
     python benchmarks/bridges.py --device cuda --out FILE   (the layers alone, beside the processor of the same machine)
+    python benchmarks/bridges.py --gpu-result FILE.json     (keeps that measurement in benchmarks/data and renews the page's part on it)
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 import sys
@@ -21,6 +23,10 @@ import numpy as np
 import palpate as pp
 
 OUT = Path(__file__).parents[1] / "docs" / "_generated" / "bridges.md"
+#: The last measurement on a GPU, which few machines can repeat.
+GPU = Path(__file__).parent / "data" / "bridges_gpu.json"
+#: Where the part of the page begins that `GPU` makes.
+MARK = "<!-- GPU -->"
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 CHANNELS = ["stress_xz", "stress_yz", "stress_zz"]
 #: Weight of the penalty, near to that of evidence.
@@ -230,13 +236,32 @@ def jax_tasks(skin: pp.Skin) -> dict[tuple[str, str], Any]:
     return out
 
 
+def gpu_rows() -> list[str]:
+    import bridges_device
+
+    return [MARK, "", *bridges_device.page(bridges_device.restored(GPU.read_text(encoding="utf-8")))]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="no batches of 4096")
     parser.add_argument("--device", choices=["cuda", "cpu"], help="measure the layers there alone")
     parser.add_argument("--out", type=Path, default=Path("bridges-device"), help="where --device writes .json and .md")
+    parser.add_argument(
+        "--gpu-result", type=Path, help="a .json of --device: keep it, renew that part of the page alone"
+    )
     given = parser.parse_args()
     quick = given.quick
+    if given.gpu_result:
+        import bridges_device
+
+        GPU.parent.mkdir(exist_ok=True)
+        GPU.write_text(
+            bridges_device.stored(json.loads(given.gpu_result.read_text(encoding="utf-8"))), encoding="utf-8"
+        )
+        before = OUT.read_text(encoding="utf-8").split(MARK)[0]
+        OUT.write_text(before + "\n".join(gpu_rows()), encoding="utf-8")
+        return
     if given.device:
         import bridges_device
 
@@ -257,8 +282,7 @@ def main() -> None:
         "",
         *bound_rows(),
         "",
-        "On a GPU: not measured.",
-        "",
+        *gpu_rows(),
     ]
     OUT.write_text("\n".join(text), encoding="utf-8")
     print("\n".join(text))

@@ -241,34 +241,101 @@ def measure(device: str, out: Path, batches: tuple[int, ...]) -> None:
 
 
 def page(found: dict[str, Any]) -> list[str]:
-    """Tables of what was measured, in Markdown."""
-    text = []
-    for library, kept in found.items():
-        of = {what: [r for r in kept["rows"] if r["what"] == what] for what in ("gradient", "compiled", "copy", "rate")}
-        text += [f"### {library}", ""]
-        if kept["failed"]:
-            text += ["It did not end:", "", "```", kept["failed"], "```", ""]
-        for row in of["compiled"]:
-            text.append(
-                f"- {row['device']} ({row['name']}): compiled {row['first']} after the first call, {row['second']} after the second."
-            )
-        text += [
-            f"- {row['device']}: copies {row['bytes_per_second'] / 1e9:.0f} GB/s, read and written."
-            for row in of["copy"]
-        ]
-        text += ["", "| gradient, device against processor | " + " | ".join(PARAMETERS) + " |", "|---" * 6 + "|"]
+    """What was measured, in Markdown: the ends of each finding in words, then tables."""
+    of = {
+        library: {w: [r for r in kept["rows"] if r["what"] == w] for w in ("gradient", "compiled", "copy", "rate")}
+        for library, kept in found.items()
+    }
+    there = next(row for row in of["torch"]["compiled"])
+    device = there["device"]
+    every = [row for kinds in of.values() for row in kinds["rate"] if "frames_per_second" in row]
+    text = [f"On a GPU, {there['name']}, beside the processor of its machine ({_cores(of['torch'])}); wall clock.", ""]
+    errors = [row["error"] for kinds in of.values() for row in kinds["gradient"]]
+    text.append(f"- Gradients, GPU against processor, float64: at most {max(errors):.1e} of the largest.")
+    for task in ("sense", "linear"):
+        shares = [r["frames_per_second"] / r["bound"] for r in every if r["task"] == task and r["device"] == device]
+        text.append(f"- Of the bound by copying, {task}: {_percent(min(shares))} (batch 1) to {_percent(max(shares))}.")
+    for task in ("sense", "linear", "within friction"):
+        batches = sorted({r["batch"] for r in of["torch"]["rate"]})
+        parts = [(b, [x / y for x, y in _pairs(of, device, task, b)]) for b in batches]
+        words = "; ".join(f"batch {b}, {min(times):.2g} to {max(times):.2g}" for b, times in parts if times)
+        text.append(f"- Times as fast as the processor, {task}: {words}.")
+    for library, kinds in of.items():
+        added = [row["second"] - row["first"] for row in kinds["compiled"]]
+        copies = ", ".join(f"{row['device']} {row['bytes_per_second'] / 1e9:.0f} GB/s" for row in kinds["copy"])
+        text.append(
+            f"- {library}: graphs that a second call compiles: {max(added)}; copies {copies}, read and written."
+        )
+    text += [f"- {library} did not end: {kept['failed']}" for library, kept in found.items() if kept["failed"]]
+    text += ["", "| library | gradient, GPU against processor | " + " | ".join(PARAMETERS) + " |", "|---" * 7 + "|"]
+    for library, kinds in of.items():
         for case in cases.CASES:
-            errors = {r["parameter"]: f"{r['error']:.1e}" for r in of["gradient"] if r["case"] == case}
-            text.append(f"| {case} | " + " | ".join(errors.get(p, "none") for p in PARAMETERS) + " |")
-        text += ["", "| what | skin | device | batch | frames a second | of the bound by copying |", "|---" * 6 + "|"]
-        for r in of["rate"]:
-            rate, part = r.get("left_out", "none"), "none"
-            if "frames_per_second" in r:
-                rate = f"{r['frames_per_second']:.0f}"
-                part = f"{100 * r['frames_per_second'] / r['bound']:.2g} %"
-            text.append(f"| {r['task']}, {r['dtype']} | {r['skin']} | {r['device']} | {r['batch']} | {rate} | {part} |")
-        text.append("")
-    return text
+            row = {r["parameter"]: f"{r['error']:.1e}" for r in kinds["gradient"] if r["case"] == case}
+            text.append(f"| {library} | {case} | " + " | ".join(row.get(p, "none") for p in PARAMETERS) + " |")
+    batches = sorted({r["batch"] for r in of["torch"]["rate"]})
+    head = " | ".join(f"batch {b}" for b in batches)
+    text += [
+        "",
+        f"Frames a second, and what part of the bound by copying the GPU's are:\n\n| library | what | skin | on | {head} |",
+    ]
+    text.append("|---" * (4 + len(batches)) + "|")
+    for library, kinds in of.items():
+        lines: dict[tuple[str, ...], list[str]] = {}
+        for r in kinds["rate"]:
+            lines.setdefault((library, f"{r['task']}, {r['dtype']}", r["skin"], r["device"]), []).append(
+                _rate(r, device)
+            )
+        text += ["| " + " | ".join((*key, *cells)) + " |" for key, cells in lines.items()]
+    return [*text, ""]
+
+
+def _rate(row: dict[str, Any], device: str) -> str:
+    if "frames_per_second" not in row:
+        return f"none, {row['left_out']}"
+    share = f" ({_percent(row['frames_per_second'] / row['bound'])})" if row["device"] == device else ""
+    rate = float(f"{row['frames_per_second']:.3g}")
+    return f"{rate:.0f}{share}"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.2g} %"
+
+
+def _cores(kinds: dict[str, list[dict[str, Any]]]) -> str:
+    return str(kinds["compiled"][-1]["name"])
+
+
+def _pairs(of: dict[str, Any], device: str, task: str, batch: int) -> list[tuple[float, float]]:
+    """Rates on the device and on the processor, of each skin and type that was measured on both."""
+    found = []
+    for kinds in of.values():
+        rates = {
+            (r["skin"], r["dtype"], r["device"]): r["frames_per_second"]
+            for r in kinds["rate"]
+            if (r["task"], r["batch"]) == (task, batch) and "frames_per_second" in r
+        }
+        found += [(v, rates[s, t, "cpu"]) for (s, t, d), v in rates.items() if d == device and (s, t, "cpu") in rates]
+    return found
+
+
+def stored(found: dict[str, Any]) -> str:
+    """The same as text, one measurement a line, in four digits."""
+    four = [
+        {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in row.items()} | {"library": library}
+        for library, kept in found.items()
+        for row in kept["rows"]
+    ]
+    failed = {library: kept["failed"] for library, kept in found.items()}
+    return json.dumps({"failed": failed})[:-1] + ', "rows": [\n' + ",\n".join(map(json.dumps, four)) + "\n]}\n"
+
+
+def restored(text: str) -> dict[str, Any]:
+    """What `stored` made."""
+    kept = json.loads(text)
+    return {
+        library: {"rows": [r for r in kept["rows"] if r["library"] == library], "failed": failed}
+        for library, failed in kept["failed"].items()
+    }
 
 
 if __name__ == "__main__":

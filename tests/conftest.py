@@ -64,6 +64,7 @@ NEEDS = {
     "test_streaming_recordings.py": (*COMMANDS, "mcap", "zarr"),
     "test_stopped_stream.py": (*COMMANDS, "mcap", "zarr"),
     "test_trust.py": COMMANDS,
+    "test_zenoh.py": ("zenoh",),
 }
 LEFT_OUT = {
     name: missing

@@ -38,6 +38,7 @@ EXTRAS = {
     "mujoco": "mujoco",
     "torch": "torch",
     "jax": "jax",
+    "zenoh": "zenoh",
     "rclpy": "ros2",
     "geometry_msgs": "ros2",
     "sensor_msgs": "ros2",

@@ -11,7 +11,7 @@ import pytest
 
 import palpate as pp
 from palpate.inverse import registry
-from palpate.network import FrameListener, Limits, frame_bytes, frame_from_bytes, zero_bytes
+from palpate.network import FrameListener, Limits, frame_bytes, frame_from_bytes, zenoh_key, zero_bytes
 from palpate.recordings import TopicMapping
 from palpate.sensors import preset
 from remedies._remedy import Remedy, command, laid, value
@@ -145,6 +145,7 @@ REMEDIES = [
     value("frames must be a whole number from 1 to", zero_bytes, 0, 10),
     value("connections must be a whole number from 2 on", lambda n: Limits(connections=n), 1, 2),
     value("{} must be a positive number; got", lambda q: Limits(quiet=q), 0.0, 1.0, room="network.admission"),
+    value("a key of zenoh is words between single /", zenoh_key, "/finger/*", "left/finger"),
     value('kind must be "udp", "tcp" or "ws"', lambda k: listening(kind=k), "http", "udp"),
     value(
         "shape must be (channel, taxel) or (channel, y, x); got",

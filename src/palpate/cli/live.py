@@ -28,6 +28,13 @@ def live(
     udp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this UDP port.")] = None,
     tcp: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen for frames on this TCP port.")] = None,
     ws: Annotated[int | None, typer.Option(min=1, max=65535, help="Take frames by WebSocket on this port.")] = None,
+    zenoh: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEY",
+            help="Take frames from KEY/readings by zenoh, and publish touches on KEY/touch. On this machine (tcp/127.0.0.1:7447) unless ZENOH_CONFIG names a configuration.",
+        ),
+    ] = None,
     camera: Annotated[
         str | None,
         typer.Option(
@@ -67,15 +74,15 @@ def live(
 
     import numpy as np
 
-    from palpate.live import FoxgloveServer, Live, RerunSink, Session, address, serve
+    from palpate.live import FoxgloveServer, Live, RerunSink, Session, address, publish_touches, serve
     from palpate.live.server import BUDGET, LOCAL
     from palpate.live.session import recorded
     from palpate.recordings import Sink, recorder
     from palpate.skin import Skin
 
     listening = {k: v for k, v in (("udp", udp), ("tcp", tcp), ("ws", ws)) if v is not None}
-    if sum((demo, recording_file is not None, camera is not None, len(listening))) != 1:
-        raise InvalidInput("give either a RECORDING, --camera, --udp, --tcp or --ws with a --skin, or --demo.")
+    if sum((demo, recording_file is not None, camera is not None, zenoh is not None, len(listening))) != 1:
+        raise InvalidInput("give either a RECORDING, --camera, --udp, --tcp, --ws or --zenoh with a --skin, or --demo.")
     if (skin_file is None) != demo:
         raise InvalidInput(
             "--demo has its own skin: leave out --skin." if demo else "what is shown needs its skin: --skin skin.toml."
@@ -86,7 +93,7 @@ def live(
         raise InvalidInput("--speed is for replaying a RECORDING; a live sensor has its own pace: leave out --speed.")
     if recording_file is None and columns is not None:
         raise InvalidInput("--map describes a RECORDING that is a table: leave it out.")
-    if (listening or camera is not None) and loop:
+    if (listening or zenoh is not None or camera is not None) and loop:
         raise InvalidInput("--loop repeats a RECORDING, not frames from the network or a camera: leave out --loop.")
     if record_to is not None and not record_to.is_dir():
         raise InvalidInput(f"--record-to {record_to}: no such folder.")
@@ -100,7 +107,7 @@ def live(
             f"--host {host} opens the page to others: they must bring a token; leave --token out to have one made."
         )
     options = tracker_options(ctx)
-    pace, end, seen = True, None, None
+    pace, end, seen, connection = True, None, None, None
     if camera is not None and skin_file is not None:
         from palpate.cli.pictures import known_skin
         from palpate.live.camera import CameraSource
@@ -120,18 +127,26 @@ def live(
 
         source = frames
     elif recording_file is None:
-        from palpate.network import FrameListener
+        from palpate.network import FrameListener, ZenohListener, zenoh_key, zenoh_session
+        from palpate.network.waiting import FrameSource
 
         skin = Skin.from_file(skin_file)  # type: ignore[arg-type]
         shapes = {p.shape for p in skin.planes}
         if len(shapes) != 1:
             raise InvalidInput("frames from the network hold planes of one shape; this skin has several.")
-        channels = sum(len(p.channels) for p in skin.planes)
-        kind, where = listening.popitem()
-        listener = FrameListener((channels, *shapes.pop()), kind=kind, port=where, host=host)
-        name, pace, end = f"{kind} port {listener.port}", False, listener.close
+        shape = (sum(len(p.channels) for p in skin.planes), *shapes.pop())
+        listener: FrameSource
+        if zenoh is not None:
+            zenoh_key(zenoh)
+            connection = zenoh_session()
+            listener, name = ZenohListener(connection, shape, key=f"{zenoh}/readings"), f"zenoh {zenoh}"
+        else:
+            kind, where = listening.popitem()
+            wired = FrameListener(shape, kind=kind, port=where, host=host)
+            listener, name = wired, f"{kind} port {wired.port}"
+        pace, end = False, listener.close
 
-        def source() -> FrameListener:
+        def source() -> FrameSource:
             return listener
     else:
         from palpate.recordings import read_recording
@@ -173,8 +188,14 @@ def live(
     )
     if seen is not None:
         seen.report, seen.skip = session.note, session.skip
+    if connection is not None:
+        publish_touches(session, connection, key=f"{zenoh}/touch")
     view = Live(session, token=token, folder=record_to)
     typer.echo(f"open {address(view, host, port)}    (Ctrl-C ends)")
-    serve(view, host=host, port=port)
+    try:
+        serve(view, host=host, port=port)
+    finally:
+        if connection is not None:
+            connection.close()
     if session.lost:
         raise session.lost[0]

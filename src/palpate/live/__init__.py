@@ -4,5 +4,17 @@ from palpate.live.foxglove import FoxgloveServer
 from palpate.live.rerun import RerunSink
 from palpate.live.server import Live, address, serve, show
 from palpate.live.session import Session, packed, unpacked
+from palpate.live.zenoh import publish_touches
 
-__all__ = ["FoxgloveServer", "Live", "RerunSink", "Session", "address", "packed", "serve", "show", "unpacked"]
+__all__ = [
+    "FoxgloveServer",
+    "Live",
+    "RerunSink",
+    "Session",
+    "address",
+    "packed",
+    "publish_touches",
+    "serve",
+    "show",
+    "unpacked",
+]

@@ -15,7 +15,7 @@ from typing import Any
 from palpate._extras import missing
 from palpate.errors import InvalidInput
 from palpate.network.admission import Limits
-from palpate.network.frames import MAGIC, ZERO, zero_from_bytes
+from palpate.network.frames import MAGIC, ZERO
 from palpate.network.waiting import FrameSource
 
 __all__ = ["FrameListener"]
@@ -293,27 +293,6 @@ class FrameListener(FrameSource):
     def _abort_all(self) -> None:
         for transport in self._connections.values():
             transport.abort()
-
-    def _take(self, sender: str, data: bytes) -> str:
-        """What became of a message."""
-        if data[:4] == ZERO and self.zero is not None:
-            return self._zeroed(sender, data, self.zero)
-        result, found = self._admission.offer(sender, data, clock.monotonic())
-        self._put(found)
-        return result
-
-    def _zeroed(self, sender: str, data: bytes, zero: Callable[[int], None]) -> str:
-        """What became of a wish for a new zero: only the sender whose frames are taken may have one."""
-        now = clock.monotonic()
-        if sender != self.sender:
-            return self._admission.refuse("busy", sender, now, "a new zero is for the sender that is being served")
-        try:
-            frames = zero_from_bytes(data)
-        except InvalidInput as error:
-            return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
-        self._say(f"{sender} asks for a new zero")
-        zero(frames)
-        return "frames"
 
 
 class _Datagrams(asyncio.DatagramProtocol):

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time as clock
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from palpate.errors import InvalidInput
 from palpate.network.admission import Admission, Limits
+from palpate.network.frames import ZERO, zero_from_bytes
 
 __all__ = ["EVENTS", "WAITING", "FrameSource"]
 
@@ -18,9 +21,9 @@ EVENTS = 100
 
 
 class FrameSource:
-    """Frames of live senders, one sender at a time: what `FrameListener` and the node for ROS 2 have in common.
+    """Frames of live senders, one sender at a time: what `FrameListener`, `ZenohListener` and the node for ROS 2 have in common.
 
-    A subclass gives what it receives to ``_admission`` and what that takes to `_put`; ``report`` and ``zero`` are as in `FrameListener`.
+    A subclass gives the bytes that it receives to `_take`, or messages of another form to ``_admission`` and what that takes to `_put`; ``report`` and ``zero`` are as in `FrameListener`.
     """
 
     def __init__(
@@ -66,6 +69,27 @@ class FrameSource:
         with self._ready:
             self._open = False
             self._ready.notify_all()
+
+    def _take(self, sender: str, data: bytes) -> str:
+        """What became of a message."""
+        if data[:4] == ZERO and self.zero is not None:
+            return self._zeroed(sender, data, self.zero)
+        result, found = self._admission.offer(sender, data, clock.monotonic())
+        self._put(found)
+        return result
+
+    def _zeroed(self, sender: str, data: bytes, zero: Callable[[int], None]) -> str:
+        """What became of a wish for a new zero: only the sender whose frames are taken may have one."""
+        now = clock.monotonic()
+        if sender != self.sender:
+            return self._admission.refuse("busy", sender, now, "a new zero is for the sender that is being served")
+        try:
+            frames = zero_from_bytes(data)
+        except InvalidInput as error:
+            return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
+        self._say(f"{sender} asks for a new zero")
+        zero(frames)
+        return "frames"
 
     def _put(self, frames: Sequence[tuple[int, float, Any]]) -> None:
         """Frames that were taken."""

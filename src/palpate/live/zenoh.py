@@ -1,0 +1,51 @@
+"""Packets of a live session, published by zenoh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from palpate.live.session import Session
+from palpate.network.zenoh import zenoh_key
+
+__all__ = ["publish_touches"]
+
+
+def publish_touches(session: Session, connection: Any, *, key: str) -> Callable[[], None]:
+    """Publish each packet of a session (`palpate.live.unpacked` reads it); returns what ends it.
+
+    Parameters
+    ----------
+    session : Session
+        With ``pages=True``, as it is made unless told otherwise.
+    connection : zenoh.Session
+        Open; see `palpate.network.zenoh_session`.
+    key : str
+        Published on.
+
+    Raises
+    ------
+    InvalidInput
+        Not a key that can be published on.
+
+    Examples
+    --------
+    >>> from palpate.live import publish_touches
+    >>> end = publish_touches(session, connection, key="finger/touch")  # doctest: +SKIP
+    """
+    publisher = connection.declare_publisher(zenoh_key(key))
+    sent = 0
+
+    def send() -> None:
+        nonlocal sent
+        if session.packet is not None and session.count > sent:  # it is told of events and of the end too
+            sent = session.count
+            publisher.put(session.packet)
+
+    end_of_packets = session.listen(send)
+
+    def end() -> None:
+        end_of_packets()
+        publisher.undeclare()
+
+    return end
