@@ -3,6 +3,7 @@ from __future__ import annotations
 import ast
 import importlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -141,6 +142,21 @@ def test_rooms() -> None:
             if other != own and ROOMS.index(other) >= ROOMS.index(own):
                 wrong.append(f"{'/'.join(parts)} imports {module}")
     assert wrong == []
+
+
+def test_the_page_and_the_picture_of_the_rooms_name_them_all() -> None:
+    docs = SOURCE.parents[1] / "docs"
+    table = (docs / "architecture.md").read_text().split("## Rooms")[1].split("\n## ")[0]
+    told = [
+        name
+        for row in table.splitlines()
+        if row.startswith("| `")
+        for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    ]
+    floors = ast.parse((docs / "_rooms.py").read_text())
+    names = {node.value for node in ast.walk(floors) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    assert sorted(told) == sorted(ROOMS)
+    assert set(ROOMS) <= names
 
 
 def test_numerics_know_no_frames() -> None:
