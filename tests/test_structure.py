@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -141,6 +144,21 @@ def test_rooms() -> None:
     assert wrong == []
 
 
+def test_the_page_and_the_picture_of_the_rooms_name_them_all() -> None:
+    docs = SOURCE.parents[1] / "docs"
+    table = (docs / "architecture.md").read_text().split("## Rooms")[1].split("\n## ")[0]
+    told = [
+        name
+        for row in table.splitlines()
+        if row.startswith("| `")
+        for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    ]
+    floors = ast.parse((docs / "_rooms.py").read_text())
+    names = {node.value for node in ast.walk(floors) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    assert sorted(told) == sorted(ROOMS)
+    assert set(ROOMS) <= names
+
+
 def test_numerics_know_no_frames() -> None:
     """`inverse/constrained` minimises; what a frame is, and which explanation of it is the better one, is decided above it."""
     deciding = (
@@ -212,12 +230,38 @@ def test_names_are_offered_where_they_live() -> None:
         assert names <= top_level(body), f"{path.name} offers {', '.join(sorted(names - top_level(body)))}"
 
 
+@pytest.mark.parametrize("path", sorted(SOURCE.glob("*/__init__.py")), ids=lambda p: p.parent.name)
+def test_a_room_says_what_comes_in_what_goes_out_and_where_to_begin(path: Path) -> None:
+    lines = (ast.get_docstring(tree_of(path)) or "").splitlines()
+    starts = [line.partition(":")[0] for line in lines if line.startswith(("In: ", "Out: ", "Open first: "))]
+    assert starts == ["In", "Out", "Open first"]
+    first = next(line for line in lines if line.startswith("Open first: "))
+    assert (path.parent / first.split("`")[1]).is_file()
+
+
 def test_public_names() -> None:
-    assert sorted(pp.__all__) == sorted({*pp._PUBLIC, "solutions", "__version__"})
-    for name in pp.__all__:
-        assert getattr(pp, name) is not None
+    """Each name that the stub lists is loaded from the room that the stub names, and no other name is public."""
+    stub = ast.parse((SOURCE / "__init__.pyi").read_text())
+    listed = {a.name: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names}
+    assert sorted(pp.__all__) == sorted({*listed, "__version__"}) == dir(pp)
+    for name, module in listed.items():
+        home = importlib.import_module(f"palpate.{module or name}")
+        assert getattr(pp, name) is (getattr(home, name) if module else home)
     with pytest.raises(AttributeError):
         _ = pp.nothing
+
+
+@pytest.mark.long
+def test_type_checkers_see_the_public_names(tmp_path: Path) -> None:
+    """mypy knows the type of every public name: none is Any."""
+    names = [name for name in pp.__all__ if not name.startswith("_")]
+    shown = tmp_path / "shown.py"
+    shown.write_text("import palpate as pp\n" + "".join(f"reveal_type(pp.{name})\n" for name in names))
+    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path / "cache"), str(shown)]
+    found = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "MYPYPATH": str(SOURCE.parent)})
+    revealed = [line for line in found.stdout.splitlines() if "Revealed type" in line]
+    assert len(revealed) == len(names), found.stdout
+    assert [line for line in revealed if line.endswith('"Any"')] == []
 
 
 @pytest.mark.parametrize("name", [n for n in pp.__all__ if n[0].isupper() and n.upper() != n])

@@ -1,4 +1,9 @@
-"""Pictures. Figures are made without pyplot, so nothing opens a window or keeps state."""
+"""Pictures of touches, streams and measurements.
+
+In: a touch, a table of forces or rows of numbers, as described in `shown`.
+Out: figures of Matplotlib, made without pyplot: no window opens and no state is kept.
+Open first: `maps.py`.
+"""
 
 from palpate._plot.arrows import arrow_cells
 from palpate._plot.forces import draw_forces, plot_forces

@@ -1,4 +1,9 @@
-"""Recordings of any length: read, reconstructed over processes or a cluster, and written, piece by piece."""
+"""Reconstruct recordings of any length, piece by piece, over processes or a cluster.
+
+In: a recording (file or object), a skin and the options of `Skin.reconstruct`.
+Out: a touch in memory, or a file of touches that an interrupted run can resume.
+Open first: `run.py`.
+"""
 
 from palpate.archives.run import Reconstructed, piece_length, reconstruct_recording, worker_count
 

@@ -1,4 +1,9 @@
-"""How accurate the inversion is, and whether its error bars are honest: contacts x noise x methods."""
+"""Measure how accurate the inversion is and whether its error bars hold.
+
+In: a method and a population of contacts, layouts and noise with known truth.
+Out: tables of error, coverage and silent failures; constants for the room `uncertainty`.
+Open first: `accuracy.py`.
+"""
 
 from palpate.bench.ablation import ablation, as_markdown, summary
 from palpate.bench.accuracy import (

@@ -1,4 +1,9 @@
-"""Newtons from a few known weights: maps from readings to net force that begin as physics and end as a regression."""
+"""Newtons from a few known weights: a map from readings to net force, learned from labels.
+
+In: recordings of a sensor and labels (weights, or a force sensor on its own clock).
+Out: net force with intervals, `calibrated.toml`, and findings about the sensor.
+Open first: `calibrating.py`.
+"""
 
 from palpate.calibrate.answer import calibrated_touch
 from palpate.calibrate.calibrating import calibrate, flat_readings

@@ -1,6 +1,8 @@
-"""From pictures to touch: a video, a folder, a stack or a camera in; displacements of printed markers with their errors; what touches.
+"""From pictures of a gel to touch. Needs palpate[camera] (OpenCV, PyAV, tifffile).
 
-Needs palpate[camera] (OpenCV, PyAV, tifffile).
+In: a video, a folder, a stack or a camera; a gel with dots, with a texture, or lit in colours.
+Out: displacements (or slopes) with standard deviations, and touches.
+Open first: `touches.py`.
 """
 
 from palpate.camera.colour import (

@@ -1,4 +1,9 @@
-"""The command line: thin shells, one module per command, that read, call the library, and write."""
+"""The command line: one module per command that reads, calls the library and writes. It computes nothing.
+
+In: arguments, files and skin.toml.
+Out: text, files and pictures; an error as one message and exit code.
+Open first: `commands.py`.
+"""
 
 from __future__ import annotations
 

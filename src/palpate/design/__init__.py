@@ -1,4 +1,9 @@
-"""What a skin can resolve at best: bounds from its own operator, sweeps over designs, placement of taxels."""
+"""What a skin can resolve at best, before it is built.
+
+In: a skin (or design.toml) and a press.
+Out: bounds of force, place and radius, the closest pair told apart, the smallest contact noticed; sweeps and placements.
+Open first: `result.py`.
+"""
 
 from __future__ import annotations
 

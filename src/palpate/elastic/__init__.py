@@ -1,4 +1,9 @@
-"""The physics: pads, the states of one wavevector, and the quantities a sensor can feel. Knows no grid."""
+"""The physics of a pad for one wavevector. Knows no grid.
+
+In: moduli, layers and depth; a wavevector.
+Out: a matrix from surface traction to displacement, stress and strain at a depth (`channels.py` lists what can be measured).
+Open first: `pad.py`.
+"""
 
 from palpate.elastic.channels import AREA_CHANNELS, CHANNELS, LINE_CHANNELS, Channel, channel_unit, find_channel
 from palpate.elastic.half_space import HalfSpace, from_radial

@@ -1,4 +1,9 @@
-"""What presses the pad: contact patches, radius of a ball or a flat, stiffness and texture, each with its interval or the reason why nothing tells it."""
+"""What presses the pad: contact patches, radius of a ball or a flat, stiffness and texture.
+
+In: readings, a skin and, if known, the indentation.
+Out: each property with its interval, or the reason why the readings do not determine it.
+Open first: `identify.py`.
+"""
 
 from palpate.identify.findings import Finding, Identified, IdentifiedPress, Patch
 from palpate.identify.identify import identify

@@ -1,4 +1,9 @@
-"""From readings to traction: methods, what they are prepared for, and what can be observed at all."""
+"""From readings to traction: methods and what each needs.
+
+In: readings and a `Problem` (operator, surface, noise, prior, friction).
+Out: an `Estimate`: traction, errors, status and notes of each frame.
+Open first: `method.py`.
+"""
 
 from palpate.inverse.comparison.elastic_net import ElasticNet
 from palpate.inverse.comparison.maximum_entropy import MaximumEntropy

@@ -1,4 +1,9 @@
-"""The live view: a page on this machine that shows what touches the pad while it happens."""
+"""The live view: a page on this machine that shows what touches the pad while it happens.
+
+In: frames from a source (recording, network, camera, Python) and a tracker.
+Out: packets for the page, for Foxglove, Rerun and the sinks of `recordings`.
+Open first: `session.py`.
+"""
 
 from palpate.live.foxglove import FoxgloveServer
 from palpate.live.rerun import RerunSink

@@ -1,4 +1,9 @@
-"""Traction force microscopy: displacement fields of other programs, or pictures of beads, in; what a cell does to its gel out."""
+"""Traction force microscopy: forces of cells, sheets and pillars on a gel.
+
+In: displacement fields of other programs, or pictures of beads before and after.
+Out: strain energy, contractility, moment, adhesions and tensions, each with its interval.
+Open first: `cell.py`.
+"""
 
 from palpate.microscopy.beads import bead_displacements
 from palpate.microscopy.cell import CellForces, Quantity, cell_forces

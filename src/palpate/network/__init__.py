@@ -1,8 +1,8 @@
-"""Frames over the network: a small binary form by UDP, TCP, WebSocket or zenoh, for drivers in any language.
+"""Frames over UDP, TCP, WebSocket or zenoh in a small binary form, for drivers in any language.
 
-`frames` is the form of a frame, `admission` decides which frames are taken and from whom, `listener` holds the sockets,
-`zenoh` the same by zenoh,
-`waiting` the few frames that nobody has taken yet.
+In: packets of any sender (`frames.py` has their form, `admission.py` decides which are taken).
+Out: frames with readings and times in order, and the few that still wait (`waiting.py`).
+Open first: `listener.py` (sockets; `zenoh.py` is the same by zenoh).
 """
 
 from palpate.network.admission import Admission, Limits

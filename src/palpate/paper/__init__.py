@@ -11,6 +11,10 @@ found from normal stress or strain at depth by dividing Fourier transforms. Dept
     studies     ours: errors, friction, noise, truncation, speed, two planes, three dimensions, an analog network
     findings    what it says, and what we find
     page        all of it on one page; `tables` are those of the page and of the documentation
+
+In: the paper's numbers and loads, kept in `cases.py`.
+Out: its figures, its formulas checked, and a page with what lies beyond it.
+Open first: `page.py`.
 """
 
 from palpate.paper.algorithm import sliding

@@ -1,8 +1,8 @@
-"""Contacts that a simulator tells as points and forces, as traction on a pad.
+"""Contacts of a simulator (points and forces) as traction on a pad.
 
-A rigid-body simulator knows where bodies touch, with what force, and their geometry; it does not know how the force is spread. `Contacts` holds what it
-knows, `spread` makes the traction: Hertz's pressure where both bodies are smooth (`shapes` tells the curvature), an even pressure over what is flat, and
-shear as Cattaneo and Mindlin's. Force and moment of the traction are those of the contacts.
+In: `Contacts`: points, forces and the geometry of both bodies.
+Out: traction whose force and moment are those of the contacts: Hertz's pressure where both bodies are smooth, even pressure on flats.
+Open first: `spread.py`.
 """
 
 from palpate.pressing.contacts import Contacts

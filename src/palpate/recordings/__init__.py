@@ -1,4 +1,9 @@
-"""Recordings and skins in and out of files."""
+"""Recordings, skins and touches in and out of files.
+
+In: files of any format, tables of other programs, skin.toml.
+Out: `Recording`, `Skin` parts and touches; files written whole or as the frames come.
+Open first: `formats.py`.
+"""
 
 from __future__ import annotations
 

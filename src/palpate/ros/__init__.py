@@ -1,6 +1,8 @@
-"""A ROS 2 node: a tactile sensor's topic in, what touches it out. Needs rclpy, of ROS 2 itself or as wheels (``palpate[ros2]``).
+"""A ROS 2 node. Needs rclpy, of ROS 2 itself or as wheels (``palpate[ros2]``).
 
-`client` finds ROS, `intake` takes messages in, `outlet` sends what was found, `node` is the node.
+In: messages of a sensor's topic, as `[stream]` in skin.toml describes them.
+Out: topics with wrench, centre, traction, slip margin and diagnostics.
+Open first: `node.py`.
 """
 
 from palpate.ros.client import message_class, ros_client

@@ -1,4 +1,9 @@
-"""Grids, arrays of sensing elements, and the linear operator from surface traction to readings."""
+"""Grids, arrays of sensing elements, and the operator from surface traction to readings.
+
+In: a pad, an array and a surface.
+Out: readings of a traction and the adjoint of that map; readings checked and labelled.
+Open first: `operator.py`.
+"""
 
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.curved import Chart, CurvedGrid, CylinderChart, Frames, SphereChart

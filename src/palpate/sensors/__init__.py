@@ -1,4 +1,9 @@
-"""Sensors that can be bought, and a template for one's own: skin files with the source of each number and how well it is known."""
+"""Sensors that can be bought, and a template for one's own.
+
+In: the name of a sensor.
+Out: its skin file, with the source of each number and how well it is known.
+Open first: `__init__.py`.
+"""
 
 from __future__ import annotations
 

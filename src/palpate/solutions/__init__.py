@@ -2,6 +2,10 @@
 
 They make truth for simulations and tests, and the influence of one uniformly loaded surface cell, from which
 `palpate.sensing` builds the non-periodic operator of a half-space.
+
+In: sizes, loads and a pad or its moduli.
+Out: contacts and loads with their traction, and their fields below the surface.
+Open first: `area.py` (a plane pressed anywhere) or `line.py`.
 """
 
 from palpate.solutions.area import (

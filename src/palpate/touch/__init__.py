@@ -1,4 +1,9 @@
-"""The result: traction on the surface, what can be read off it, and how sure it is."""
+"""The result: traction on the surface, numbers derived from it, and their errors.
+
+In: an `Estimate` of each frame with its surface and calibration of errors.
+Out: `Touch`: labelled maps, net force, intervals, summary, tables, files.
+Open first: `result.py`.
+"""
 
 from palpate.touch.joining import joined
 from palpate.touch.result import Touch

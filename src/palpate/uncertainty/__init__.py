@@ -1,4 +1,9 @@
-"""How the errors of each quantity are distributed: generated constants with the population they come from."""
+"""How the errors of each quantity are distributed.
+
+In: a method and the case of a frame (line or area, many or few taxels).
+Out: constants that scale error bars, with the population that they come from (`constants.json`).
+Open first: `calibration.py`.
+"""
 
 from palpate.uncertainty.calibration import (
     AMBIGUOUS,
