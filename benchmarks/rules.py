@@ -56,7 +56,6 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "larger scales": {"prior.larger": (1.0,)},
     "heavy tails": {"detection.heavy_tails": math.inf},
     "compact contact wide of an offset": {"explanations.compact": 0.0},
-    "offset of outermost taxels": {"explanations.edge_taxels": 10**9},
     "load beyond the outermost taxels": {"errors.beyond": 0.0},
     "even press for offsets": {"errors.even_press": 0.0},
     "posterior variance in local weights": {"parts.posterior_variance": False},

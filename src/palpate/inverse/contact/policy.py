@@ -157,8 +157,6 @@ class Explanations:
     )
     compact: float = number(0.8, "a compact contact leaves this part of the readings' degrees of freedom")
     same: float = number(0.1, "sizes of nuisances that differ by less than this part are the same")
-    edge_taxels: int = number(8, "the mean of so many outermost taxels at least says that there is no offset")
-    edge_mean: float = number(1.5, "where it is so many of its standard errors")
     followed: int = number(2, "so many rivals take the place of an explanation that is refuted")
     least_weight: float = number(0.05, "of two weighed explanations one with less is left out")
 
