@@ -61,6 +61,7 @@ class Parts:
     narrow_weights: bool = part("local weights, narrow")
     posterior_variance: bool = part("posterior variance in local weights")
     finer_grid: bool = part("finer grid")
+    finer_sliding: bool = part("finer grid of sliding contact", needs="friction")
     wide_surface: bool = part("surface beyond the edge")
     ends_on_surface: bool = part("models that end on the surface")
     sliding: bool = part("sliding as a whole", needs="friction")
