@@ -2,6 +2,7 @@
 differentiable inverse in PyTorch (and JAX) by batch size. Writes docs/_generated/bridges.md.
 
     python benchmarks/bridges.py [--quick]
+    python benchmarks/bridges.py --device cuda --out FILE   (the layers alone, beside the processor of the same machine)
 """
 
 from __future__ import annotations
@@ -232,7 +233,15 @@ def jax_tasks(skin: pp.Skin) -> dict[tuple[str, str], Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="no batches of 4096")
-    quick = parser.parse_args().quick
+    parser.add_argument("--device", choices=["cuda", "cpu"], help="measure the layers there alone")
+    parser.add_argument("--out", type=Path, default=Path("bridges-device"), help="where --device writes .json and .md")
+    given = parser.parse_args()
+    quick = given.quick
+    if given.device:
+        import bridges_device
+
+        bridges_device.measure(given.device, given.out, (1, 64) if quick else bridges_device.BATCHES)
+        return
     text = [
         f"Written by `benchmarks/bridges.py`: one thread of {platform.machine()}, {os.cpu_count()} cores, beside other work; times are those of the processor.",
         "",

@@ -99,15 +99,16 @@ def cell_of(
     # as stiff as makes displacements those of experiments
     modulus = 1e3 * float(np.hypot(*u).max()) / largest
     u *= 1e3 / modulus
-    # the picture: what lies in view. A cell at the edge was drawn on a field twice as wide
-    first = (traction.shape[1] - squares) // 2
-    view = slice(first, first + squares)
-    t, u, mask, outlines = traction[:, view, view], u[:, view, view], mask[view, view], outlines[view, view]
     seen = u
-    if window:
+    if window:  # before the picture is cut out: no window of a correlation sees beyond it, nor repeats its last row
         seen = scipy.ndimage.uniform_filter(u, (0, window, window), mode="nearest")
         if window % 2 == 0:  # scipy's even windows lie half a square off: put their middle between two squares
             seen = 0.5 * (seen + np.roll(seen, (-1, -1), (1, 2)))
+    # the picture: what lies in view. A cell at the edge was drawn on a field twice as wide
+    first = (traction.shape[1] - squares) // 2
+    view = slice(first, first + squares)
+    t, u, seen = traction[:, view, view], u[:, view, view], seen[:, view, view]
+    mask, outlines = mask[view, view], outlines[view, view]
     at = step // 2 + step * np.arange(n)
     values = seen[:, at[:, None], at[None, :]]
     top = float(np.hypot(*values).max())

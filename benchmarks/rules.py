@@ -68,6 +68,76 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "skipped models": {"parts.skipped": False},
     "no shear outside contact": {"parts.shear_in_contact": False},
     "uneven noise is no contact": {"parts.uneven_evidence": False},
+    "second derivative": {"parts.second_derivative": False},
+    "discs": {"discs.least": 2.0},
+    "discs' detail": {"discs.detail": 0.0},
+    "disc larger than a pitch": {"discs.at_end": 2.0},
+    "worse discs": {"discs.worse": math.inf},
+    "contact in a few cells": {"parts.few_cells": False},
+    "pull about a contact": {"parts.rims": False},
+    "evident rims": {"rims.evident": 6.0},
+    "cancelling rims": {"rims.cancel": math.inf},
+    "sliding as a whole": {"parts.sliding": False},
+    "sliding in turn with pressure": {"prior.jointly": 1},
+    "trimming": {"parts.trim": False},
+    "noise of each channel": {"parts.channel_noise": False},
+    "noise learned again": {"parts.noise_again": False},
+    "screening": {"parts.screening": False},
+    "outliers": {"parts.outliers": False},
+    "patches that noise explains": {"detection.patch": 0.0},
+    "contact that leaves most": {"detection.most_left": 2.0},
+    "doubt": {"explanations.doubt": 0.0},
+    "loaded edge asks for offsets": {"explanations.edge": 2.0},
+    "loaded ring": {"explanations.ring": 2.0},
+    "price of a nuisance": {"explanations.per_nuisance": 0.0},
+    "largest nuisance": {"explanations.largest_nuisance": math.inf},
+    "smallest nuisance": {"explanations.smallest_nuisance": 0.0},
+    "push and pull at once": {"explanations.structured": 2.0},
+    "push and pull by chance": {"explanations.structured_chance": 2.0},
+    "pressure everywhere": {"explanations.everywhere": 2.0},
+    "undecided margin": {"explanations.undecided": 6.0},
+    "noise exceeded by a part": {"explanations.exceeded": 0.0},
+    "hopeless signs": {"explanations.many_taxels": 10**9},
+    "wide offsets": {"explanations.compact": 0.0},
+    "alike rivals": {"explanations.least_weight": 0.0},
+    "noise alike of few": {"fit.few": 0},
+    "told drift": {"fit.told": 0.0},
+    "prior of the discrepancy": {"fit.prior_weight": 0.0},
+    "one discrepancy": {"fit.shares": (0.1,)},
+    "faint discrepancy": {"fit.faint": 0.0},
+    "load of refuted drift": {"fit.refuted_load": 0.0},
+    "proof": {"fit.proof": 0.04},
+    "gross": {"screening.gross": 0.0},
+    "outermost broken": {"screening.outermost": 0.0},
+    "load instead of broken": {"screening.nearly": 0.0},
+    "neighbours are contact": {"screening.neighbours": 10**9},
+    "dead": {"screening.dead": math.inf},
+    "shallow taxels": {"screening.shallow": 0.0},
+    "open end": {"screening.open_end": 0.0},
+    "excess at an end": {"screening.excess": 0.0},
+    "ends that a frame shows": {"screening.at_end": 10**9, "screening.at_end_rounded": 10**9},
+    "rounding": {"noise.step": math.inf},
+    "noise followed": {"noise.followed": 0.0},
+    "offsets found again": {"noise.offset_rounds": 0, "noise.most_offset_rounds": 0},
+    "turns of channels": {"noise.turns": 1},
+    "turns of all": {"noise.turns_of_all": 1},
+    "even penalty's share": {"prior.even": 0.0},
+    "improbable models": {"prior.improbable": 0.0},
+    "left more": {"prior.left_more": math.inf},
+    "rounds of local weights": {"prior.rounds": 2},
+    "margin": {"extent.margin": 0},
+    "quieter cells": {"extent.noisy": 0.0},
+    "goes on": {"extent.goes_on": 10.0},
+    "at the edge": {"extent.at_edge": 10.0},
+    "noise alike in force": {"errors.alike": 1.0},
+    "ambiguous force": {"errors.ambiguous_force": 0.0, "errors.ambiguous_coupled": 0.0},
+    "ambiguous peak": {"errors.ambiguous_peak": 0.0},
+    "ambiguous shear": {"errors.ambiguous_shear": 0.0},
+    "unsure ramps": {"errors.unsure": 0.0},
+    "series of nuisances": {"work.slow": 2.0},
+    "likely cells": {"work.likely": 0.0},
+    "least absolute deviations": {"work.reweighed": 1},
+    "cells of few readings": {"detection.few_readings": 0},
 }
 
 
@@ -118,21 +188,24 @@ def summary(v: Verdict) -> dict[str, Any]:
     }
 
 
-def run(file: Path, frames: int, seconds: float, only: list[str]) -> None:
+def run(file: Path, frames: int, seconds: float, only: list[str], share: str = "0/1", readings: int = READINGS) -> None:
+    part, parts = map(int, share.split("/"))
     done = set()
     if file.exists():
         done = {(r["row"], r["index"], r["rule"]) for r in map(json.loads, file.read_text().splitlines())}
     started = time.monotonic()
     with file.open("a") as out:
         for index in range(frames):
-            for row in ROWS:
+            for place, row in enumerate(ROWS):
+                if (index * len(ROWS) + place) % parts != part:
+                    continue
                 wanted = [r for r in ["whole", *only] if (row, index, r) not in done]
                 if not wanted:
                     continue
                 if time.monotonic() - started > seconds:
                     return
                 frame = make_frame(row, index, seed=SEED)
-                if frame.readings.size > READINGS:
+                if frame.readings.size > readings:
                     continue
                 clean: Touch | None = None
                 for rule in wanted:
@@ -188,11 +261,13 @@ def main() -> int:
     parser.add_argument("file", type=Path)
     parser.add_argument("--frames", type=int, default=4)
     parser.add_argument("--seconds", type=float, default=420.0)
+    parser.add_argument("--share", default="0/1", help="every so many-th frame, of several runs side by side: 0/4, 1/4 ...")
+    parser.add_argument("--readings", type=int, default=READINGS, help="frames of more are left out")
     parser.add_argument("--only", default=",".join(RULES))
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     if given.what == "run":
-        run(given.file, given.frames, given.seconds, [r.strip() for r in given.only.split(",")])
+        run(given.file, given.frames, given.seconds, [r.strip() for r in given.only.split(",")], given.share, given.readings)
         return 0
     text = table(given.file)
     print(text)

@@ -9,6 +9,7 @@ import pytest
 
 import palpate as pp
 from command_line import run
+from palpate.cli.files import whole_result
 from palpate.errors import InvalidInput
 from palpate.microscopy import (
     CellForces,
@@ -17,6 +18,7 @@ from palpate.microscopy import (
     cell_forces,
     frames_of_field,
     read_field,
+    read_labels,
     read_pair,
     read_picture,
 )
@@ -258,3 +260,35 @@ def test_the_command_writes_what_other_programs_open(tmp_path: Path):
         refused = run("tfm", *fields, *SAID, "--force", option, str(tmp_path / name), cwd=tmp_path)
         assert refused.returncode == 2
         assert "such a file ends in" in refused.stderr
+
+
+def test_outlines_are_labels_by_their_place(tmp_path):
+    path = tmp_path / "cell.csv"
+    path.write_text("x,y\n10,5\n30,5\n30,15\n10,15\n")
+    found = read_labels(path, size=(60, 40))
+    assert list(found) == ["1"]
+    assert found["1"].shape == (40, 60)
+    assert found["1"][10, 20]
+    assert 180 <= found["1"].sum() <= 231  # 20 x 10 pixels, with or without those on its sides
+    with pytest.raises(InvalidInput, match="size of their picture"):
+        read_labels(path)
+
+
+def test_a_result_that_is_stopped_changes_no_file(tmp_path):
+    old, new = tmp_path / "a.csv", tmp_path / "b.csv"
+    old.write_text("before")
+
+    def stopped():
+        with whole_result([old, new]) as at:
+            at[old].write_text("after")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
+    assert old.read_text() == "before"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
+    with whole_result([old, new]) as at:
+        at[old].write_text("after")
+        at[new].write_text("too")
+    assert (old.read_text(), new.read_text()) == ("after", "too")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv", "b.csv"]

@@ -89,6 +89,11 @@ def resumed(restart: bool) -> Any:
     return film(pixel=0.2e-6).run("film.partial.jsonl", processes=1)
 
 
+def corners() -> None:
+    """An outline of corners in pixels."""
+    Path("outline.csv").write_text("x,y\n10,5\n30,5\n30,15\n10,15\n")
+
+
 def sized() -> None:
     """Pictures whose files state the size of a pixel, and one of square pixels that is resampled."""
     import tifffile
@@ -117,6 +122,13 @@ REMEDIES = [
         lambda: read_labels("first.roi", size=(60, 40)),
         given=regions,
         right=lambda found: found["first"].sum() == 200,
+    ),
+    Remedy(
+        "outlines do not tell the size of their picture",
+        lambda: read_labels("outline.csv"),
+        lambda: read_labels("outline.csv", size=(60, 40)),
+        given=corners,
+        right=lambda found: found["1"].any(),
     ),
     value("cannot be read as ImageJ's regions", region, "cut.roi", "first.roi", given=regions),
     value("is a line or points, which hold no area", region, "line.roi", "first.roi", given=regions),

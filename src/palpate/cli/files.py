@@ -193,6 +193,31 @@ def write_forces(forces: Any, path: Path) -> None:
 
 
 @contextlib.contextmanager
+def whole_result(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
+    """Where to write each of the files of one result, which are moved to ``paths`` together once all are complete; a command that is stopped before replaces none of them."""
+    from tempfile import TemporaryDirectory
+
+    from palpate.recordings.files import moved_into_place
+
+    with contextlib.ExitStack() as stack:
+        folders: dict[Path, Path] = {}
+        fresh: dict[Path, Path] = {}
+        for path in paths:
+            parent = Path(os.path.realpath(path)).parent
+            if parent not in folders:  # beside each, as files move at once on one disk alone
+                made = TemporaryDirectory(prefix=".palpate-", dir=parent, ignore_cleanup_errors=True)
+                folders[parent] = Path(stack.enter_context(made))
+            fresh[path] = folders[parent] / path.name
+        try:
+            yield fresh
+        except KeyboardInterrupt:
+            typer.echo("no result was written, and none that was there is changed", err=True)
+            raise
+        for path, at in fresh.items():
+            moved_into_place(at, path)
+
+
+@contextlib.contextmanager
 def kept_rows(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
     """A table of frames that are still coming, whole at the end; call what is given after each, and the rows so far are in the file every few seconds and where
     the command is stopped.

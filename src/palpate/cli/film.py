@@ -31,7 +31,7 @@ def film(
     cells: Annotated[
         Path | None,
         typer.Option(
-            help="Label picture of the cells (one for all frames, or a page for each), or ImageJ's RoiSet.zip: a row for each."
+            help="Label picture of the cells (one for all frames, or a page for each), or ImageJ's RoiSet.zip, or outlines (.csv of x,y in pixels, .json): a row for each."
         ),
     ] = None,
     labels: Annotated[
@@ -102,8 +102,12 @@ def film(
         start=None if first is None else (first[0], first[1]), name=name, channel=channel,
     )  # fmt: skip
     count = len(made.jobs())
-    with Frames("frames", count, hint="; --processes sets how many run at once") as shown:
-        rows, labelled = made.run(partial, processes=processes, shown=shown)
+    try:
+        with Frames("frames", count, hint="; --processes sets how many run at once") as shown:
+            rows, labelled = made.run(partial, processes=processes, shown=shown)
+    except KeyboardInterrupt:
+        typer.echo(f"{partial} holds the frames that are solved: the same command goes on there", err=True)
+        raise
     failed = [r for r in rows if len(r) < 6]
     if len(failed) == len(rows):
         partial.unlink(missing_ok=True)

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.files import Force, check_outputs, command_line, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import (
+    Force,
+    check_outputs,
+    command_line,
+    provenance,
+    save_figure,
+    skin_files,
+    skin_text,
+    whole_result,
+)
 from palpate.cli.options import known_to, numbers
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
@@ -249,21 +258,23 @@ def tfm(
         with busy("solving the sheet"):
             sheet = sheet_tension(forces, labels=labels, size=size, poissons_ratio=sheet_ratio)
     told = ", ".join(p.name for p in source)
-    forces.write_report(targets[".html"], title=source[0].stem, source=told, command=command_line())
-    save_figure(forces.plot(), targets[".png"])
-    forces.write_table(targets[".csv"])
-    forces.write_netcdf(targets[".nc"], provenance=provenance(skin_text(skin_file), told))
-    if plot is not None:
-        save_figure(forces.plot(), plot)
-    if vectors is not None:
-        forces.write_vectors(vectors)
-    if tiff is not None:
-        forces.write_tiff(tiff)
-    if labelled is not None:
-        write_labels_table(rows_of(labelled, file=told, frame=0), targets["-labels.csv"])
-    if sheet is not None:
-        save_figure(sheet.plot(), targets["-sheet.png"])
-        sheet.write_table(targets["-sheet.csv"])
+    written = [p for p in (*targets.values(), *beside.values()) if p is not None]
+    with whole_result(written) as new:
+        forces.write_report(new[targets[".html"]], title=source[0].stem, source=told, command=command_line())
+        save_figure(forces.plot(), new[targets[".png"]])
+        forces.write_table(new[targets[".csv"]])
+        forces.write_netcdf(new[targets[".nc"]], provenance=provenance(skin_text(skin_file), told))
+        if plot is not None:
+            save_figure(forces.plot(), new[plot])
+        if vectors is not None:
+            forces.write_vectors(new[vectors])
+        if tiff is not None:
+            forces.write_tiff(new[tiff])
+        if labelled is not None:
+            write_labels_table(rows_of(labelled, file=told, frame=0), new[targets["-labels.csv"]])
+        if sheet is not None:
+            save_figure(sheet.plot(), new[targets["-sheet.png"]])
+            sheet.write_table(new[targets["-sheet.csv"]])
     rows, columns = field.shape
     typer.echo(f"{columns} x {rows} vectors, one every {field.step:.3g} px = {1e6 * field.pitch:.3g} um")
     if field.drift is not None:
@@ -275,7 +286,7 @@ def tfm(
         typer.echo(sheet.summary())
     for note in (*forces.notes, *(() if sheet is None else sheet.notes)):
         typer.echo(f"note: {note}", err=True)
-    typer.echo(f"wrote {', '.join(str(p) for p in (*targets.values(), *beside.values()) if p is not None)}")
+    typer.echo(f"wrote {', '.join(map(str, written))}")
 
 
 def _complete(

@@ -140,6 +140,11 @@ def doubts(
         said.append(
             f"energy and peaks rest on the window of {field.aperture / field.pixel:.3g} px: without it the energy would be about {less:.2g} times as large. Check that it is that of the correlation"
         )
+    if (patch := _largest_patch(done)) is not None and patch < field.aperture:
+        said.append(
+            f"the largest traction is that of a patch about {1e6 * patch:.2g} um wide, finer than the window of {1e6 * field.aperture:.2g} um, which tells its force and not its profile: "
+            "of adhesions that are even over several windows it is too large, by up to 2.5 times. Compare it with that of a wider window (--window)"
+        )
     unlike = int(field.unlike.sum())
     if unlike and done.samples is None:
         said.append(
@@ -167,6 +172,16 @@ def _with_window(done: Inverted, window: float, was: float) -> float | None:
         before += float(work_of(sample.places, sample.variance, sample.forces, done.response).sum())
         after += float(work_of(sample.places, other, sample.forces, done.response).sum())
     return after / before if before > 0 else None
+
+
+def _largest_patch(done: Inverted) -> float | None:
+    """Side [m] of the even square of the same second moments as the blob of the largest traction: median over the samples."""
+    sides = [
+        math.sqrt(12.0 * float(s.variance[int((np.hypot(*s.forces.T) / s.variance).argmax())]))
+        for s in done.samples or ()
+        if len(s.forces)
+    ]
+    return float(np.median(sides)) if sides else None
 
 
 def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], field: Field) -> list[str]:

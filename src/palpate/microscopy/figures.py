@@ -175,7 +175,9 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     require("figures", "matplotlib")
     field = forces.field
     size = np.hypot(*forces.traction)
-    top = max(float(np.percentile(size, 99.9)), 0.8 * float(size.max()), 1e-12)
+    peak = forces.quantities.get("traction_peak")
+    # the largest traction that is written beside the ring is on the scale too
+    top = max(float(size.max()), 0.0 if peak is None else peak.value, 1e-12)
     factor, unit = scaled(top, "Pa")
     figure, axes, ends = _canvas(field, forces.picture, forces.inside | (size > FAINT * top) if forces.masked else None)
     over = forces.picture is not None

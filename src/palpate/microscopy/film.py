@@ -203,7 +203,7 @@ class Film:
     def _labels(self, path: str | Path, job: Job, size: tuple[int, int]) -> dict[str, Any]:
         """The labels of a frame: those of its page where there are as many pages as frames, else those of all."""
         if Path(path).suffix.lower() not in (".tif", ".tiff"):
-            return read_labels(path, size=size)
+            return read_labels(path, size=size, pixel=self.pixel)
         pages = _pictures(*_stamp(path), None)
         if len(pages) == 1:
             return read_labels(pages[0])

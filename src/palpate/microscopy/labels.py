@@ -16,7 +16,7 @@ from palpate._extras import missing
 from palpate._files import ordinary
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.masks import inside_outline
+from palpate.microscopy.masks import OUTLINES, inside_outline, read_outlines
 from palpate.microscopy.pickled import read_objects
 from palpate.microscopy.spread import read
 from palpate.recordings.files import atomically
@@ -77,11 +77,11 @@ class LabelForce:
 
 
 def read_labels(
-    source: str | Path | npt.ArrayLike, *, size: tuple[int, int] | None = None
+    source: str | Path | npt.ArrayLike, *, size: tuple[int, int] | None = None, pixel: float | None = None
 ) -> dict[str, npt.NDArray[np.bool_]]:
-    """Masks (row, column) by label, from a picture of whole numbers (0: none; TIFF, PNG, .npy, _seg.npy of Cellpose) or ImageJ's regions (.roi, RoiSet.zip).
+    """Masks (row, column) by label, from a picture of whole numbers (0: none; TIFF, PNG, .npy, _seg.npy of Cellpose), ImageJ's regions (.roi, RoiSet.zip), or outlines as `read_mask` reads them (.csv, .txt, .json), labelled by their place from 1.
 
-    ``size``: columns and rows of the picture that regions belong to.
+    ``size``: columns and rows of the picture that regions and outlines belong to; ``pixel``: metres in a pixel, for outlines in units of length.
 
     Raises
     ------
@@ -105,6 +105,8 @@ def read_labels(
     ending = path.suffix.lower()
     if ending in REGIONS:
         return _of_regions(path, size)
+    if ending in OUTLINES:
+        return _of_outlines(path, size, pixel)
     if ending == ".npy":
         try:
             values: Any = np.load(path, allow_pickle=False)
@@ -145,6 +147,17 @@ def _of_picture(values: npt.NDArray[Any], name: str) -> dict[str, npt.NDArray[np
             f"{name}: holds {len(found)} values and changes from pixel to pixel: it looks like a photograph, and labels are areas of one whole number."
         )
     return {f"{int(v)}": np.asarray(values == v) for v in found}
+
+
+def _of_outlines(path: Path, size: tuple[int, int] | None, pixel: float | None) -> dict[str, npt.NDArray[np.bool_]]:
+    """Outlines of corners in pixels."""
+    if size is None:
+        raise InvalidInput(
+            f"{path}: outlines do not tell the size of their picture: give it (--image), or a mask of its size."
+        )
+    x, y = np.arange(size[0], dtype=np.float64), np.arange(size[1], dtype=np.float64)
+    corners = read_outlines(path, pixel=pixel)
+    return {f"{number}": inside_outline(one, x, y) for number, one in enumerate(corners, start=1)}
 
 
 def _of_regions(path: Path, size: tuple[int, int] | None) -> dict[str, npt.NDArray[np.bool_]]:

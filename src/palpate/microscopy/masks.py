@@ -85,6 +85,11 @@ def read_mask(
     return _picture(read_picture(path), str(path), cell)
 
 
+def read_outlines(path: Path, *, pixel: float | None) -> list[Floats]:
+    """Corners (n, 2) [px] of each outline of a file."""
+    return [_outline(one, str(path)) for one in _corners(path, path.suffix.lower(), pixel)]
+
+
 def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
     """The mask in a .npy file: an array, or the ``masks`` of Cellpose."""
     try:
