@@ -9,15 +9,13 @@ The readings are closed forms of a half-space (`palpate.solutions`) or finite el
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.interpolate
 
 import palpate as pp
-from palpate.calibrate.constants import CONSTANTS, PadConstants, fit_constants
+from palpate.calibrate.constants import PadConstants, fit_constants
 
 GENERATED = Path(__file__).parents[1] / "docs" / "_generated" / "constants.md"
 NOISE, PITCH, SHAPE = 0.01, 2e-3, (6, 6)

@@ -8,12 +8,13 @@ import numpy as np
 
 from palpate.calibrate.calibrating import flat_readings
 from palpate.calibrate.calibration import SkinCalibration
+from palpate.calibrate.constants import with_constants
 from palpate.sensing.labels import is_labelled
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 from palpate.touch import Touch
 
-__all__ = ["calibrated_touch"]
+__all__ = ["calibrated_touch", "with_calibration"]
 
 
 def calibrated_touch(
@@ -28,3 +29,10 @@ def calibrated_touch(
     parts = [found.unit * part for part in checked_planes(readings, skin.planes)]
     touch: Touch = plain.reconstruct(parts[0] if len(parts) == 1 else parts, time=time, **options)
     return found.attach(touch, flat)
+
+
+def with_calibration(skin: Any, found: SkinCalibration | None) -> Any:
+    """The skin that answers by a calibration, its pad as the presses told (`with_constants`); the same skin for None."""
+    out = skin if found is None else with_constants(skin, found.constants)
+    out._calibration = found
+    return out

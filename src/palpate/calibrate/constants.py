@@ -6,9 +6,10 @@ logarithms of all positive numbers). The fields of an axisymmetric pressure are 
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,15 @@ from scipy.optimize import least_squares
 from scipy.special import j0, j1
 
 from palpate._numbers import plain_number
+from palpate.calibrate.labels import BALL, Labelled, spread_over
 from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["CONSTANTS", "PadConstants", "fit_constants"]
+__all__ = ["CONSTANTS", "PadConstants", "fit_constants", "with_constants"]
 
-#: Constants that can be asked for, with the standard deviation of their logarithm before any press: a guess within a factor of 3, a ruler's 20 %, a 5 % gain.
-CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2}
+#: Constants that can be asked for, with the standard deviation of their logarithm before any press: a guess within a factor of 3, a ruler's 20 %, a 5 % gain, any unit.
+CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2, "unit": 5.0}
 #: Lower layer or base against the upper one: log of the ratio of moduli, mean and standard deviation.
 RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}
 #: Error of the radius of contact of a known ball: force to 1 % and radius to 2 % on a half-space, a third of that; on a layer Hertz's pressure is not exact (a convention).
@@ -34,6 +36,10 @@ LAYER_CONTACT_STD = 0.02
 UNKNOWN_STD, RADII, CUT_DEPTH, CUT_CONTACT = 0.7, 160, 25.0, 60.0
 #: A constant whose standard deviation is still this part of the one before is not told by the data; a pad is told apart at odds of 20 to 1.
 UNTOLD, ODDS = 0.7, math.log(20.0)
+#: Residuals of so many times the noise reject every model that was asked (a chi-square of 2 for each reading).
+REJECTED = 1.4
+#: At most so many labelled frames are fitted; half spread over time, half over force.
+MOST_PRESSES = 20
 STEP = 1e-5
 CHANNELS = ("stress_xz", "stress_yz", "stress_zz", "displacement_x", "displacement_y", "displacement_z")
 
@@ -49,13 +55,15 @@ class PadConstants:
     names : tuple of str
         One for each constant; "gain 3" is the factor of reading 3.
     values : array (constant,)
-        In SI units; gains and pixel scale as factors of what the skin says.
+        In SI units; gains and pixel scale as factors of what the skin says; "unit" is what readings are divided by to be in SI units.
     covariance : array (constant, constant)
         Of the logarithms: the root of its diagonal is a relative standard deviation.
     before : array (constant,)
         Relative standard deviations before the presses.
     evidence : mapping of str to float
         Logarithm of the evidence of each pad model that was asked.
+    misfit : float
+        Root mean square of the residuals over the noise; from `REJECTED` on no model is named and the standard deviations are wider by as much.
     said : tuple of str
         What the data do not tell, in sentences.
     """
@@ -66,6 +74,7 @@ class PadConstants:
     covariance: Floats
     before: Floats
     evidence: Mapping[str, float]
+    misfit: float
     said: tuple[str, ...] = ()
 
     @property
@@ -80,15 +89,34 @@ class PadConstants:
 
     @property
     def best_model(self) -> str | None:
-        """The pad model favoured at odds of 20 to 1 over every other; None where the data cannot tell."""
+        """The pad model favoured at odds of 20 to 1 over every other; None where the data cannot tell, or no model explains them."""
+        if self.misfit > REJECTED:
+            return None
         order = sorted(self.evidence, key=lambda m: -self.evidence[m])
         if len(order) > 1 and self.evidence[order[0]] - self.evidence[order[1]] < ODDS:
             return None
         return order[0]
 
+    def json(self) -> str:
+        """The posterior as text, for `from_json`."""
+        held = {f.name: getattr(self, f.name) for f in fields(self)}
+        return json.dumps({k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in held.items()})
+
+    @classmethod
+    def from_json(cls, text: str) -> PadConstants:
+        """The posterior of `json`; ValueError where it is damaged."""
+        held = json.loads(text)
+        values, covariance, before = (
+            np.array(held.pop(n), dtype=np.float64) for n in ("values", "covariance", "before")
+        )
+        names, said = tuple(held.pop("names")), tuple(held.pop("said"))
+        if covariance.shape != (len(names), len(names)) or not values.shape == before.shape == (len(names),):
+            raise ValueError("constants of other counts")
+        return cls(names=names, values=values, covariance=covariance, before=before, said=said, **held)
+
     def __str__(self) -> str:
         units = {"youngs_modulus": "Pa", "thickness": "m", "depth": "m"}
-        lines = ["constants"]
+        lines = [f"constants of the pad ({self.model}; value and 95 % interval)"]
         for name, value, std, told in zip(self.names, self.values, self.std, self.told):
             if name.startswith("gain"):
                 continue
@@ -188,6 +216,75 @@ def fit_constants(
     return replace(found, said=tuple(_words(found, fits[best])))
 
 
+def labelled_constants(
+    skin: Any, data: Labelled, constants: Sequence[str], models: Sequence[str] | None, before: PadConstants | None
+) -> PadConstants | None:
+    """The posterior of the constants that were asked for, from labelled frames; that of before where none was."""
+    if not constants:
+        if models is not None:
+            raise InvalidInput(
+                'pad_models= ranks models by constants fitted to each: give constants=["thickness"] too.'
+            )
+        return before
+    if "fz" not in data.known:
+        raise InvalidInput("constants= needs the normal force fz of each press: give it in reference=.")
+    pressed = np.flatnonzero(np.nan_to_num(data.known["fz"]) > 0.0)
+    if not len(pressed):
+        raise InvalidInput("constants= needs presses with fz > 0: pushing into the pad is positive. Change the sign.")
+    at = pressed[spread_over(data.known["fz"][pressed, None], MOST_PRESSES)]
+    places = np.stack([data.known.get(n, np.full(len(data.flat), math.nan))[at] for n in ("x", "y")], axis=1)
+    noise = np.maximum(data.rest.reshape(len(data.rest), -1).std(axis=0), 1e-12 * float(np.abs(data.flat).max()))
+    radius = data.known[BALL][at] if BALL in data.known else None
+    return fit_constants(
+        skin, data.planes[at], data.known["fz"][at], constants=constants, noise=noise, ball_radius=radius,
+        places=places, models=models, before=before,
+    )  # fmt: skip
+
+
+def with_constants(skin: Any, found: PadConstants | None) -> Any:
+    """The skin with what the presses told of modulus, thickness and depth, and their standard deviations as its `palpate.Uncertainty`.
+
+    Where another pad model than that of the skin was found, or the model was rejected, the skin stays as it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import palpate as pp
+    >>> from palpate.calibrate import PadConstants, with_constants
+    >>> found = PadConstants("half-space", ("depth",), np.array([2.2e-3]), np.array([[4e-4]]), np.array([0.2]), {"half-space": 0.0}, 1.0)
+    >>> array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"])
+    >>> skin = with_constants(pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), array), found)
+    >>> skin.planes[0].depth, skin.uncertainty.depth
+    (0.0022, 0.02)
+    """
+    if found is None or found.misfit > REJECTED or found.model != _model_of(skin.pad):
+        return skin
+    told = {n: (float(v), min(float(s), 0.99)) for n, v, s in zip(found.names, found.values, found.std)}
+    pad, plane = skin.pad, skin.planes[0]
+    top = pad.layers[0] if isinstance(pad, BondedLayers) else pad
+    stretch = told["thickness"][0] / pad.thickness if "thickness" in told and pad.thickness else 1.0
+    stiffer = told["youngs_modulus"][0] / top.youngs_modulus if "youngs_modulus" in told else 1.0
+    depth = told["depth"][0] if "depth" in told else float(plane.depth)
+    if isinstance(pad, BondedLayers):
+        if math.isclose(float(plane.depth), pad.thickness):
+            depth = pad.thickness * stretch
+        layers = [replace(one, thickness=one.thickness * stretch, youngs_modulus=one.youngs_modulus * stiffer) for one in pad.layers]  # fmt: skip
+        base = pad.base and replace(pad.base, youngs_modulus=pad.base.youngs_modulus * stiffer)
+        pad = BondedLayers(layers, base=base)
+        depth = min(depth, pad.thickness)
+    else:
+        pad = replace(pad, youngs_modulus=pad.youngs_modulus * stiffer)
+    known = {n: told[n][1] for n in ("youngs_modulus", "thickness", "depth") if n in told}
+    problem = skin._problem
+    out = type(skin)(
+        pad, [replace(plane, depth=depth)], surface=skin.surface, boundary=skin._boundary,
+        nuisance="auto" if problem.nuisance is None else problem.nuisance, uncertainty=replace(problem.uncertainty, **known),
+    )  # fmt: skip
+    out._given = out._problem.fixed = skin._given
+    out._problem.zeroed = problem.zeroed
+    return out
+
+
 def _model_of(pad: Any) -> str:
     if isinstance(pad, HalfSpace):
         return "half-space"
@@ -226,7 +323,13 @@ class _Fit:
         wanted = [c for c in constants if c != "gain" and not (c == "depth" and (self.at_base or self.depth0 == 0.0))]
         if model == "half-space" and not self.at_base:
             wanted = [c for c in wanted if c != "thickness"]
-        start = {"youngs_modulus": top.youngs_modulus, "thickness": thick, "depth": self.depth0, "pixel_scale": 1.0}
+        start = {
+            "youngs_modulus": top.youngs_modulus,
+            "thickness": thick,
+            "depth": self.depth0,
+            "pixel_scale": 1.0,
+            "unit": 1.0,
+        }
         self.start = start
         self.names = [*wanted, *(["lower modulus ratio"] if model in RATIO else [])]
         self.plain = len(self.names)
@@ -237,7 +340,7 @@ class _Fit:
         self.mean, self.before = np.array(mean), np.array(std)
         self.root = np.diag(1.0 / self.before)
         if before is not None and before.model == model and before.names == tuple(self.names):
-            self.mean, self.before = np.log(before.values), before.std
+            self.mean, self.before = np.log(before.values), before.before
             self.root = np.linalg.cholesky(np.linalg.inv(before.covariance)).T
         span = float(np.ptp(self.points, axis=0).max())
         self.length = span / 4.0
@@ -255,9 +358,7 @@ class _Fit:
         x, w = np.polynomial.legendre.leggauss(int(100 + 0.8 * cut * self.radii[-1]))
         self.k, self.weight = 0.5 * cut * (x + 1.0), 0.5 * cut * w / (2.0 * math.pi)
         self.bessel = (j0(np.outer(self.radii, self.k)), j1(np.outer(self.radii, self.k)))
-        self.q, self.q_weight = (
-            0.5 * CUT_CONTACT * (x + 1.0) for x in np.polynomial.legendre.leggauss(120)
-        )
+        self.q, self.q_weight = (0.5 * CUT_CONTACT * (x + 1.0) for x in np.polynomial.legendre.leggauss(120))
         self.q_weight -= 0.5 * CUT_CONTACT
 
     def pad(self, value: Mapping[str, float]) -> tuple[Any, float]:
@@ -315,6 +416,7 @@ class _Fit:
                     made[key] = CubicSpline(self.radii, table)(r)
                 turn = unit[:, 0] if name in ("displacement_x", "stress_xz") else unit[:, 1] if "_y" in name else 1.0
                 out[i, j] = made[key] * turn / (scale if name.startswith("displacement") else 1.0)
+        out *= value.get("unit", 1.0)
         if count > self.plain:
             out *= np.exp(theta[self.plain : count]).reshape(self.readings[0].shape)
         expected = self.contact_radius(pad, value.get("youngs_modulus", self.start["youngs_modulus"]))
@@ -362,11 +464,16 @@ class _Fit:
         first = self.contact_radius(self.pad({})[0], self.start["youngs_modulus"])
         first = np.where(np.isfinite(first), first, self.contact)
         own = np.column_stack([self.guess / self.length, first])
+        if "unit" in self.names and self.mean[self.names.index("unit")] == 0.0:  # any unit: begin where the sizes agree
+            made, _ = self.model_readings(np.concatenate([self.mean, own.ravel()]))
+            self.mean[self.names.index("unit")] = 0.5 * math.log(float((self.readings**2).sum() / (made**2).sum()))
         start = np.concatenate([self.mean, own.ravel()])
         least = least_squares(self.residuals, start, self.jacobian, x_scale="jac", max_nfev=60, xtol=1e-7, ftol=1e-7)
         self.theta, hessian = least.x, least.jac.T @ least.jac
         self.covariance = np.linalg.inv(hessian)
-        prior = 2.0 * float(np.log(np.diag(np.linalg.cholesky(self.root.T @ self.root))).sum()) if len(self.root) else 0.0
+        prior = (
+            2.0 * float(np.log(np.diag(np.linalg.cholesky(self.root.T @ self.root))).sum()) if len(self.root) else 0.0
+        )
         prior -= 2.0 * float(2.0 * np.log(self.place_std / self.length).sum())
         prior -= 2.0 * float(np.log(np.where(np.isfinite(self.ball), self.contact_std, UNKNOWN_STD)).sum())
         self.evidence = -least.cost + 0.5 * prior - 0.5 * float(np.linalg.slogdet(hessian)[1])
@@ -376,8 +483,9 @@ class _Fit:
     def result(self, evidence: Mapping[str, float]) -> PadConstants:
         n = len(self.names)
         return PadConstants(
-            self.model, tuple(self.names), np.exp(self.theta[:n]), self.covariance[:n, :n], self.before, evidence
-        )
+            self.model, tuple(self.names), np.exp(self.theta[:n]), max(self.chi2, 1.0) * self.covariance[:n, :n],
+            self.before, evidence, math.sqrt(self.chi2),
+        )  # fmt: skip
 
     def next_press(self, index: int) -> str:
         """Which press would lower the variance of a constant most: ball and place among nine, at the largest force tried."""
@@ -386,7 +494,7 @@ class _Fit:
         half = 0.5 * np.ptp(self.points, axis=0)
         middle = self.points.mean(axis=0)
         information = np.linalg.inv(self.covariance[:count, :count])
-        for where, at in (("in the middle", middle), ("near the edge", middle + [0.8 * half[0], 0.0])):
+        for where, at in (("in the middle", middle), ("near the edge", middle + np.array([0.8 * half[0], 0.0]))):
             for size, share in (("a small ball", 0.04), ("a ball of middle size", 0.1), ("a large ball", 0.25)):
                 for known in (False, True):
                     radius = share * float(np.ptp(self.points, axis=0).max())
@@ -428,7 +536,7 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
                 said.append(
                     f"{found.names[j]} and {name} are told together only (correlation {correlation[i, j]:.2f}): either known better would tell the other"
                 )
-    if len(found.evidence) > 1:
+    if len(found.evidence) > 1 and found.misfit <= REJECTED:
         best = found.best_model
         order = sorted(found.evidence, key=lambda m: -found.evidence[m])
         lead = found.evidence[order[0]] - found.evidence[order[1]]
@@ -437,8 +545,8 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
             if best is None
             else f"pad model: {best}; next is {order[1]}, e^{plain_number(lead, 3)} times less likely"
         )
-    if fit.chi2 > 2.0:
+    if found.misfit > REJECTED:
         said.append(
-            f"no pad model that was asked explains the presses: residuals are {plain_number(math.sqrt(fit.chi2), 3)} times the noise, and the constants are not to be trusted"
+            f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, and the constants are not to be trusted"
         )
     return said
