@@ -30,12 +30,13 @@ CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05
 #: Lower layer or base against the upper one: log of the ratio of moduli, mean and standard deviation.
 RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}
 #: Error of the radius of contact of a known ball: force to 1 % and radius to 2 % on a half-space, a third of that; on a layer Hertz's pressure is not exact (a convention).
-CONTACT_STD = {"half-space": 0.0075}
-LAYER_CONTACT_STD = 0.02
+CONTACT_STD, LAYER_CONTACT_STD = 0.0075, 0.02
 #: Radius of contact (log) of an unknown ball; nodes of radii and wavenumbers; where the spectrum is cut, in 1/depth and in 1/contact radius.
 UNKNOWN_STD, RADII, CUT_DEPTH, CUT_CONTACT = 0.7, 160, 25.0, 60.0
 #: A constant whose standard deviation is still this part of the one before is not told by the data; a pad is told apart at odds of 20 to 1.
 UNTOLD, ODDS = 0.7, math.log(20.0)
+#: Two materials whose moduli are told apart by less are one: the richer model is then the plainer one of `PLAINER`. Standard deviation of the log of their ratio, and 95 %.
+ALIKE, PLAINER = 0.25, {"stack": "bonded", "soft base": "half-space"}
 #: Residuals of so many times the noise reject every model that was asked (a chi-square of 2 for each reading).
 REJECTED = 1.4
 #: At most so many labelled frames are fitted; half spread over time, half over force.
@@ -61,7 +62,7 @@ class PadConstants:
     before : array (constant,)
         Relative standard deviations before the presses.
     evidence : mapping of str to float
-        Logarithm of the evidence of each pad model that was asked.
+        Logarithm of the evidence of each pad model that was asked; without a stack or soft base whose two materials are found alike, which is the plainer model.
     misfit : float
         Root mean square of the residuals over the noise; from `REJECTED` on no model is named and the standard deviations are wider by as much.
     said : tuple of str
@@ -210,7 +211,8 @@ def fit_constants(
         name: _Fit(name, skin, values[at], newtons[at], radius[at], where[at], place_std, tuple(constants), noise, before).solve()
         for name in asked
     }  # fmt: skip
-    evidence = {name: one.evidence for name, one in fits.items()}
+    fits = {name: one for name, one in fits.items() if PLAINER.get(name) not in fits or not one.alike}
+    evidence = {name: float(one.evidence) for name, one in fits.items()}
     best = max(evidence, key=lambda m: evidence[m])
     found = fits[best].result(evidence)
     return replace(found, said=tuple(_words(found, fits[best])))
@@ -308,7 +310,7 @@ class _Fit:
             )
         plane, pad = skin.planes[0], skin.pad
         self.model, self.force, self.ball, self.channels = model, force, radius, tuple(plane.channels)
-        self.points = np.asarray(plane.points, dtype=np.float64).reshape(-1, 2)
+        self.points = np.asarray(plane.points, dtype=np.float64)[plane.valid.ravel(), ::-1]  # (x, y)
         self.readings = readings.reshape(len(force), len(self.channels), -1)
         self.noise = np.broadcast_to(np.asarray(noise, dtype=np.float64), self.readings[0].size).reshape(
             self.readings[0].shape
@@ -352,7 +354,7 @@ class _Fit:
         self.place_std = np.where(known, place_std or 0.02 * span, 0.5 * span)
         self.guess = np.where(known[:, None], places, weight @ self.points)
         self.contact = math.log(0.1 * span)
-        self.contact_std = CONTACT_STD.get(model, LAYER_CONTACT_STD)
+        self.contact_std = CONTACT_STD if model == "half-space" else LAYER_CONTACT_STD
         self.radii = np.linspace(0.0, 2.2 * span, RADII)
         cut = min(CUT_DEPTH / self.depth0 if self.depth0 else math.inf, CUT_CONTACT / (0.1 * span))
         x, w = np.polynomial.legendre.leggauss(int(100 + 0.8 * cut * self.radii[-1]))
@@ -479,6 +481,13 @@ class _Fit:
         self.evidence = -least.cost + 0.5 * prior - 0.5 * float(np.linalg.slogdet(hessian)[1])
         self.chi2 = float((least.fun[: self.readings.size] ** 2).sum()) / max(self.readings.size - len(start), 1)
         return self
+
+    @property
+    def alike(self) -> bool:
+        """Whether both materials of a stack or soft base have one modulus, as far as the presses tell."""
+        i = self.names.index("lower modulus ratio")
+        std = math.sqrt(self.covariance[i, i])
+        return std < ALIKE and abs(float(self.theta[i])) < 1.96 * std
 
     def result(self, evidence: Mapping[str, float]) -> PadConstants:
         n = len(self.names)
