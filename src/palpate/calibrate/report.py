@@ -66,7 +66,8 @@ def _drawn(found: SkinCalibration, one: ForceMap, ink: dict[str, str], wide: flo
     rows = [r for r in found.table if np.isfinite(r[1])]
     right.barh([r[0] for r in rows][::-1], [r[1] for r in rows][::-1], color=["0.75"] * (len(rows) - 1) + [ink["z"]])
     right.set_xlabel("mean error of left-out presses [N]")
-    words = "\n".join(line for s in found.said for line in textwrap.wrap(f"- {s}", WIDE, subsequent_indent="  "))
+    said = [*found.said, *(str(found.constants).splitlines() if found.constants is not None else [])]
+    words = "\n".join(line for s in said for line in textwrap.wrap(f"- {s}", WIDE, subsequent_indent="  "))
     figure.subplots_adjust(left=0.1, right=0.98, top=0.97, bottom=0.42, wspace=0.6)
     figure.text(0.03, 0.28, words, fontsize=6.5, va="top")
     return figure
