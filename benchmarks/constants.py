@@ -1,7 +1,7 @@
 """Constants of a pad from balls of known force at unknown places: how often the truth lies inside the 95 % intervals; pad models told apart.
 
     python benchmarks/constants.py --oracles FOLDER            # holds fem_layer_3d.npz
-    python benchmarks/constants.py --oracles FOLDER --write    # docs/_generated/constants.md
+    python benchmarks/constants.py --oracles FOLDER --write    # docs/_generated/constants.md and pad_models.md
 
 The readings are closed forms of a half-space (`palpate.solutions`) or finite elements of a bonded layer (FOLDER): never the forward model that is fitted. Noise:
 1 % of the largest reading. Radii of balls are told with an error of 2 %. Truths are drawn from the spread that the fit assumes before the presses.
@@ -10,6 +10,7 @@ The readings are closed forms of a half-space (`palpate.solutions`) or finite el
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,10 @@ import scipy.interpolate
 import palpate as pp
 from palpate.calibrate.constants import CONSTANTS, REJECTED, fit_constants
 
-GENERATED = Path(__file__).parents[1] / "docs" / "_generated" / "constants.md"
+sys.path.insert(0, str(Path(__file__).parent))
+from calibrate import eflesh, melexis
+
+GENERATED = Path(__file__).parents[1] / "docs" / "_generated"
 NOISE, RADIUS, PITCH, SHAPE = 0.01, 0.02, 2e-3, (6, 6)
 FORCES = (1.0, 2.0, 4.0)
 
@@ -183,16 +187,49 @@ def ranked(repetitions: int) -> list[str]:
     return rows
 
 
+def published(data: Path) -> list[str]:
+    """What pad models say of two published sensors without elastic constants: twenty frames pressed with hardly any sideways force, unit and gains free, 3 % noise."""
+    rng = np.random.default_rng(0)
+    rows = [
+        "| sensor | frames | residual over noise | pad model | best by evidence |",
+        "|---|---|---|---|---|",
+    ]
+    splits = [next(eflesh(data / "eflesh", rng)), next(melexis(data / "melexis", rng))]
+    for split in splits:
+        force = split.force
+        pressed = np.flatnonzero(force > 0.2 * force.max())
+        at = pressed[np.linspace(0, len(pressed) - 1, 20).astype(int)]
+        plane = split.skin.planes[0]
+        readings = split.readings[at].reshape(len(at), len(plane.channels), *plane.shape)
+        noise = 0.03 * float(np.abs(readings).max())
+        asked = ["unit", "thickness", "gain"]
+        found = fit_constants(split.skin, readings, force[at], constants=asked, noise=noise, models=MODELS)
+        best = max(found.evidence, key=lambda m: found.evidence[m])
+        said = "rejected" if found.misfit > REJECTED else found.best_model or "cannot tell"
+        rows.append(f"| {split.name.split()[0]} | {len(at)} | {found.misfit:.1f} | {said} | {best} |")
+        print(rows[-1], *found.said, sep="\n", flush=True)
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--oracles", type=Path, required=True)
     parser.add_argument("--repetitions", type=int, default=100)
-    parser.add_argument("--models", type=int, default=20, help="repetitions of the ranking")
+    parser.add_argument("--data", type=Path, help="published recordings: eflesh/ and melexis/")
+    parser.add_argument("--part", choices=("coverage", "models", "published"), help="only this table")
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
-    text = "\n".join([*coverage(given.oracles, given.repetitions), "", *ranked(given.models), ""])
-    if given.write:
-        GENERATED.write_text(text, encoding="utf-8")
+    tables = {
+        "coverage": ("constants.md", lambda: coverage(given.oracles, given.repetitions)),
+        "models": ("pad_models.md", lambda: ranked(given.repetitions)),
+    }
+    if given.data is not None:
+        tables["published"] = ("pads_published.md", lambda: published(given.data))
+    for part, (name, make) in tables.items():
+        if given.part in (None, part):
+            text = "\n".join([*make(), ""])
+            if given.write:
+                (GENERATED / name).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

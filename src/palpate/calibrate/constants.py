@@ -43,7 +43,11 @@ REJECTED = 1.4
 #: At most so many labelled frames are fitted; half spread over time, half over force.
 MOST_PRESSES = 20
 STEP = 1e-5
-CHANNELS = ("stress_xz", "stress_yz", "stress_zz", "displacement_x", "displacement_y", "displacement_z")
+#: Channels that are fitted, and the radial or vertical field of each.
+KINDS = {
+    "stress_xz": "stress_x", "stress_yz": "stress_x", "stress_zz": "stress_z",
+    "displacement_x": "displacement_x", "displacement_y": "displacement_x", "displacement_z": "displacement_z",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +122,8 @@ class PadConstants:
 
     def __str__(self) -> str:
         units = {"youngs_modulus": "Pa", "thickness": "m", "depth": "m"}
+        if self.misfit > REJECTED:
+            return "\n".join(["constants of the pad", *(f"- {s}" for s in self.said)])
         lines = [f"constants of the pad ({self.model}; value and 95 % interval)"]
         for name, value, std, told in zip(self.names, self.values, self.std, self.told):
             if name.startswith("gain"):
@@ -160,7 +166,7 @@ def fit_constants(
         Normal force of each [N].
     constants : sequence of str
         Some of `CONSTANTS`.
-    noise : float or array (reading,)
+    noise : float or array (channel,)
         Standard deviation of a reading.
     ball_radius : float or array (press,), optional
         [m], NaN where unknown.
@@ -199,7 +205,11 @@ def fit_constants(
     if bad := [m for m in asked if m not in ("half-space", "bonded", "stack", "soft base")]:
         raise InvalidInput(f"models names {bad[0]!r}; accepted: half-space, bonded, stack, soft base.")
     values, newtons = np.asarray(readings, dtype=np.float64), np.asarray(force, dtype=np.float64)
-    at = np.isfinite(newtons) & (newtons > 0.0) & np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    at = (
+        np.isfinite(newtons)
+        & (newtons > 0.0)
+        & np.isfinite(values[..., skin.planes[0].valid]).reshape(len(values), -1).all(axis=1)
+    )
     if at.sum() < 3:
         raise InvalidInput(
             f"the constants of a pad need three presses with a known force and complete readings; got {int(at.sum())}."
@@ -236,7 +246,10 @@ def labelled_constants(
         raise InvalidInput("constants= needs presses with fz > 0: pushing into the pad is positive. Change the sign.")
     at = pressed[spread_over(data.known["fz"][pressed, None], MOST_PRESSES)]
     places = np.stack([data.known.get(n, np.full(len(data.flat), math.nan))[at] for n in ("x", "y")], axis=1)
-    noise = np.maximum(data.rest.reshape(len(data.rest), -1).std(axis=0), 1e-12 * float(np.abs(data.flat).max()))
+    # one noise for each channel, with that of a zero which is the median of the frames at rest: variance pi / (2 n)
+    count = len(data.rest)
+    scatter = np.sqrt(np.mean(data.rest.std(axis=0, ddof=1).reshape(data.rest.shape[1], -1) ** 2, axis=1))
+    noise = np.maximum(scatter * math.sqrt(1.0 + 0.5 * math.pi / count), 1e-9 * float(np.abs(data.flat).max()))
     radius = data.known[BALL][at] if BALL in data.known else None
     return fit_constants(
         skin, data.planes[at], data.known["fz"][at], constants=constants, noise=noise, ball_radius=radius,
@@ -305,17 +318,18 @@ class _Fit:
         self, model: str, skin: Any, readings: Floats, force: Floats, radius: Floats, places: Floats,
         place_std: float | None, constants: tuple[str, ...], noise: Any, before: PadConstants | None,
     ) -> None:  # fmt: skip
-        if len(skin.planes) != 1 or (bad := [c for c in skin.planes[0].channels if c not in CHANNELS]):
+        planes = skin.planes
+        if len(planes) != 1 or planes[0].points.shape[1] != 2 or not set(planes[0].channels) <= set(KINDS):
+            what = "; ".join(f"{', '.join(p.channels)} at {p.points.shape[1]}-dimensional places" for p in planes)
             raise InvalidInput(
-                f"constants= takes one plane with channels {', '.join(CHANNELS)}; got {len(skin.planes)} planes{': ' + bad[0] if len(skin.planes) == 1 else ''}. Leave constants= out."
+                f"constants= takes one plane over an area with channels {', '.join(KINDS)}; got {what}. Leave constants= out."
             )
         plane, pad = skin.planes[0], skin.pad
         self.model, self.force, self.ball, self.channels = model, force, radius, tuple(plane.channels)
-        self.points = np.asarray(plane.points, dtype=np.float64)[plane.valid.ravel(), ::-1]  # (x, y)
-        self.readings = readings.reshape(len(force), len(self.channels), -1)
-        self.noise = np.broadcast_to(np.asarray(noise, dtype=np.float64), self.readings[0].size).reshape(
-            self.readings[0].shape
-        )
+        self.points = np.asarray(plane.points, dtype=np.float64).reshape(-1, 2)[plane.valid.ravel(), ::-1]  # (x, y)
+        self.readings = readings[..., plane.valid].reshape(len(force), len(self.channels), -1)
+        each = np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(self.channels),))
+        self.noise = np.broadcast_to(each[:, None], self.readings[0].shape)
         top = pad.layers[0] if isinstance(pad, BondedLayers) else pad
         self.ratio = top.poissons_ratio
         self.depth0 = float(pad.thickness if plane.depth == "base" else plane.depth)
@@ -384,12 +398,13 @@ class _Fit:
         if self.model == "half-space":
             return np.asarray(out)
         spectrum = 3.0 * (np.sin(self.q) - self.q * np.cos(self.q)) / self.q**3 * (1.0 - j0(self.q)) * self.q_weight
-        for i in np.flatnonzero(np.isfinite(out)):
-            for _ in range(6):  # a ~ sunk^(1/3) on a half-space: a damped fixed point
-                a = math.exp(out[i])
-                states = pad.states(self.q / a, np.tile([1.0, 0.0], (len(self.q), 1)), 0.0)[:, 2, 2].real
-                sunk = self.force[i] * float(spectrum @ states) / (2.0 * math.pi * a)
-                out[i] += math.log(2.0 * self.ball[i] * sunk / a**2) / 3.0
+        at = np.isfinite(out)
+        for _ in range(6 if at.any() else 0):  # a ~ sunk^(1/3) on a half-space: a damped fixed point
+            a = np.exp(out[at])[:, None]
+            k = self.q / a
+            states = pad.states(k, np.broadcast_to([1.0, 0.0], (*k.shape, 2)), 0.0)[..., 2, 2].real
+            sunk = self.force[at] * (states @ spectrum) / (2.0 * math.pi * a[:, 0])
+            out[at] += np.log(2.0 * self.ball[at] * sunk / a[:, 0] ** 2) / 3.0
         return np.asarray(out)
 
     def model_readings(self, theta: Floats) -> tuple[Floats, Floats]:
@@ -402,23 +417,26 @@ class _Fit:
         states = pad.states(self.k, np.tile([1.0, 0.0], (len(self.k), 1)), depth)[:, :, 2]
         moves = any(c.startswith("displacement") for c in self.channels)
         u = states[:, :3] / self.k[:, None] if moves else states[:, :3]
-        fields = {"displacement_x": -u[:, 0].imag, "displacement_z": u[:, 2].real, "stress_xz": -states[:, 3].imag, "stress_zz": states[:, 5].real}  # fmt: skip
+        fields = {"displacement_x": -u[:, 0].imag, "displacement_z": u[:, 2].real, "stress_x": -states[:, 3].imag, "stress_z": states[:, 5].real}  # fmt: skip
+        q = self.k * np.exp(own[:, 2:])
+        shape = np.where(q < 0.02, 1.0 - 0.1 * q**2, 3.0 * (np.sin(q) - q * np.cos(q)) / np.maximum(q, 1e-9) ** 3)
+        pressed = self.force[:, None] * shape * self.k * self.weight
+        offset = self.points * scale - own[:, None, :2] * self.length
+        r = np.minimum(np.hypot(offset[..., 0], offset[..., 1]), self.radii[-1])
+        unit = offset / np.maximum(r, 1e-12)[..., None]
+        keys = [KINDS[c] for c in self.channels]
+        kinds = list(dict.fromkeys(keys))
+        tables = [self.bessel[0 if n[-1] == "z" else 1] @ (pressed * fields[n]).T for n in kinds]
+        spline = CubicSpline(self.radii, np.stack(tables, axis=-1)).c  # (power, interval, press, kind)
+        cell = np.minimum((r / self.radii[1]).astype(int), RADII - 2)
+        rest = (r - self.radii[cell])[..., None]
+        c3, c2, c1, c0 = spline[:, cell, np.arange(len(own))[:, None]]
+        made = ((c3 * rest + c2) * rest + c1) * rest + c0  # (press, taxel, kind)
         out = np.empty_like(self.readings)
-        for i, (x, y, log_a) in enumerate(own):
-            q = self.k * math.exp(log_a)
-            shape = np.where(q < 0.02, 1.0 - 0.1 * q**2, 3.0 * (np.sin(q) - q * np.cos(q)) / np.maximum(q, 1e-9) ** 3)
-            pressed = self.force[i] * shape * self.k * self.weight
-            offset = self.points * scale - np.array([x, y]) * self.length
-            r = np.minimum(np.hypot(*offset.T), self.radii[-1])
-            unit = offset / np.maximum(r, 1e-12)[:, None]
-            made: dict[str, Floats] = {}
-            for j, name in enumerate(self.channels):
-                key = name.replace("_y", "_x")
-                if key not in made:
-                    table = self.bessel[0 if name[-2:] == "zz" or name[-2:] == "_z" else 1] @ (pressed * fields[key])
-                    made[key] = CubicSpline(self.radii, table)(r)
-                turn = unit[:, 0] if name in ("displacement_x", "stress_xz") else unit[:, 1] if "_y" in name else 1.0
-                out[i, j] = made[key] * turn / (scale if name.startswith("displacement") else 1.0)
+        for j, name in enumerate(self.channels):
+            key = keys[j]
+            turn = 1.0 if key[-1] == "z" else unit[..., 1 if "_y" in name else 0]
+            out[:, j] = made[..., kinds.index(key)] * turn / (scale if name.startswith("displacement") else 1.0)
         out *= value.get("unit", 1.0)
         if count > self.plain:
             out *= np.exp(theta[self.plain : count]).reshape(self.readings[0].shape)
@@ -533,6 +551,10 @@ def _copy(fit: _Fit, force: float, place: Floats, contact: float, known: bool) -
 
 def _words(found: PadConstants, fit: _Fit) -> list[str]:
     """What the data do not tell, and which press would tell it."""
+    if found.misfit > REJECTED:
+        return [
+            f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"
+        ]
     said = []
     correlation = found.covariance / np.outer(found.std, found.std)
     for i, name in enumerate(found.names[: fit.plain]):
@@ -546,7 +568,7 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
                 said.append(
                     f"{found.names[j]} and {name} are told together only (correlation {correlation[i, j]:.2f}): either known better would tell the other"
                 )
-    if len(found.evidence) > 1 and found.misfit <= REJECTED:
+    if len(found.evidence) > 1:
         best = found.best_model
         order = sorted(found.evidence, key=lambda m: -found.evidence[m])
         lead = found.evidence[order[0]] - found.evidence[order[1]]
@@ -554,9 +576,5 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
             f"the presses cannot tell {order[0]} from {order[1]} (odds {plain_number(math.exp(lead), 2)} to 1)"
             if best is None
             else f"pad model: {best}; next is {order[1]}, e^{plain_number(lead, 3)} times less likely"
-        )
-    if found.misfit > REJECTED:
-        said.append(
-            f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, and the constants are not to be trusted"
         )
     return said
