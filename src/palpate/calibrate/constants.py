@@ -398,7 +398,7 @@ class _Fit:
         if self.model == "half-space":
             return np.asarray(out)
         spectrum = 3.0 * (np.sin(self.q) - self.q * np.cos(self.q)) / self.q**3 * (1.0 - j0(self.q)) * self.q_weight
-        at = np.isfinite(out)
+        at: Any = np.isfinite(out)
         for _ in range(6 if at.any() else 0):  # a ~ sunk^(1/3) on a half-space: a damped fixed point
             a = np.exp(out[at])[:, None]
             k = self.q / a
