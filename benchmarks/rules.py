@@ -261,13 +261,22 @@ def main() -> int:
     parser.add_argument("file", type=Path)
     parser.add_argument("--frames", type=int, default=4)
     parser.add_argument("--seconds", type=float, default=420.0)
-    parser.add_argument("--share", default="0/1", help="every so many-th frame, of several runs side by side: 0/4, 1/4 ...")
+    parser.add_argument(
+        "--share", default="0/1", help="every so many-th frame, of several runs side by side: 0/4, 1/4 ..."
+    )
     parser.add_argument("--readings", type=int, default=READINGS, help="frames of more are left out")
     parser.add_argument("--only", default=",".join(RULES))
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     if given.what == "run":
-        run(given.file, given.frames, given.seconds, [r.strip() for r in given.only.split(",")], given.share, given.readings)
+        run(
+            given.file,
+            given.frames,
+            given.seconds,
+            [r.strip() for r in given.only.split(",")],
+            given.share,
+            given.readings,
+        )
         return 0
     text = table(given.file)
     print(text)
