@@ -129,9 +129,8 @@ def table(clean: Path, spoiled: Path, before: list[Path] | None) -> str:
     lines += [f"|{name} | {' | '.join(map(str, values))} |" for name, values in rows]
     lines += ["", "Notes of clean frames:", "", "|note | frames | needless |", "|---|---|---|"]
     now = columns[-1][0]
-    short = lambda note: numberless(note)[:110]  # noqa: E731
-    bad = Counter(short(n) for f in needless(now) for n in f["notes"])
-    lines += [f"|{n} | {c} | {bad[n]} |" for n, c in Counter(short(n) for f in now for n in f["notes"]).most_common()]
+    bad, every = (Counter(numberless(n)[:110] for f in frames for n in f["notes"]) for frames in (needless(now), now))
+    lines += [f"|{n} | {c} | {bad[n]} |" for n, c in every.most_common()]
     return "\n".join(lines) + "\n"
 
 

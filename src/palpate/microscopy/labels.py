@@ -153,7 +153,7 @@ def _of_outlines(path: Path, size: tuple[int, int] | None, pixel: float | None) 
     """Outlines of corners in pixels."""
     if size is None:
         raise InvalidInput(
-            f"{path}: outlines do not tell the size of their picture: give it (--image), or a mask of its size."
+            f"{path}: outlines do not tell the size of their picture: give a label picture of its size (TIFF, PNG), or the size: --image of tfm, size= in Python."
         )
     x, y = np.arange(size[0], dtype=np.float64), np.arange(size[1], dtype=np.float64)
     corners = read_outlines(path, pixel=pixel)
@@ -168,7 +168,7 @@ def _of_regions(path: Path, size: tuple[int, int] | None) -> dict[str, npt.NDArr
         raise missing("ImageJ's regions", error) from error
     if size is None:
         raise InvalidInput(
-            f"{path}: regions do not tell the size of their picture: give it (--image), or a mask of its size."
+            f"{path}: regions do not tell the size of their picture: give a label picture of its size (TIFF, PNG), or the size: --image of tfm, size= in Python."
         )
     try:
         held = roifile.roiread(path)
