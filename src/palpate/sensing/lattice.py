@@ -39,7 +39,7 @@ def lattice(points: Floats) -> tuple[Floats, Floats]:
 
     if len(points) < 9:
         raise InvalidInput(
-            f"a grid is told from nine dots or more; got {len(points)}. Give a scale or four points instead."
+            f"a grid needs nine dots or more; got {len(points)}. Give a scale or four points instead."
         )
     tree = cKDTree(points)
     _, near = tree.query(points, k=min(9, len(points)))
