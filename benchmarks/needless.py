@@ -118,7 +118,13 @@ def table(clean: Path, spoiled: Path, before: list[Path] | None) -> str:
         ("of these wrong or far outside", [sum(f["betrays"] for f in s) for _, s in columns]),
         ("of these missed", [len(missed(s)) for _, s in columns]),
     ]
-    lines = ["<!-- python benchmarks/needless.py table ... --write -->", "", f"| | {' | '.join(heads)} |"]
+    lines = [
+        "# Needless and missed notes",
+        "",
+        "Made by `python benchmarks/needless.py table CLEAN SPOILED --write`.",
+        "",
+        f"| | {' | '.join(heads)} |",
+    ]
     lines += ["|---|" + "---|" * len(heads)]
     lines += [f"|{name} | {' | '.join(map(str, values))} |" for name, values in rows]
     lines += ["", "Notes of clean frames:", "", "|note | frames | needless |", "|---|---|---|"]

@@ -115,6 +115,7 @@ def test_the_demo_takes_baseline_and_friction(
     class Skin:
         components = ("x", "y", "z")
         surface = pp.AreaGrid(shape=(4, 4), spacing=1e-3)
+        calibration = None
 
         def track(self, **options: Any) -> None:
             seen.update(options)

@@ -178,13 +178,12 @@ class Skin(SkinProperties):
         >>> skin.pad.youngs_modulus, skin.planes[0].shape
         (200000.0, (21,))
         """
-        from palpate.calibrate import read_calibration
+        from palpate.calibrate import read_calibration, with_calibration
         from palpate.recordings import read_skin, read_uncertainty
 
         pad, planes, surface, boundary = read_skin(path, recording)
         out = cls(pad, planes, surface=surface, boundary=boundary, uncertainty=read_uncertainty(path))
-        out._calibration = read_calibration(path)
-        return out
+        return with_calibration(out, read_calibration(path))
 
     def masked(self, working: npt.ArrayLike | Sequence[npt.ArrayLike]) -> Skin:
         """The same skin without the taxels where ``working`` is False; of several planes, one mask for each.
@@ -491,7 +490,7 @@ class Skin(SkinProperties):
             Start from the calibration that this skin has: its labels are kept, and whether the sensor has aged is said.
         **options
             Of `palpate.calibrate.calibrate`: ``reference`` and ``reference_time`` (a force sensor, on a clock of its own), ``weights``
-            (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``.
+            (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``, ``constants``, ``pad_models``.
 
         Raises
         ------
@@ -510,11 +509,10 @@ class Skin(SkinProperties):
         >>> round(float(skin.reconstruct(3.0 * marble).force[2]), 1)  # [N]
         3.0
         """
-        from palpate.calibrate import calibrate
+        from palpate.calibrate import calibrate, with_calibration
 
         out, before = self._uncalibrated(), self._calibration if again else None
-        out._calibration = calibrate(self._uncalibrated(), presses, before=before, **options)
-        return out
+        return with_calibration(out, calibrate(out, presses, before=before, **options))
 
     def _uncalibrated(self) -> Skin:
         """The same skin, whose readings are in SI units."""

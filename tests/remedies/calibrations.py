@@ -61,6 +61,20 @@ def weighed(weight: Any) -> Any:
     return given(presses=filmed(), weights=["0 g, 0 s to 2 s", weight])
 
 
+LAYER = PAD.layers[0]
+THREE = pp.Skin(pp.BondedLayers([LAYER, LAYER, LAYER]), area())
+STRAINED = pp.Skin(PAD, pp.AreaArray(shape=(2, 2), pitch=12e-3, depth=4e-3, channels=["strain_zz"]))
+SURFACE = pp.Skin(
+    pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48),
+    pp.AreaArray(shape=(2, 2), pitch=12e-3, depth=0.0, channels=["displacement_z"]),
+)
+
+
+def balls(**options: Any) -> Any:
+    """The calibration by the presses, with a constant of the pad."""
+    return given(**{"constants": ["unit"], **options})
+
+
 @lru_cache
 def calibrated() -> pp.Skin:
     return SKIN.calibrate(pressed(), reference=FORCES)
@@ -281,6 +295,37 @@ REMEDIES = [
     ),
     value("needs a number and one of", weighed, "200 stone, 2.5 s to 3.5 s", "200 g, 2.5 s to 3.5 s"),
     value("is no number; write {}.", Weight.parse, "2.0.0 g, 1 s to 2 s", "200 g, 12 s to 20 s"),
+    value("constants names {}; accepted", lambda v: balls(constants=v), ["stiffness"], ["unit"]),
+    value("models names {}; accepted", lambda v: balls(pad_models=v), ["foam"], ["half-space", "bonded"]),
+    value(
+        "pad_models= ranks models by constants", lambda v: balls(constants=v, pad_models=["bonded"]), [], ["thickness"]
+    ),
+    value(
+        "the constants of a pad need three presses", lambda v: balls(reference={"fz": v}), FORCES[[0, 0, 1, 2]], FORCES
+    ),
+    value("constants= needs the normal force fz", lambda v: balls(reference={v: FORCES}), "fx", "fz"),
+    value("constants= needs presses with fz > 0", lambda v: balls(reference=v * FORCES), -1.0, 1.0),
+    value(
+        "ball_radius must be positive",
+        lambda v: balls(reference={"fz": FORCES, "ball_radius": np.full(4, v)}),
+        -1e-3,
+        np.nan,
+    ),
+    Remedy(
+        "constants= takes one plane over an area with channels",
+        lambda: STRAINED.calibrate(pressed(), reference=FORCES, constants=["unit"]),
+        lambda: STRAINED.calibrate(pressed(), reference=FORCES),
+    ),
+    Remedy(
+        "constants= needs the thickness of the pad",
+        lambda: SURFACE.calibrate(pressed(), reference=FORCES, constants=["youngs_modulus"]),
+        lambda: balls(),
+    ),
+    Remedy(
+        "constants= takes a half-space, one or two bonded layers",
+        lambda: THREE.calibrate(pressed(), reference=FORCES, constants=["unit"]),
+        lambda: THREE.calibrate(pressed(), reference=FORCES),
+    ),
     value("the largest of the {} is {}; accepted", lambda v: given(presses=v * pressed()), 1e200, 1.0),
     run("presses.nc", 'presses.nc --weight "200 g, 2.5 s to 3.5 s"', "say what is known"),
     run(

@@ -5,9 +5,10 @@ Out: net force with intervals, `calibrated.toml`, and findings about the sensor.
 Open first: `calibrating.py`.
 """
 
-from palpate.calibrate.answer import calibrated_touch
+from palpate.calibrate.answer import calibrated_touch, with_calibration
 from palpate.calibrate.calibrating import calibrate, flat_readings
 from palpate.calibrate.calibration import ALONE, SkinCalibration
+from palpate.calibrate.constants import PadConstants, with_constants
 from palpate.calibrate.files import calibrated_text, read_calibration, write_calibrated
 from palpate.calibrate.forcemap import ForceMap
 from palpate.calibrate.labels import Weight, find_delay
@@ -16,6 +17,7 @@ from palpate.calibrate.prior import likely_maps
 __all__ = [
     "ALONE",
     "ForceMap",
+    "PadConstants",
     "SkinCalibration",
     "Weight",
     "calibrate",
@@ -25,5 +27,7 @@ __all__ = [
     "flat_readings",
     "likely_maps",
     "read_calibration",
+    "with_calibration",
+    "with_constants",
     "write_calibrated",
 ]

@@ -9,12 +9,13 @@ import numpy as np
 
 from palpate.calibrate.calibrating import flat_readings
 from palpate.calibrate.calibration import SkinCalibration
+from palpate.calibrate.constants import with_constants
 from palpate.sensing.labels import is_labelled
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 from palpate.touch import Touch
 
-__all__ = ["at_calibrated_zero", "calibrated_touch"]
+__all__ = ["at_calibrated_zero", "calibrated_touch", "with_calibration"]
 
 
 def calibrated_touch(
@@ -35,4 +36,11 @@ def at_calibrated_zero(skin: Any) -> Any:
     """The skin for readings from which the zero of its calibration was taken: that zero's error is in the intervals."""
     out = copy.copy(skin)
     out._calibration, out._plain = skin.calibration.opened(), None
+    return out
+
+
+def with_calibration(skin: Any, found: SkinCalibration | None) -> Any:
+    """The skin that answers by a calibration, its pad as the presses told (`with_constants`); the same skin for None."""
+    out = skin if found is None else with_constants(skin, found.constants)
+    out._calibration = found
     return out

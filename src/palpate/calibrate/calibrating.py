@@ -14,6 +14,7 @@ import numpy.typing as npt
 from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate.calibrate.calibration import FORCES, PLACES, SkinCalibration
+from palpate.calibrate.constants import labelled_constants, with_constants
 from palpate.calibrate.findings import (
     ageing,
     best_press,
@@ -25,6 +26,7 @@ from palpate.calibrate.findings import (
 )
 from palpate.calibrate.forcemap import MOST_LABELS, RUN, ForceMap, usual_scale
 from palpate.calibrate.labels import (
+    BALL,
     SCALE_STD,
     Labelled,
     Weight,
@@ -90,6 +92,8 @@ def calibrate(
     baseline: int | None = None,
     labels: int = USUAL_LABELS,
     before: SkinCalibration | None = None,
+    constants: Sequence[str] = (),
+    pad_models: Sequence[str] | None = None,
 ) -> SkinCalibration:
     """The calibration of a skin by presses of which something is known; `Skin.calibrate` is the same and returns the skin.
 
@@ -100,7 +104,7 @@ def calibrate(
     presses : Recording, array (frame, channel, *array), or a list of them
         Readings in the sensor's own unit, of which each recording is a run.
     reference : array (frame,) or (frame, 3), or mapping of str to array
-        Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], and "x", "y" [m] where the place of the press is known. NaN where nothing is known. For a list of presses a
+        Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], "x", "y" [m] where the place of the press is known, and "ball_radius" [m] where a ball pressed. NaN where nothing is known. For a list of presses a
         list. With ``reference_time`` on a clock of its own.
     reference_time : array (sample,), optional
         Times of the reference [s]; the delay between the clocks is found (`find_delay`).
@@ -114,6 +118,10 @@ def calibrate(
         At most so many frames are used.
     before : SkinCalibration, optional
         One of the same skin, from which this one starts: its labels are kept, and whether the sensor has aged since is said.
+    constants : sequence of str
+        Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
+    pad_models : sequence of str, optional
+        Pad models that the presses rank, some of "half-space", "bonded", "stack", "soft base". Default: that of the skin.
 
     Raises
     ------
@@ -156,6 +164,8 @@ def calibrate(
     zeros = [_zero(run, one, baseline, said) for run, one in zip(runs, known)]
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
     data = _gathered(runs, flats, known, labels)
+    told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
+    skin = with_constants(skin, told)
     if before is not None:
         said += ageing(before, data)
     maps = _maps(skin, data, before)
@@ -172,6 +182,7 @@ def calibrate(
     zero, zero_std = _kept_zero(skin.planes, zeros, data.rest)
     return replace(
         found,
+        constants=told,
         rest=data.rest,
         zero=zero,
         zero_std=zero_std,
@@ -219,10 +230,10 @@ def _columns(reference: Any) -> dict[str, Floats]:
     """What is known, by name."""
     if isinstance(reference, Mapping):
         out: dict[str, Floats] = {str(k).lower(): np.asarray(v, dtype=np.float64) for k, v in reference.items()}
-        unknown = set(out) - {*FORCES, *PLACES}
+        unknown = set(out) - {*FORCES, *PLACES, BALL}
         if unknown or not out:
             raise InvalidInput(
-                f"reference names {', '.join(sorted(unknown)) or 'nothing'}; accepted: {', '.join((*FORCES, *PLACES))}."
+                f"reference names {', '.join(sorted(unknown)) or 'nothing'}; accepted: {', '.join((*FORCES, *PLACES, BALL))}."
             )
         if any(v.ndim != 1 for v in out.values()) or len({len(v) for v in out.values()}) != 1:
             shapes = ", ".join(f"{k} {v.shape}" for k, v in out.items())
@@ -387,7 +398,7 @@ def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
 
 
 def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
-    names = [n for n in (*FORCES, *PLACES) if any(n in k for k in known)]
+    names = [n for n in (*FORCES, *PLACES, BALL) if any(n in k for k in known)]
     timed = all(r.time is not None for r in runs)
     rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "time", "run", *names)}
     per_run = max(1, labels // len(runs))

@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate._arrays import from_numpy
 from palpate._numbers import plain_number
+from palpate.calibrate.constants import PadConstants
 from palpate.calibrate.forcemap import ForceMap
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, NotObservable
@@ -50,6 +51,8 @@ class SkinCalibration:
         What the data tell and do not tell, in sentences.
     table : tuple of rows
         Name, error, R^2 and coverage (NaN where there is none) of normal force on presses that were left out, this map first.
+    constants : PadConstants or None
+        Posterior of the pad's constants, where they were asked for.
     rest : array (frame, channel, *array) or None
         Readings at rest without their zero: their scatter is the noise that the elastic model is given.
     scale : float
@@ -74,6 +77,7 @@ class SkinCalibration:
     zero: Floats | None = None
     zero_std: Floats | None = None
     open_zero: bool = False
+    constants: PadConstants | None = None
 
     @property
     def elastic(self) -> bool:
@@ -209,4 +213,5 @@ class SkinCalibration:
             for name, error, r2, coverage in self.table:
                 share = "" if math.isnan(coverage) else f", {coverage:.2f}"
                 lines.append(f"  {name:<18}{plain_number(error, 3)} N, {r2:.3f}{share}")
-        return "\n".join([*lines, *(f"- {s}" for s in self.said)])
+        lines += [f"- {s}" for s in self.said]
+        return "\n".join(lines if self.constants is None else [*lines, str(self.constants)])

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from palpate.calibrate.calibration import SkinCalibration
+from palpate.calibrate.constants import PadConstants
 from palpate.calibrate.forcemap import ForceMap
 from palpate.errors import InvalidInput
 from palpate.recordings.files import atomically
@@ -69,6 +70,8 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
     )
     held["scale"] = np.asarray(found.scale)
     held["said"], held["table"] = np.asarray(json.dumps(found.said)), np.asarray(json.dumps(found.table))
+    if found.constants is not None:
+        held["constants"] = np.asarray(found.constants.json())
     for key in ("rest", "zero", "zero_std"):
         if getattr(found, key) is not None:
             held[key] = getattr(found, key)
@@ -129,6 +132,7 @@ def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
             maps, int(held["readings"]), float(held["unit"]), float(held["unit_std"]), float(held["elastic_error"]),
             tuple(json.loads(str(held["said"]))), table, held.get("rest"),
             float(held["scale"]), held.get("zero"), held.get("zero_std"),
+            constants=PadConstants.from_json(str(held["constants"])) if "constants" in held else None,
         )  # fmt: skip
     except (KeyError, ValueError, OSError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
         raise InvalidInput(f"{path}: no calibration of palpate, or damaged ({error}). Calibrate again.") from error

@@ -15,6 +15,8 @@ from palpate.units import UNITS, parse_quantity
 
 __all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers", "stuck_labels"]
 
+#: Name of the radius of the ball that pressed, among what is known of a frame.
+BALL = "ball_radius"
 #: Standard gravity [m/s^2] (CGPM 1901).
 GRAVITY = 9.80665
 #: What a kitchen scale and the laying on of a weight are known to (a convention: 1 g of 100 g, and a weight that leans).

@@ -18,6 +18,8 @@ __all__ = ["draw_report"]
 
 #: Letters in a line of the sentences.
 WIDE = 110
+#: Height of one of them [inch].
+LINE = 0.115
 
 
 def draw_report(found: SkinCalibration) -> Figure:
@@ -66,7 +68,13 @@ def _drawn(found: SkinCalibration, one: ForceMap, ink: dict[str, str], wide: flo
     rows = [r for r in found.table if np.isfinite(r[1])]
     right.barh([r[0] for r in rows][::-1], [r[1] for r in rows][::-1], color=["0.75"] * (len(rows) - 1) + [ink["z"]])
     right.set_xlabel("mean error of left-out presses [N]")
-    words = "\n".join(line for s in found.said for line in textwrap.wrap(f"- {s}", WIDE, subsequent_indent="  "))
-    figure.subplots_adjust(left=0.1, right=0.98, top=0.97, bottom=0.42, wspace=0.6)
-    figure.text(0.03, 0.28, words, fontsize=6.5, va="top")
+    said = [f"- {s}" for s in found.said]
+    if found.constants is not None:
+        said += str(found.constants).splitlines()
+    lines = [line for s in said for line in textwrap.wrap(s, WIDE, subsequent_indent="  ", drop_whitespace=False)]
+    words = "\n".join(lines)
+    height = 4.4 + LINE * max(0, len(lines) - 8)
+    figure.set_figheight(height)
+    figure.subplots_adjust(left=0.1, right=0.98, top=1.0 - 0.13 / height, bottom=1.0 - 2.55 / height, wspace=0.6)
+    figure.text(0.03, 1.0 - 3.17 / height, words, fontsize=6.5, va="top")
     return figure

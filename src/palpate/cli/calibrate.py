@@ -54,6 +54,16 @@ def calibrate(
     again: Annotated[
         bool, typer.Option("--again", help="Start from the calibration in --skin, and say whether the sensor has aged.")
     ] = False,
+    constants: Annotated[
+        str | None,
+        typer.Option(
+            help='Constants of the pad to find from balls pressed straight in, such as "youngs_modulus,depth"; their radii [m] as --reference "fz=Fz,ball_radius=R", where known.'
+        ),
+    ] = None,
+    pad_models: Annotated[
+        str | None,
+        typer.Option(help='With --constants: pads that the presses rank, such as "half-space,bonded,stack,soft base".'),
+    ] = None,
     report: Annotated[
         Path | None,
         typer.Option(
@@ -80,9 +90,17 @@ def calibrate(
     if ball_diameter is not None:
         from palpate.cli.colour import calibrate_colours
 
-        if reference is not None or reference_file is not None or weight or columns is not None or again:
+        if (
+            reference is not None
+            or reference_file is not None
+            or weight
+            or columns is not None
+            or again
+            or constants
+            or pad_models
+        ):
             raise InvalidInput(
-                "--ball-diameter learns what colours mean, from the ball alone: leave out --reference, --reference-file, --weight, --map and --again."
+                "--ball-diameter learns what colours mean, from the ball alone: leave out --reference, --reference-file, --weight, --map, --again, --constants and --pad-models."
             )
         calibrate_colours(
             presses,
@@ -122,6 +140,8 @@ def calibrate(
     for recording in recordings:
         check_matching(recording, skin)
     options: dict[str, Any] = {"baseline": baseline, "labels": labels, "weights": weight or (), "again": again}
+    options["constants"] = [c.strip() for c in (constants or "").split(",") if c.strip()]
+    options["pad_models"] = None if pad_models is None else [m.strip() for m in pad_models.split(",") if m.strip()]
     if reference is not None:
         wanted = _wanted(reference)
         tables = [_read(p, wanted) for p in ([reference_file] if reference_file is not None else presses)]
@@ -166,9 +186,13 @@ def _wanted(text: str) -> dict[str, tuple[str, float]]:
                 ) from error
         elif name.startswith("-"):
             factor, name = -1.0, name[1:]
-        if not sign or key.strip().lower() not in ("fx", "fy", "fz", "x", "y", "time") or not name.strip():
+        if (
+            not sign
+            or key.strip().lower() not in ("fx", "fy", "fz", "x", "y", "ball_radius", "time")
+            or not name.strip()
+        ):
             raise InvalidInput(
-                f'--reference must name columns such as "fz=Fz,fx=Fx" (fx, fy, fz, x, y, time); got {part.strip()!r}.'
+                f'--reference must name columns such as "fz=Fz,fx=Fx" (fx, fy, fz, x, y, ball_radius, time); got {part.strip()!r}.'
             )
         out[key.strip().lower()] = (name.strip(), factor)
     return out

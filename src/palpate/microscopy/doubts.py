@@ -43,7 +43,7 @@ WORDS = {
     "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
     "where something presses, seek it as well (components x, y, z)": "where the cell presses too, that is an error",
     "Give the array its noise=..., or a larger parameter": "Give noise=... (--noise)",
-    '"200 kPa +- 20 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.2) in Python)': '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin; uncertainty=Uncertainty(youngs_modulus=0.2) in Python)',
+    '"200 kPa +- 5 %" in skin.toml, or uncertainty=, says how well': '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin, says how well',
 }
 
 

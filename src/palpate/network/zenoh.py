@@ -121,9 +121,11 @@ class ZenohListener(FrameSource):
     --------
     >>> from palpate.network import ZenohListener, frame_bytes, zenoh_session
     >>> with zenoh_session() as session:  # doctest: +SKIP
-    ...     with ZenohListener(session, [1, 3], key="finger/readings") as listener:
-    ...         session.put("finger/readings", frame_bytes(0, 0.5, [[1.0, 2.0, 3.0]]))
-    ...         time, readings = next(iter(listener))
+    ...     listener = ZenohListener(session, [1, 3], key="finger/readings")
+    ...     session.put("finger/readings", frame_bytes(0, 0.5, [[1.0, 2.0, 3.0]]))
+    ...     number, time, readings = next(listener.frames())
+    ...     print(listener.sender)
+    ...     listener.close()
     """
 
     def __init__(

@@ -61,6 +61,7 @@ class Parts:
     narrow_weights: bool = part("local weights, narrow")
     posterior_variance: bool = part("posterior variance in local weights")
     finer_grid: bool = part("finer grid")
+    finer_sliding: bool = part("finer grid of sliding contact", needs="friction")
     wide_surface: bool = part("surface beyond the edge")
     ends_on_surface: bool = part("models that end on the surface")
     sliding: bool = part("sliding as a whole", needs="friction")
@@ -157,8 +158,6 @@ class Explanations:
     )
     compact: float = number(0.8, "a compact contact leaves this part of the readings' degrees of freedom")
     same: float = number(0.1, "sizes of nuisances that differ by less than this part are the same")
-    edge_taxels: int = number(8, "the mean of so many outermost taxels at least says that there is no offset")
-    edge_mean: float = number(1.5, "where it is so many of its standard errors")
     followed: int = number(2, "so many rivals take the place of an explanation that is refuted")
     least_weight: float = number(0.05, "of two weighed explanations one with less is left out")
 

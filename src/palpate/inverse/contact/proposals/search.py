@@ -12,9 +12,8 @@ from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.proposals.levels import edge_levels, outermost_of, reach, touched
+from palpate.inverse.contact.proposals.levels import edge_levels, reach
 from palpate.inverse.contact.score import hopeless_signs, same
-from palpate.sensing.arrays import ScatteredArray
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["Doubt", "Search"]
@@ -104,7 +103,7 @@ class Search:
             # so many readings tell an offset that is far too small to be looked for
             seen &= np.abs(rest) > rules.half * rules.smallest_nuisance * reach(columns, self.data)
         sought = bool(seen.any() or best.rough.ring > rules.edge)
-        sought = sought or (self.worth_more(best) and not self._just_noise(best))
+        sought = sought or self.worth_more(best)
         wide = (
             estimator.far
             and estimator.problem.pad.thickness is None
@@ -112,28 +111,3 @@ class Search:
         )
         hopeless = hopeless_signs(self.tried, estimator.policy) if large and not estimator.far else []
         return Doubt(sought, bool(wide), best, unit, level, hopeless)
-
-    def _just_noise(self, h: Explanation) -> bool:
-        """Whether what is left is no more than noise, and the outermost taxels of an area read nothing but it: offsets are then not worth seeking, however
-        large a part of the readings is noise. What contact leaves would not tell: it takes up noise that pushes.
-        """
-        estimator, policy = self.estimator, self.estimator.policy
-        std, noise, factor = estimator.readings.std, 1.0, policy.noise.again
-        if estimator.noise_known:
-            factor = 1.0 + policy.explanations.sure / float(np.sqrt(2.0 * h.rough.free))
-        else:
-            noise = estimator.evidence(estimator.orders[1], estimator.readings.planes(self.data), None).scale
-        if h.rough.left > noise * factor:
-            return False
-        for term in self.terms:
-            array, here = touched(estimator, term)
-            if term.kind != "offset" or array.dimensions == 1:
-                return False
-            at = here[outermost_of(array.points[array.valid.ravel()], isinstance(array, ScatteredArray))]
-            at = at[self.observed[at]]
-            if len(at) < policy.explanations.edge_taxels:
-                return False
-            mean = abs(float((self.data[at] / std[at]).mean())) * float(np.sqrt(len(at)))
-            if mean > policy.explanations.edge_mean * noise:
-                return False
-        return True

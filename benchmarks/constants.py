@@ -1,0 +1,236 @@
+"""Constants of a pad from balls of known force at unknown places: how often the truth lies inside the 95 % intervals; pad models told apart.
+
+    python benchmarks/constants.py --oracles FOLDER            # holds fem_layer_3d.npz
+    python benchmarks/constants.py --oracles FOLDER --write    # docs/_generated/constants.md and pad_models.md
+
+The readings are closed forms of a half-space (`palpate.solutions`) or finite elements of a bonded layer (FOLDER): never the forward model that is fitted. Noise:
+1 % of the largest reading. Radii of balls are told with an error of 2 %. Truths are drawn from the spread that the fit assumes before the presses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.interpolate
+
+import palpate as pp
+from palpate.calibrate.constants import CONSTANTS, REJECTED, fit_constants
+
+sys.path.insert(0, str(Path(__file__).parent))
+from calibrate import eflesh, melexis
+
+GENERATED = Path(__file__).parents[1] / "docs" / "_generated"
+NOISE, RADIUS, PITCH, SHAPE = 0.01, 0.02, 2e-3, (6, 6)
+FORCES = (1.0, 2.0, 4.0)
+
+
+def grid(shape: tuple[int, int] = SHAPE, pitch: float = PITCH) -> np.ndarray:
+    return np.asarray(pp.AreaArray(shape=shape, pitch=pitch, depth=1e-3, channels=["stress_zz"]).points)[:, ::-1]
+
+
+def noisy(readings: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    noise = NOISE * float(np.abs(readings).max())
+    return readings + noise * rng.standard_normal(readings.shape), noise
+
+
+Truth = dict[str, float]
+
+
+def gel(
+    rng: np.random.Generator, presses: int, oracles: Path
+) -> tuple[pp.Skin, np.ndarray, np.ndarray, np.ndarray, float, Truth]:
+    """A camera gel deep enough to be a half-space: in-plane displacement of markers, balls of 4, 6 and 9 mm radius; closed form."""
+    modulus, depth, scale = np.exp(rng.standard_normal(3) * [0.4, 0.2, 0.2]) * [1e5, 2e-3, 1.0]
+    pad = pp.HalfSpace(youngs_modulus=modulus, poissons_ratio=0.48)
+    points, radius, force = grid() * scale, np.resize([4e-3, 6e-3, 9e-3], presses), np.resize(FORCES, presses)
+    channels = ["displacement_x", "displacement_y"]
+    out = []
+    for r, f in zip(radius, force):
+        x, y = rng.uniform(-3e-3, 3e-3, 2)
+        ball = pp.solutions.hertz_point(
+            force=f, contact_radius=pp.solutions.hertz_contact_radius(pad, radius=r, force=f)
+        )
+        out.append(ball.fields(pad, channels, points[:, 0] - x, points[:, 1] - y, depth) / scale)
+    readings, noise = noisy(np.stack(out).reshape(presses, 2, *SHAPE), rng)
+    array = pp.AreaArray(shape=SHAPE, pitch=PITCH, depth=2e-3, channels=channels)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
+    radius = radius * np.exp(RADIUS * rng.standard_normal(presses))
+    return skin, readings, force, radius, noise, {"youngs_modulus": modulus, "depth": depth, "pixel_scale": scale}
+
+
+def taxels(
+    rng: np.random.Generator, presses: int, oracles: Path
+) -> tuple[pp.Skin, np.ndarray, np.ndarray, np.ndarray, float, Truth]:
+    """Taxels at the base of a bonded pad, each with a gain of its own; contact radius a third and all of the thickness; finite elements."""
+    thickness = 4e-3 * np.exp(0.2 * rng.standard_normal())
+    modulus = 1e5 * np.exp(0.4 * rng.standard_normal())
+    points = grid()
+    gains = np.exp(0.05 * rng.standard_normal(len(points)))
+    with np.load(oracles / "fem_layer_3d.npz") as file:
+        held = {k: file[k] for k in file.files}
+    out, radius, force = [], [], []
+    for i in range(presses):
+        name, a = (("h3", thickness / 3.0), ("h1", thickness))[i % 2]
+        f = FORCES[i % 3]
+        x, y = rng.uniform(-3e-3, 3e-3, 2)
+        unit = f / (2.0 * np.pi / 3.0 * a**2)  # p0 of Hertz's pressure
+        case = f"{name}__nu0.5__hertz_p"
+        table = scipy.interpolate.CubicSpline(held[f"{name}__r"], held[f"{case}__S_zz"][-1])
+        sunk = held[f"{case}__u_z"][0]
+        edge = np.flatnonzero(np.isclose(held[f"{name}__r"], 1.0))[0]
+        drop = float(sunk[0] - sunk[edge]) * a * unit / modulus
+        out.append(
+            gains * unit * table(np.minimum(np.hypot(points[:, 0] - x, points[:, 1] - y) / a, held[f"{name}__r"][-1]))
+        )
+        radius.append(a**2 / (2.0 * drop))
+        force.append(f)
+    readings, noise = noisy(np.stack(out).reshape(presses, 1, *SHAPE), rng)
+    array = pp.AreaArray(shape=SHAPE, pitch=PITCH, depth="base", channels=["stress_zz"])
+    skin = pp.Skin(pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=1e5, poissons_ratio=0.5)]), array)
+    truth = {"youngs_modulus": modulus, "thickness": thickness, **{f"gain {i}": g for i, g in enumerate(gains)}}
+    return (
+        skin,
+        readings,
+        np.array(force),
+        np.array(radius) * np.exp(RADIUS * rng.standard_normal(presses)),
+        noise,
+        truth,
+    )
+
+
+BENCHES = {
+    "camera gel": (gel, ["youngs_modulus", "depth", "pixel_scale"]),
+    "taxels": (taxels, ["youngs_modulus", "thickness", "gain"]),
+}
+
+
+def coverage(oracles: Path, repetitions: int) -> list[str]:
+    rows = [
+        "| bench | presses | constant | inside 95 % | median standard deviation before | after | median error |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for bench, (make, constants) in BENCHES.items():
+        for presses in (3, 6, 20):
+            off: dict[str, list[tuple[float, float]]] = {}
+            for seed in range(repetitions):
+                skin, readings, force, radius, noise, truth = make(
+                    np.random.default_rng([seed, presses]), presses, oracles
+                )
+                found = fit_constants(skin, readings, force, constants=constants, noise=noise, ball_radius=radius)
+                for name, value, std in zip(found.names, found.values, found.std):
+                    key = "gain" if name.startswith("gain") else name
+                    off.setdefault(key, []).append((abs(float(np.log(truth[name] / value))), float(std)))
+            for key, values in off.items():
+                error, std = np.array(values).T
+                rows.append(
+                    f"| {bench} | {presses} | {key} | {(error < 1.96 * std).mean():.2f} | {100 * CONSTANTS[key]:.0f} % | "
+                    f"{100 * np.median(std):.1f} % | {100 * np.median(error):.1f} % |"
+                )
+                print(rows[-1], flush=True)
+    return rows
+
+
+MODELS = ("half-space", "bonded", "stack", "soft base")
+DEPTH, THICK = 2e-3, 3e-3
+
+
+def body(name: str) -> Any:
+    layer = pp.Layer(thickness=THICK, youngs_modulus=1e5, poissons_ratio=0.48)
+    thin = [pp.Layer(thickness=0.5 * THICK, youngs_modulus=e, poissons_ratio=0.48) for e in (1e5, 2e4)]
+    return {
+        "half-space": pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48),
+        "bonded": pp.BondedLayers([layer]),
+        "stack": pp.BondedLayers(thin),
+        "soft base": pp.BondedLayers([layer], base=pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=0.48)),
+    }[name]
+
+
+def ranked(repetitions: int) -> list[str]:
+    """How often each pad is named from six presses of balls of unknown radius; under stress taxels a layer of 60 mm is one with a half-space."""
+    moved = ["displacement_x", "displacement_y", "displacement_z"]
+    rows = ["| true pad | readings | named right | cannot tell | named wrong | rejected |", "|---|---|---|---|---|---|"]
+    thick = pp.BondedLayers([pp.Layer(thickness=60e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+    cases = [(m, body(m), moved, THICK) for m in MODELS]
+    for truth, pad, channels, thickness in [*cases, ("bonded, 60 mm", thick, ["stress_zz"], 60e-3)]:
+        counts = np.zeros(4, dtype=int)
+        array = pp.AreaArray(shape=SHAPE, pitch=PITCH, depth=DEPTH, channels=channels)
+        true = pp.Skin(pad, array)
+        guess = pp.BondedLayers([pp.Layer(thickness=thickness * 1.1, youngs_modulus=1.2e5, poissons_ratio=0.48)])
+        skin = pp.Skin(guess, array)
+        for seed in range(repetitions):
+            rng = np.random.default_rng([seed, 77])
+            force = np.resize(FORCES, 6)
+            balls = [
+                pp.solutions.hertz_point(force=f, contact_radius=a).shifted(*rng.uniform(-3e-3, 3e-3, 2))
+                for f, a in zip(force, np.resize([1.2e-3, 1.8e-3, 2.4e-3], 6))
+            ]
+            if isinstance(pad, pp.HalfSpace):
+                points = grid()
+                made = np.stack([b.fields(pad, channels, points[:, 0], points[:, 1], DEPTH) for b in balls])
+            else:
+                made = np.stack([np.asarray(true.sense(b)) for b in balls])
+            readings, noise = noisy(made.reshape(6, len(channels), *SHAPE), rng)
+            asked = ["youngs_modulus", "thickness", "depth"]
+            found = fit_constants(skin, readings, force, constants=asked, noise=noise, models=MODELS)
+            best = found.best_model
+            counts[3 if found.misfit > REJECTED else 1 if best is None else 0 if best == truth else 2] += 1
+            if seed < 2:
+                print(truth, found.evidence, round(found.misfit, 2), flush=True)
+        rows.append(
+            f"| {truth} | {'displacement' if channels == moved else 'stress'} | " + " | ".join(map(str, counts)) + " |"
+        )
+        print(rows[-1], flush=True)
+    return rows
+
+
+def published(data: Path) -> list[str]:
+    """What pad models say of two published sensors without elastic constants: twenty frames pressed with hardly any sideways force, unit and gains free, 3 % noise."""
+    rng = np.random.default_rng(0)
+    rows = [
+        "| sensor | frames | residual over noise | pad model | best by evidence |",
+        "|---|---|---|---|---|",
+    ]
+    splits = [next(eflesh(data / "eflesh", rng)), next(melexis(data / "melexis", rng))]
+    for split in splits:
+        force = split.force
+        pressed = np.flatnonzero(force > 0.2 * force.max())
+        at = pressed[np.linspace(0, len(pressed) - 1, 20).astype(int)]
+        plane = split.skin.planes[0]
+        readings = split.readings[at].reshape(len(at), len(plane.channels), *plane.shape)
+        noise = 0.03 * float(np.abs(readings).max())
+        asked = ["unit", "thickness", "gain"]
+        found = fit_constants(split.skin, readings, force[at], constants=asked, noise=noise, models=MODELS)
+        best = max(found.evidence, key=lambda m: found.evidence[m])
+        said = "rejected" if found.misfit > REJECTED else found.best_model or "cannot tell"
+        rows.append(f"| {split.name.split()[0]} | {len(at)} | {found.misfit:.1f} | {said} | {best} |")
+        print(rows[-1], *found.said, sep="\n", flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--oracles", type=Path, required=True)
+    parser.add_argument("--repetitions", type=int, default=100)
+    parser.add_argument("--data", type=Path, help="published recordings: eflesh/ and melexis/")
+    parser.add_argument("--part", choices=("coverage", "models", "published"), help="only this table")
+    parser.add_argument("--write", action="store_true")
+    given = parser.parse_args()
+    tables = {
+        "coverage": ("constants.md", lambda: coverage(given.oracles, given.repetitions)),
+        "models": ("pad_models.md", lambda: ranked(given.repetitions)),
+    }
+    if given.data is not None:
+        tables["published"] = ("pads_published.md", lambda: published(given.data))
+    for part, (name, make) in tables.items():
+        if given.part in (None, part):
+            text = "\n".join([*make(), ""])
+            if given.write:
+                (GENERATED / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
