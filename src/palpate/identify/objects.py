@@ -87,7 +87,9 @@ def _contact_radius(frame: Frame, i: int) -> Finding:
     low = value * math.exp(-math.hypot(math.log(value / low), more)) if low > 0 else 0.0
     high = value * math.exp(math.hypot(math.log(high / value), more)) if math.isfinite(high) else math.inf
     if low == 0.0:
-        return Finding.unknown("m", f"contacts of up to {1e3 * high:.2g} mm in radius give the same readings", low=low, high=high)
+        return Finding.unknown(
+            "m", f"contacts of up to {1e3 * high:.2g} mm in radius give the same readings", low=low, high=high
+        )
     if math.isinf(high):
         return Finding.unknown(
             "m", f"it is at least {1e3 * low:.2g} mm, and reaches beyond what is measured", low=low, high=high

@@ -73,8 +73,8 @@ def doubts(
     large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
     sure = abs(large) > QUESTIONED * own(moment)
     noise = field.noise or (None if done.touch.noise_std is None else float(np.mean(done.touch.noise_std)))
-    told = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
-    axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if told and noise else ""
+    shown = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
+    axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if shown and noise else ""
     if axes:
         said.append(f"the field spreads its traction far over the gel, as no cell does, and {AXES[axes]}")
     elif sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
@@ -107,7 +107,7 @@ def doubts(
             said.append(
                 f"traction outside the cell is {100 * share:.0f} % of that inside: noise, a neighbour, or a mask that misses part of the cell; energy and sums of sizes are partly that"
             )
-    if not told:
+    if not shown:
         said.append("strain energy may be zero: no traction exceeds the noise")
     if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
         said.append(
@@ -187,7 +187,7 @@ def _largest_patch(done: Inverted) -> float | None:
 def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], field: Field) -> list[str]:
     """A mask that would hold the traction if it lay elsewhere."""
     size = np.hypot(*traction)
-    # only what is told from zero
+    # only what is distinct from zero
     size = np.where(size > TOLD * np.hypot(*std), size, 0.0)
     if not size.any():
         return []

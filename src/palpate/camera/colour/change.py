@@ -51,7 +51,9 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
     if not np.isfinite(part).all() or part.min() < 0.0 or part.max() > 1.0 + 1e-6:
         raise InvalidInput(f"{name}: levels must be finite, floats from 0 to 1; got {part.min():g} to {part.max():g}.")
     if part.max(initial=0.0) > BLACK and float(np.ptp(part, axis=2).max()) == 0.0:
-        raise InvalidInput(f"{name}: all channels are equal: a grey picture has no colours to measure slopes by. Record it in colour.")
+        raise InvalidInput(
+            f"{name}: all channels are equal: a grey picture has no colours to measure slopes by. Record it in colour."
+        )
     rows, columns = (n // step * step for n in part.shape[:2])
     blocks = part[:rows, :columns].reshape(rows // step, step, columns // step, step, 3)
     lost = np.asarray(((blocks > BRIGHT) | (blocks < BLACK)).any(axis=(1, 3, 4)))
