@@ -108,13 +108,15 @@ BENCHES = {
 }
 
 
-def coverage(oracles: Path, repetitions: int) -> list[str]:
+def coverage(oracles: Path, repetitions: int, only: str) -> list[str]:
     rows = [
         "| bench | presses | constant | inside 95 % | median standard deviation before | after | median error |",
         "|---|---|---|---|---|---|---|",
     ]
     for bench, (make, constants) in BENCHES.items():
         for presses in (3, 6, 20):
+            if only not in f"{bench} | {presses} |":
+                continue
             off: dict[str, list[tuple[float, float]]] = {}
             for seed in range(repetitions):
                 skin, readings, force, radius, noise, truth = make(
@@ -149,13 +151,15 @@ def body(name: str) -> Any:
     }[name]
 
 
-def ranked(repetitions: int) -> list[str]:
+def ranked(repetitions: int, only: str) -> list[str]:
     """How often each pad is named from six presses of balls of unknown radius; under stress taxels a layer of 60 mm is one with a half-space."""
     moved = ["displacement_x", "displacement_y", "displacement_z"]
     rows = ["| true pad | readings | named right | cannot tell | named wrong | rejected |", "|---|---|---|---|---|---|"]
     thick = pp.BondedLayers([pp.Layer(thickness=60e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
     cases = [(m, body(m), moved, THICK) for m in MODELS]
     for truth, pad, channels, thickness in [*cases, ("bonded, 60 mm", thick, ["stress_zz"], 60e-3)]:
+        if only not in f"| {truth} |":
+            continue
         counts = np.zeros(4, dtype=int)
         array = pp.AreaArray(shape=SHAPE, pitch=PITCH, depth=DEPTH, channels=channels)
         true = pp.Skin(pad, array)
@@ -211,25 +215,38 @@ def published(data: Path) -> list[str]:
     return rows
 
 
+def write(path: Path, rows: list[str]) -> None:
+    """Rows of other benches or pads that a run left out (``--only``) stay as they are."""
+
+    def key(row: str) -> str:
+        return "|".join(row.split("|")[:4]) if path.name == "constants.md" else row.split("|")[1]
+
+    fresh = {key(r): r for r in rows[2:]}
+    old = path.read_text(encoding="utf-8").splitlines()[2:] if path.exists() else []
+    kept = [fresh.pop(key(r), r) for r in old if r]
+    path.write_text("\n".join([*rows[:2], *kept, *fresh.values(), ""]), encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--oracles", type=Path, required=True)
     parser.add_argument("--repetitions", type=int, default=100)
     parser.add_argument("--data", type=Path, help="published recordings: eflesh/ and melexis/")
     parser.add_argument("--part", choices=("coverage", "models", "published"), help="only this table")
+    parser.add_argument("--only", default="", help='rows that hold this text, such as "taxels | 6 |" or "| stack |"')
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     tables = {
-        "coverage": ("constants.md", lambda: coverage(given.oracles, given.repetitions)),
-        "models": ("pad_models.md", lambda: ranked(given.repetitions)),
+        "coverage": ("constants.md", lambda: coverage(given.oracles, given.repetitions, given.only)),
+        "models": ("pad_models.md", lambda: ranked(given.repetitions, given.only)),
     }
     if given.data is not None:
         tables["published"] = ("pads_published.md", lambda: published(given.data))
     for part, (name, make) in tables.items():
         if given.part in (None, part):
-            text = "\n".join([*make(), ""])
+            rows = make()
             if given.write:
-                (GENERATED / name).write_text(text, encoding="utf-8")
+                write(GENERATED / name, rows)
 
 
 if __name__ == "__main__":

@@ -394,12 +394,12 @@ class _Fit:
     def contact_radius(self, pad: Any, modulus: float) -> Floats:
         """Log of the radius of contact of known balls: Hertz's, corrected so that the surface sinks a^2 / (2 R) more at the centre than at the edge."""
         plane = modulus / (1.0 - self.ratio**2)
-        out = np.log((0.75 * self.force * self.ball / plane) ** (1.0 / 3.0))
+        out: Floats = np.log((0.75 * self.force * self.ball / plane) ** (1.0 / 3.0))
         if self.model == "half-space":
             return np.asarray(out)
         spectrum = 3.0 * (np.sin(self.q) - self.q * np.cos(self.q)) / self.q**3 * (1.0 - j0(self.q)) * self.q_weight
-        at: Any = np.isfinite(out)
-        for _ in range(6 if at.any() else 0):  # a ~ sunk^(1/3) on a half-space: a damped fixed point
+        at = np.flatnonzero(np.isfinite(self.ball))
+        for _ in range(6 if len(at) else 0):  # a ~ sunk^(1/3) on a half-space: a damped fixed point
             a = np.exp(out[at])[:, None]
             k = self.q / a
             states = pad.states(k, np.broadcast_to([1.0, 0.0], (*k.shape, 2)), 0.0)[..., 2, 2].real
@@ -489,7 +489,7 @@ class _Fit:
             made, _ = self.model_readings(np.concatenate([self.mean, own.ravel()]))
             self.mean[self.names.index("unit")] = 0.5 * math.log(float((self.readings**2).sum() / (made**2).sum()))
         start = np.concatenate([self.mean, own.ravel()])
-        least = least_squares(self.residuals, start, self.jacobian, x_scale="jac", max_nfev=60, xtol=1e-7, ftol=1e-7)
+        least = least_squares(self.residuals, start, self.jacobian, x_scale="jac", max_nfev=40, xtol=1e-7, ftol=1e-6)
         self.theta, hessian = least.x, least.jac.T @ least.jac
         self.covariance = np.linalg.inv(hessian)
         prior = (
