@@ -196,7 +196,7 @@ def test_memory_does_not_grow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     array = pp.LineArray(count=600, pitch=1e-3, depth=1e-3, channels=CHANNELS, noise=5.0)
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
     press = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=20.0))
-    write_recording(Recording(readings=np.stack([press] * 300), channels=CHANNELS), tmp_path / "r.nc")
+    write_recording(Recording(readings=np.stack([press] * 600), channels=CHANNELS), tmp_path / "r.nc")
     skin.prepare(method="dft")
     tracemalloc.start()
     pp.reconstruct_recording(skin, tmp_path / "r.nc", tmp_path / "t.nc", method="dft", chunk=10)

@@ -84,7 +84,7 @@ NOTES = [
     ),
     # what a method assumed
     Note(
-        'say how well it is known ("200 kPa +- 20 %" in skin.toml, uncertainty=Uncertainty(youngs_modulus=0.2) in Python)',
+        '"200 kPa +- 5 %" in skin.toml, or uncertainty=, says how well',
         lambda: weaker(nuisance=[]),
         lambda: weaker(nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.2)),
         holds(0.0, 0.0, 1.0),  # the gel is 35 % stiffer than it is said to be
@@ -408,7 +408,7 @@ NOTES = [
         lambda: cell(U(), method="tikhonov"),
     ),
     of_cell(
-        '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin; uncertainty=Uncertainty(youngs_modulus=0.2) in Python)',
+        '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin, says how well',
         lambda: cell(U(), pp.HalfSpace(youngs_modulus=9.6e3, poissons_ratio=0.48)),
         lambda: cell(
             U(),

@@ -388,6 +388,7 @@ def cell_forces(
     said = [
         *field.notes,
         *map(in_these_words, done.touch.notes),
+        *(f"assumed: {in_these_words(one)}" for one in done.touch.assumed),
         *done.notes,
         *(
             [f"how well {', '.join(beside)} is known does not enter these errors, only how well modulus and scale are"]
