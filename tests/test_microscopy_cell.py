@@ -275,7 +275,7 @@ def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monke
             CliRunner().invoke(app, [*run, *extra], catch_exceptions=False)
     with pytest.raises(InvalidInput, match="give --mask"):
         CliRunner().invoke(app, [*run[:-2], "--cell", "1", "--out", "b"], catch_exceptions=False)
-    with pytest.raises(InvalidInput, match="must be said, such as --pixel"):
+    with pytest.raises(InvalidInput, match="give what no file states, such as --pixel"):
         CliRunner().invoke(app, ["tfm", "u.npy", "v.npy"], catch_exceptions=False)
     assert not Path("b.html").exists()
 
