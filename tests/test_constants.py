@@ -146,6 +146,13 @@ def test_constants_travel_into_the_skin_its_file_and_the_next_calibration(skin: 
     assert kept.calibration.constants is calibrated.calibration.constants
 
 
+def test_one_channel_of_displacement_is_enough(skin: pp.Skin) -> None:
+    readings, force, radius, noise = gel(5, 3, pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), 2e-3)
+    one = pp.Skin(skin.pad, array(["displacement_x"]))
+    found = fit_constants(one, readings[:, :1], force, constants=["depth"], noise=noise, ball_radius=radius)
+    assert abs(np.log(found.values[0] / 2e-3)) < 3.0 * found.std[0]
+
+
 def test_damaged_constants_are_refused() -> None:
     found = PadConstants("half-space", ("depth",), np.ones(1), np.eye(1), np.ones(1), {"half-space": 0.0}, 1.0)
     assert PadConstants.from_json(found.json()).names == ("depth",)

@@ -362,8 +362,9 @@ class _Fit:
         span = float(np.ptp(self.points, axis=0).max())
         self.length = span / 4.0
         center = self.points.mean(axis=0)
-        size = np.abs(self.readings[:, -1] if "stress_zz" in self.channels or "displacement_z" in self.channels else np.hypot(*self.readings[:, :2].swapaxes(0, 1)))  # fmt: skip
-        weight = size**2 / (size**2).sum(axis=1, keepdims=True)
+        upright = [i for i, c in enumerate(self.channels) if KINDS[c].endswith("z")]
+        square = (self.readings[:, upright or slice(None)] ** 2).sum(axis=1)
+        weight = square / np.maximum(square.sum(axis=1, keepdims=True), 1e-300)
         known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=1))
         self.place = np.where(known[:, None], places, center)
         self.place_std = np.where(known, place_std or 0.02 * span, 0.5 * span)
@@ -394,7 +395,7 @@ class _Fit:
     def contact_radius(self, pad: Any, modulus: float) -> Floats:
         """Log of the radius of contact of known balls: Hertz's, corrected so that the surface sinks a^2 / (2 R) more at the centre than at the edge."""
         plane = modulus / (1.0 - self.ratio**2)
-        out: Floats = np.log((0.75 * self.force * self.ball / plane) ** (1.0 / 3.0))
+        out: Floats = np.asarray(np.log((0.75 * self.force * self.ball / plane) ** (1.0 / 3.0)))
         if self.model == "half-space":
             return np.asarray(out)
         spectrum = 3.0 * (np.sin(self.q) - self.q * np.cos(self.q)) / self.q**3 * (1.0 - j0(self.q)) * self.q_weight
