@@ -117,7 +117,7 @@ def test_an_unknown_modulus_is_weighed(tmp_path: Path) -> None:
     layer = '[[pad.layer]]\nthickness = "1 mm"\nyoungs_modulus = "1 MPa"\npoissons_ratio = 0.48\n\n[[plane]]'
     text = (tmp_path / "unknown.toml").read_text().replace("[[plane]]", layer)
     (tmp_path / "two.toml").write_text(text)
-    with pytest.raises(pp.InvalidInput, match="Guess the unknown one"):
+    with pytest.raises(pp.InvalidInput, match="Give a guess of the unknown one"):
         weigh(press(1.0), tmp_path / "two.toml", 1.0)
 
 

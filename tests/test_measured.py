@@ -258,7 +258,7 @@ def test_what_asks_for_a_model_refuses() -> None:
     for call in (skin.design, lambda: skin.observability([1e-3])):
         with pytest.raises(pp.Unsupported, match="only its table is known"):
             call()
-    with pytest.raises(pp.Unsupported, match="not alike everywhere"):
+    with pytest.raises(pp.Unsupported, match="differs from place to place"):
         skin.reconstruct(noisy(7)[0], method="dft")
     with pytest.raises(pp.Unsupported, match="line contact"):
         pp.Skin(found, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))

@@ -161,7 +161,7 @@ def test_tables_of_piv_programs(
         # without a picture the vectors alone have a place
         alone = read_field(tmp_path / "up.txt", pixel=PIXEL, up=True)
         np.testing.assert_allclose(alone.displacement, field.displacement, atol=1e-12)
-        assert any("turned about the middle" in n for n in alone.notes)
+        assert any("flipped about the middle" in n for n in alone.notes)
 
 
 def test_units_in_a_header_hold(tmp_path: Path, pair: tuple[np.ndarray, np.ndarray]) -> None:

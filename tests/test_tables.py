@@ -234,7 +234,7 @@ REFUSED: dict[str, tuple[str, TableMapping, str]] = {
     ),
     "a line twice": (text(twice(rows())), LONG, "lines 22 and 62: marker 9 is twice in frame 1"),
     "two markers in one place": (text(moved_onto(rows())), LONG, "markers 1 and 2 are at the same place"),
-    "renumbered from frame 3 on": (text(renumbered(rows())), LONG, "numbered anew from some frame on"),
+    "renumbered from frame 3 on": (text(renumbered(rows())), LONG, "renumbered from some frame on"),
     "renumbered, positions alone": (text(renumbered(rows(places="now"))), NOW, "have passed their neighbours"),
     "numbered anew in every frame": (text(anew(rows())), LONG, "60 markers in 5 frames of at most 12"),
     "moving without numbers": (text(rows(places="now")), NAMELESS, "markers move, and nothing says which is which"),

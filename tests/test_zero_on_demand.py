@@ -59,7 +59,7 @@ def test_a_session_takes_a_new_zero_and_says_so(skin: pp.Skin) -> None:
     found = [Status.coded(int(t.status)) for t in touching]
     assert found[:12] == [Status.CAPTURING_ZERO] * 12
     assert found[-1] is Status.NO_CONTACT
-    assert any("zero is taken anew from 12 frames" in text for text in one.past)
+    assert any("new zero is taken from 12 frames" in text for text in one.past)
 
 
 def test_only_a_page_with_the_token_may_ask(skin: pp.Skin) -> None:
@@ -76,7 +76,7 @@ def test_only_a_page_with_the_token_may_ask(skin: pp.Skin) -> None:
             assert json.loads(page.receive_text())["may_zero"] is admitted
             page.send_text('{"zero": true}')
             if admitted:
-                until(lambda one=one: any("zero is taken anew" in text for text in one.past))  # type: ignore[misc]
+                until(lambda one=one: any("new zero is taken" in text for text in one.past))  # type: ignore[misc]
             else:
                 until(lambda live=live: live.refused.get("message", 0) == 1)  # type: ignore[misc]
 
@@ -119,7 +119,7 @@ def test_a_recording_is_zeroed_where_it_is_said(tmp_path: Path) -> None:
     call = ("track", "rest.nc", "--skin", "skin.toml", "--zero-at")
     done = run(*call, "0.1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "0.100 s  the zero is taken anew" in done.stdout
+    assert "0.100 s  a new zero is taken" in done.stdout
     refused = run(*call, "9", cwd=tmp_path)
     assert refused.returncode != 0
     assert "goes from 0 to 0.39 s" in refused.stderr

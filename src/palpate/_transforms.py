@@ -47,7 +47,7 @@ def rfft2(x: Any, shape: Sequence[int]) -> Any:
 
 
 def irfft2(x: Any, shape: Sequence[int], keep: Sequence[slice] | None, *, overwrite: bool) -> Any:
-    """Inverse of `rfft2`; ``keep``: the part of the result that is wanted; ``overwrite``: ``x`` may be used up."""
+    """Return the inverse of `rfft2`. ``keep`` selects a part of the result; with ``overwrite``, ``x`` may be destroyed."""
     fast = library()
     kept = (slice(None), slice(None)) if keep is None else tuple(keep)
     if fast is None or x.dtype.char not in "FD" or x.shape[-2:] != (shape[0], shape[1] // 2 + 1):

@@ -89,7 +89,7 @@ class Status(enum.IntEnum):
     OVERLOAD = (
         10,
         "overload",
-        "readings lie at the end of their range: the load is at least this, and nothing tells how much more",
+        "readings lie at the end of their range: the load is at least this, without a known upper limit",
         "press less, or use a sensor or a setting of a larger range",
     )
 

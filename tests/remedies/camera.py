@@ -183,7 +183,7 @@ REMEDIES = [
     value("scale must be metres per pixel", lambda s: View.scaled(s, size=(160, 120)), -1.0, 1e-4),
     value("pitch must be metres, one or (x, y)", lambda p: View.from_pitch(GRID, p, size=(160, 120)), 0.0, 2e-3),
     value(
-        "a grid is told from nine dots or more",
+        "a grid needs nine dots or more",
         lambda f: f(),
         lambda: View.from_pitch(GRID[:6], 2e-3, size=(160, 120)),
         lambda: View.scaled(1e-4, size=(160, 120)),

@@ -113,7 +113,7 @@ REMEDIES = [
         right=lambda told: "strain energy" in told,
     ),
     Remedy(
-        "no file tells the size of a pixel",
+        "no file states the size of a pixel",
         command(f"{ALL} --force"),
         command(f"{ALL} --pixel 0.1um --force"),
         given=field,

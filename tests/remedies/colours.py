@@ -118,13 +118,13 @@ REMEDIES = [
     value("baseline must be a number of pictures of at least 1", lambda n: learnt(baseline=n), 0, 1),
     value("leaves no press of {} pictures", lambda n: learnt(baseline=n), 7, 1),
     value(
-        "all channels are equal: a grey picture tells no slopes",
+        "all channels are equal: a grey picture has no colours to measure slopes by",
         lambda taken: learnt(taken()),
         lambda: [np.repeat(p[..., :1], 3, axis=-1) for p in pictures()],
         pictures,
     ),
     value(
-        "slopes are told by colour, and the picture has shape",
+        "slopes are measured by colour, and the picture has shape",
         lambda taken: learnt(taken()),
         lambda: [p[..., 0] for p in pictures()],
         pictures,

@@ -283,7 +283,7 @@ REMEDIES = [
     ),
     # palpate tfm
     tfm("--pixel must be positive", f"{TFM} --pixel 0um --unit px --step 8 {STIFF}"),
-    tfm("what no file tells must be said", TFM),
+    tfm("give what no file states", TFM),
     row(
         "write a quantity and one uncertainty",
         f"{TFM} {KNOWN} --youngs-modulus '8 kPa +- 1 kPa +- 10 %' --poissons-ratio 0.48",

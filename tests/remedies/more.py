@@ -158,7 +158,7 @@ REMEDIES = [
         "gel.mkv",
         given=lambda: (sound("sound.mkv"), camera.film("gel.mkv")),
     ),
-    value("Guess the unknown one, in proportion", weigh_layers, '"unknown"', '"100 kPa"', slow=True),
+    value("Give a guess of the unknown one", weigh_layers, '"unknown"', '"100 kPa"', slow=True),
     value(
         "--camera takes the number of a camera (0), /dev/video0, or a video",
         lambda name: _opened(name)[0].close(),

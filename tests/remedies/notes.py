@@ -236,7 +236,7 @@ NOTES = [
         room="status",
     ),
     Note(
-        "readings lie at the end of their range: the load is at least this, and nothing tells how much more; press less",
+        "readings lie at the end of their range: the load is at least this, without a known upper limit; press less",
         lambda: overloaded(1.0),
         lambda: overloaded(0.25),
         both(holds(0.75, 2.5), status_is(Status.SOLVED)),
@@ -286,14 +286,14 @@ NOTES = [
         near(*PRESSED, within=0.05),
     ),
     Note(
-        "or take it anew while nothing touches (Z on the page, Tracker.rezero)",
+        "or take a new one while nothing touches (Z on the page, Tracker.rezero)",
         lambda: session(rezero=False)[0],
         lambda: last(session(rezero=True)[1][:20]),
         near(*PRESSED, within=0.05),
         room="sensing.zero",
     ),
     Note(
-        "{} s the zero is taken anew from {} frames: nothing must touch",
+        "{} s a new zero is taken from {} frames: nothing must touch",
         lambda: session(rezero=True)[0],
         lambda: last(session(rezero=True)[1][:20]),
         near(*PRESSED, within=0.05),
@@ -305,7 +305,7 @@ NOTES = [
         holds(*PRESSED),
     ),
     Note(
-        "by more than their noise: something touched, or they drift{}or take the zero anew while nothing touches",
+        "by more than their noise: something touched, or they drift{}or take a new zero while nothing touches",
         lambda: tracked([*wandering(), *readings(*[0.0] * 10, 1.0, seed=1)], baseline=12)[13],
         anew,
         holds(*PRESSED),
@@ -393,7 +393,7 @@ NOTES = [
         lambda: cell(U()),
     ),
     of_cell(
-        "less than pictures tell: is the unit right, and the pixel that of the picture?",
+        "less than pictures can resolve. Check the unit, and that the pixel is that of the picture",
         lambda: cell(1e-3 * U(), noise=1e-12, field={"noise": 1e-12}),
         lambda: cell(U()),
     ),

@@ -202,7 +202,7 @@ REMEDIES = [
     value("a matrix (channel, taxel, component, *surface) of", lambda m: MatrixMap(m, (2,)), MATRIX[:, :1], MATRIX),
     value("the matrix of a map must be finite", lambda m: MatrixMap(m, (2,)), np.nan * MATRIX, MATRIX),
     Remedy(
-        "is not alike everywhere, so that no influence of one cell serves them all",
+        "differs from place to place, and this method needs a pad that is the same everywhere",
         lambda: skin().reconstruct(np.zeros((1, 3, 3)), method="dft"),
         lambda: skin().reconstruct(np.ones((1, 3, 3)), method="tikhonov"),
     ),

@@ -213,7 +213,7 @@ REMEDIES = [
     ),
     # times
     table(
-        "so that nothing tells when its frames were",
+        "so that the times of its frames are unknown",
         "t,S1\n0,1\n0,4\n",
         TAXELS,
         say="stress_zz=S{},unit=25Pa,rate=50",

@@ -16,7 +16,7 @@ from palpate._memory import require
 from palpate._threads import SMALL, cached_property, cores
 from palpate.archives.numbers import Numbers
 from palpate.archives.pools import in_order, pool_of
-from palpate.archives.work import Task, Told, fingerprint
+from palpate.archives.work import PieceResult, Task, fingerprint
 from palpate.calibrate.answer import at_calibrated_zero
 from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
@@ -98,7 +98,7 @@ class Reconstructed:
 def piece_length(skin: Skin, method: Method | None = None) -> int:
     """Frames in a piece where the user does not say; it depends on skin and method alone, so that a run can be made again.
 
-    Methods that take their time over each frame get short pieces, so that what is done is written and told.
+    Methods that take their time over each frame get short pieces, so that what is done is written and reported soon.
 
     Examples
     --------
@@ -304,12 +304,12 @@ def reconstruct_recording(
             numbers = Numbers(len(wanted), target.resolve().parent)
         gathered = _Gathered(numbers, target)
         for start, frames in done.items():  # by an earlier run
-            gathered.add(start, Told.of(stream.part(start, start + frames)))
+            gathered.add(start, PieceResult.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
         with nullcontext() if known.can("touch_stream") else _numbers_kept(numbers, target, len(wanted)):
             for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
                 stream.add(task.start - wanted.start, solved.piece)
-                gathered.add(task.start, solved.told, wanted.start)
+                gathered.add(task.start, solved.result, wanted.start)
                 finished += task.stop - task.start
                 if progress is not None:
                     progress(finished, len(wanted))
@@ -358,24 +358,24 @@ class _Gathered:
 
     def __init__(self, numbers: Numbers, beside: Path) -> None:
         self.numbers, self._beside = numbers, beside
-        self._largest: tuple[int, Told] | None = None
+        self._largest: tuple[int, PieceResult] | None = None
         self._said = Counted()
         self._outcome: Outcome | None = None
 
-    def add(self, start: int, told: Told, first: int = 0) -> None:
+    def add(self, start: int, result: PieceResult, first: int = 0) -> None:
         with _numbers_of(self._beside):
-            self.numbers.add(start - first, told.numbers)
-        self._said.add(told.assumptions, told.outcome.frames)
-        self._outcome = told.outcome if self._outcome is None else self._outcome + told.outcome
-        if self._largest is None or told.load > self._largest[1].load:
-            self._largest = start + told.at, told
+            self.numbers.add(start - first, result.numbers)
+        self._said.add(result.assumptions, result.outcome.frames)
+        self._outcome = result.outcome if self._outcome is None else self._outcome + result.outcome
+        if self._largest is None or result.load > self._largest[1].load:
+            self._largest = start + result.at, result
 
     @property
     def largest(self) -> tuple[Touch, int]:
         if self._largest is None:
             raise InvalidInput("there are no frames.")
-        at, told = self._largest
-        return told.touch, at
+        at, result = self._largest
+        return result.touch, at
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from palpate.skin import Skin
     from palpate.touch import Touch
 
-__all__ = ["Solved", "Task", "Told", "fingerprint", "packed", "solve", "solve_packed"]
+__all__ = ["PieceResult", "Solved", "Task", "fingerprint", "packed", "solve", "solve_packed"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Told:
+class PieceResult:
     """Of some frames: the numbers of each, what was assumed and what became of them, and the frame with the largest traction (sum of its sizes, place, touch)."""
 
     numbers: dict[str, Any]
@@ -50,8 +50,8 @@ class Told:
     touch: Touch
 
     @classmethod
-    def of(cls, touch: Touch) -> Told:
-        """Told of a batch of frames."""
+    def of(cls, touch: Touch) -> PieceResult:
+        """Summarise a batch of frames."""
         loads = np.nansum(np.abs(touch.values), axis=tuple(range(1, np.ndim(touch.values))))
         at = int(np.argmax(loads))
         return cls(columns(touch), tuple(touch.assumptions), Outcome.of(touch), float(loads[at]), at, touch[at])
@@ -59,18 +59,18 @@ class Told:
 
 @dataclass(frozen=True)
 class Solved:
-    """A piece, ready to be written or written already, and what is told of it."""
+    """A piece, ready to be written or written already, and its result."""
 
     piece: Piece | Written
-    told: Told
+    result: PieceResult
 
 
 def solve(skin: Skin, options: dict[str, Any], task: Task) -> Solved:
     """The touches of a task's frames, as they are written."""
     piece = piece_of(skin.reconstruct(task.readings, time=task.time, **options))
-    told = Told.of(piece.touch())
+    result = PieceResult.of(piece.touch())
     written = None if task.place is None else task.place.write(task.start, piece)
-    return Solved(piece if written is None else written, told)
+    return Solved(piece if written is None else written, result)
 
 
 def packed(skin: Skin, options: dict[str, Any]) -> bytes:

@@ -141,7 +141,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
     unit, std = factor * scale, relative / math.sqrt(max(int(good.sum()) - 1, 1))
     units = {channel_unit(c) for plane in skin.planes for c in plane.channels}
     off = f"its normal force is off by {100 * relative:.0f} % with one factor"
-    doubt = "A pressure map tells where it presses; do not read its pascals, nor components without labels"
+    doubt = "Use a pressure map for places only: its pascals, and components without labels, are not calibrated"
     if relative > max(ELASTIC_ERROR, ELASTIC_RATIO * mapped):
         words = [f"the elastic model holds roughly: {off}, the map's by {100 * mapped:.0f} %. {doubt}"]
     elif not tested:
@@ -234,7 +234,7 @@ def ageing(before: SkinCalibration, data: Labelled) -> list[str]:
     chance = float(2.0 * scipy.stats.t.sf(abs(ratio - 1.0) / sure, before.maps[name].freedom))
     if chance < AGED:
         return [
-            f"the sensor has aged: forces are now {plain_number(ratio, 3)} times what the calibration before says (probability of chance {chance:.2g}). Old labels are kept and doubted alike: calibrate without before= to drop them"
+            f"the sensor has aged: forces are now {plain_number(ratio, 3)} times what the calibration before says (probability of chance {chance:.2g}). Old labels are kept and weighed like new ones: calibrate without before= to drop them"
         ]
     return [
         f"no ageing is seen: forces are {plain_number(ratio, 3)} +- {plain_number(sure, 2)} times what the calibration before says"

@@ -285,7 +285,7 @@ class Displacements:
             values, stage = _without_stage(self.positions, values, std)
             if stage is None:
                 fault = self.faults[picture.index] = (
-                    "the motion of the whole gel cannot be told: too few dots move alike. Show more of the gel around the contact"
+                    "the motion of the whole gel is unknown: too few dots move together. Show more of the gel around the contact"
                 )
                 values = np.full_like(values, np.nan)
                 std = values

@@ -136,7 +136,7 @@ class Markers(Followed):
         known = np.isfinite(start).all(axis=1)
         if known.sum() < 3:
             return self._nothing(
-                f"of {len(self.positions)} dots {len(found.positions)} are to be seen, and none can be told from others"
+                f"of {len(self.positions)} dots {len(found.positions)} are visible, and none can be matched"
             )
         if len(found.positions) and self._blurred(level, found.positions):
             return self._nothing(BLURRED)

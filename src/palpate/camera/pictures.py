@@ -503,7 +503,7 @@ def _camera(source: Any, rate: float | None) -> Pictures:
             # a driver may say so at once, or wait for seconds each time
             if failed > FAILED or now - last > SILENT:
                 notes.append(
-                    f"camera {source} gives no pictures any more: it was unplugged, or another program took it. Plug it in, and begin anew."
+                    f"camera {source} gives no pictures any more: it was unplugged, or another program took it. Plug it in and start again."
                 )
                 return
             yield now - started, None, "the camera gave no picture"

@@ -201,7 +201,7 @@ def _begun(skin: Path, folder: Path) -> Path:
         return skin
     if any(value != UNKNOWN for value in values):
         raise InvalidInput(
-            f"{skin}: the modulus of one layer is unknown and that of another is not: a weight tells how stiff they are together. Guess the unknown one, in proportion."
+            f"{skin}: the modulus of one layer is unknown and that of another is not: a weight determines how stiff they are together. Give a guess of the unknown one: their ratio is kept."
         )
     path = folder / skin.name
     path.write_text(key.sub(rf'\g<1>"{BEGUN}"', text), encoding="utf-8")

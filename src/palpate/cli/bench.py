@@ -258,7 +258,7 @@ def bench_trust(
     quick: Annotated[
         bool,
         typer.Option(
-            "--quick", help="Two frames of rows clean, empty and stuck: less than a minute; it tells no rate."
+            "--quick", help="Two frames of rows clean, empty and stuck: less than a minute; too few for a rate."
         ),
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,

@@ -79,7 +79,7 @@ def film(
     pictures = [] if whole and is_field(whole[:1]) else [*([] if rest is None else [rest]), *whole]
     stated = pixel_size_of_all(pictures) if pixel is None else None
     if pixel is None and stated is None:
-        raise InvalidInput('no file tells the size of a pixel: say it, such as --pixel "0.1 um".')
+        raise InvalidInput('no file states the size of a pixel: give it, such as --pixel "0.1 um".')
     notes, size_of_pixel = _pixel(pixel, stated, pictures)
     first = None if start is None else numbers(start, "--start")
     if first is not None and len(first) != 2:

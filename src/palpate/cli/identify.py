@@ -37,7 +37,7 @@ def identify(
     indentation: Annotated[
         list[str] | None,
         typer.Option(
-            help='How far the object has moved into the pad, e.g. "1.2 mm": once for each frame. It tells the modulus of the object.'
+            help='How far the object has moved into the pad, e.g. "1.2 mm": once for each frame. It makes the modulus of the object known.'
         ),
     ] = None,
     shape: Annotated[str | None, typer.Option(help="ball or flat, where it is known.")] = None,

@@ -133,7 +133,7 @@ def zero_of_skin(skin: Skin, baseline: int) -> Any:
     if baseline or found is None or found.zero is None:
         return baseline
     typer.echo(
-        "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes it anew"
+        "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes a new one"
     )
     return found.zero
 

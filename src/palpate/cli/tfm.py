@@ -324,7 +324,7 @@ def _complete(
             if skin is None and (modulus is None or ratio is None)
             else ""
         )
-        raise InvalidInput(f"what no file tells must be said, such as {', '.join(lacking)}.{gel}")
+        raise InvalidInput(f"give what no file states, such as {', '.join(lacking)}.{gel}")
     return stated
 
 

@@ -47,7 +47,7 @@ def track(
     zero_at: Annotated[
         list[float] | None,
         typer.Option(
-            help="Time in the recording [s] from which the zero is taken anew, from ten frames: nothing touches. May be given again."
+            help="Time in the recording [s] from which a new zero is taken, from ten frames: nothing may touch then. May be given again."
         ),
     ] = None,
     plot_forces: Annotated[
@@ -194,7 +194,7 @@ def track(
         for time, values in zip(recording.time, recording.readings):
             if zeros and time >= zeros[0]:
                 tracker.rezero()
-                typer.echo(f"{zeros.pop(0):.3f} s  the zero is taken anew from the next frames")
+                typer.echo(f"{zeros.pop(0):.3f} s  a new zero is taken from the next frames")
             touch = tracker.step(values, float(time))
             seconds.append(tracker.seconds)
             events = monitor.update(touch) if "z" in touch.components else []

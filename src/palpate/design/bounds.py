@@ -23,7 +23,7 @@ from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
 
 __all__ = ["Bound", "PressModel", "covariance"]
 
-#: Of an information matrix in natural units: below this part of the largest eigenvalue a combination is not told at all.
+#: Of an information matrix in natural units: below this part of the largest eigenvalue a combination is not observed.
 SINGULAR = 1e-13
 
 
@@ -71,14 +71,14 @@ def covariance(jacobian: Floats, weights: Floats, count: int, prior: Floats | No
     if len(s) < len(used):  # fewer readings than unknowns
         vt = np.linalg.svd(rows[:, used] / scale[used], full_matrices=True)[2]
         s = np.concatenate([s, np.zeros(len(used) - len(s))])
-    told = s > math.sqrt(SINGULAR) * s.max(initial=0.0)
+    observed = s > math.sqrt(SINGULAR) * s.max(initial=0.0)
     asked = used < count
-    half = vt[told].T / s[told] / scale[used, None]
+    half = vt[observed].T / s[observed] / scale[used, None]
     index = used[asked]
     out[np.ix_(index, index)] = half[asked] @ half[asked].T
     lost = np.zeros(count, dtype=bool)
     lost[np.flatnonzero(~felt[:count])] = True
-    lost[index] |= (np.abs(vt[~told][:, asked]) > 1e-6).any(axis=0)
+    lost[index] |= (np.abs(vt[~observed][:, asked]) > 1e-6).any(axis=0)
     out[np.diag_indices(count)] = np.where(lost, math.inf, np.diag(out))
     return out
 

@@ -218,14 +218,14 @@ class Design:
         out = []
         if self.press.shear and not set(self.components) & {"x"}:
             out.append(
-                "These channels do not tell shear from pressure: the press is taken without shear. Add stress_xz and stress_yz, or two displacements."
+                "These channels cannot separate shear from pressure: the press is taken without shear. Add stress_xz and stress_yz, or two displacements."
             )
         if math.isinf(self.pair):
             out.append(f"No pair of tips up to {_mm(self.farthest)} apart can be told apart at this noise.")
         for c in self.components:
             if self.wavenumber[c][0] == 0.0:
                 out.append(
-                    f"No wave of {'pressure' if c == 'z' else 'shear along ' + c} is told by these channels alone. It is known only as far as contact is compact."
+                    f"No wave of {'pressure' if c == 'z' else 'shear along ' + c} is measured by these channels alone. It is known only as far as contact is compact."
                 )
         if self.noticed.blind > 0:
             out.append(

@@ -175,7 +175,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
         if gain < ODDS:
             shape, why = (
                 "",
-                f"a ball and a flat explain the readings alike (odds {math.exp(gain):.2g} to 1 for a {best.shape})",
+                f"a ball and a flat fit the readings equally well (odds {math.exp(gain):.2g} to 1 for a {best.shape})",
             )
     alone = len(best.radii) == 1
     return Frame(

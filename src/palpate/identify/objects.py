@@ -87,7 +87,9 @@ def _contact_radius(frame: Frame, i: int) -> Finding:
     low = value * math.exp(-math.hypot(math.log(value / low), more)) if low > 0 else 0.0
     high = value * math.exp(math.hypot(math.log(high / value), more)) if math.isfinite(high) else math.inf
     if low == 0.0:
-        return Finding.unknown("m", f"contacts of up to {1e3 * high:.2g} mm in radius read alike", low=low, high=high)
+        return Finding.unknown(
+            "m", f"contacts of up to {1e3 * high:.2g} mm in radius give the same readings", low=low, high=high
+        )
     if math.isinf(high):
         return Finding.unknown(
             "m", f"it is at least {1e3 * low:.2g} mm, and reaches beyond what is measured", low=low, high=high
@@ -204,7 +206,7 @@ def _sized(found: Contact, of: Callable[[float, float], float], *, more: float =
     if low == 0.0:
         return Finding.unknown(
             "m",
-            f"the contact is too small for these taxels: a radius of up to {1e3 * high:.2g} mm reads alike",
+            f"the contact is too small for these taxels: a radius of up to {1e3 * high:.2g} mm gives the same readings",
             low=low,
             high=high,
         )
@@ -250,7 +252,7 @@ def _moduli(found: Contact) -> tuple[Finding, Finding]:
         reason = (
             f"the object may be rigid: its modulus is at least {1e-3 * bound:.3g} kPa"
             if most > 0
-            else "the pad gives way more than all contact would: check indentation, modulus and units"
+            else "the indentation is smaller than the pad alone would give: check indentation, modulus and units"
         )
         return both, Finding.unknown("Pa", reason, low=bound, high=math.inf)
     return both, Finding(1.0 / softness, 1.0 / most, 1.0 / least, "Pa")
@@ -270,6 +272,6 @@ def _stiffness(found: Contact) -> Finding:
     shifted = sum((s * math.log(stiffness(a, f) / value)) ** 2 for a, f, s in found.shifts)
     extra = NORMAL * math.sqrt(shifted + uncertainty.modulus**2)
     if found.ends[0] is None or found.ends[1] is None:
-        return Finding.unknown("N/m", "the size of the contact is not told")
+        return Finding.unknown("N/m", "the readings do not determine the size of the contact")
     low, high = (math.hypot(math.log(stiffness(*end) / value), extra) for end in (found.ends[0], found.ends[1]))
     return Finding(value, value * math.exp(-low), value * math.exp(high), "N/m", "" if known else RIGID)

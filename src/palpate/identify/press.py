@@ -45,7 +45,7 @@ def together(frames: Sequence[Frame], depths: Floats, shape: str) -> IdentifiedP
         return IdentifiedPress(each, growth, shape, *(Finding.unknown(u, why) for u in ("m", "Pa", "Pa", "N/m")))
     told = [told_of(c) for _, c in found]
     if not shape:
-        why = "a ball and a flat explain the frames alike"
+        why = "a ball and a flat fit the frames equally well"
         three = [Finding.unknown(u, why) for u in ("m", "Pa", "Pa")]
     else:
         three = [_mean([t[n] for t in told], [_shared(c) for _, c in found]) for n in range(3)]

@@ -388,7 +388,7 @@ class Session:
                 self.tracker, self._next = fresh, None
         if wanted:
             self.tracker.rezero(frames=wanted)
-            self.note(f"{time:.3f} s  the zero is taken anew from {wanted} frames: nothing must touch")
+            self.note(f"{time:.3f} s  a new zero is taken from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
         self._doubt_the_zero(touch, time)

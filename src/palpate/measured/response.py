@@ -484,5 +484,5 @@ class _Own:
 
     def untold(self, across: Floats, itself: Floats) -> Floats:
         """Variance at places with these covariances (place, press) and variances (place,), of a process of variance 1."""
-        told = (self.variance * across @ self.vectors) ** 2 / self.values
-        return np.asarray(np.maximum(self.variance * itself - told.sum(axis=1), 0.0))
+        explained = (self.variance * across @ self.vectors) ** 2 / self.values
+        return np.asarray(np.maximum(self.variance * itself - explained.sum(axis=1), 0.0))

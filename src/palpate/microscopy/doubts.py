@@ -73,8 +73,8 @@ def doubts(
     large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
     sure = abs(large) > QUESTIONED * own(moment)
     noise = field.noise or (None if done.touch.noise_std is None else float(np.mean(done.touch.noise_std)))
-    told = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
-    axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if told and noise else ""
+    shown = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
+    axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if shown and noise else ""
     if axes:
         said.append(f"the field spreads its traction far over the gel, as no cell does, and {AXES[axes]}")
     elif sure and large * small < 0 and abs(small) > OPPOSED * abs(large):
@@ -107,8 +107,8 @@ def doubts(
             said.append(
                 f"traction outside the cell is {100 * share:.0f} % of that inside: noise, a neighbour, or a mask that misses part of the cell; energy and sums of sizes are partly that"
             )
-    if not told:
-        said.append("strain energy is not told from zero: no traction shows above noise")
+    if not shown:
+        said.append("strain energy may be zero: no traction exceeds the noise")
     if field.std is not None and done.touch.residual is not None and float(done.touch.residual) > MISFIT:
         said.append(
             f"the traction leaves {plain_number(float(done.touch.residual), 2)} times the noise of the displacements unexplained: outliers, or a gel that is not as described"
@@ -122,7 +122,7 @@ def doubts(
     largest = float(np.nanmax(np.abs(u))) / field.pixel
     if largest < SMALLEST:
         said.append(
-            f"the largest displacement is {largest:.2g} px, less than pictures tell: is the unit right, and the pixel that of the picture?"
+            f"the largest displacement is {largest:.2g} px, less than pictures can resolve. Check the unit, and that the pixel is that of the picture"
         )
     if field.aperture == 0:
         usual = 2 * field.step
@@ -142,7 +142,7 @@ def doubts(
         )
     if (patch := _largest_patch(done)) is not None and patch < field.aperture:
         said.append(
-            f"the largest traction is that of a patch about {1e6 * patch:.2g} um wide, finer than the window of {1e6 * field.aperture:.2g} um, which tells its force and not its profile: "
+            f"the largest traction is that of a patch about {1e6 * patch:.2g} um wide, finer than the window of {1e6 * field.aperture:.2g} um. The window determines its force and not its profile: "
             "of adhesions that are even over several windows it is too large, by up to 2.5 times. Compare it with that of a wider window (--window)"
         )
     unlike = int(field.unlike.sum())
@@ -187,7 +187,7 @@ def _largest_patch(done: Inverted) -> float | None:
 def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], field: Field) -> list[str]:
     """A mask that would hold the traction if it lay elsewhere."""
     size = np.hypot(*traction)
-    # only what is told from zero
+    # only what is distinct from zero
     size = np.where(size > TOLD * np.hypot(*std), size, 0.0)
     if not size.any():
         return []

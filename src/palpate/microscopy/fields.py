@@ -295,7 +295,7 @@ class Field:
         return noise if noise > 0 else None
 
     def array(self, *, depth: float = 0.0, noise: float | None = None) -> AreaArray:
-        """The array that measures it: displacements along x and y, ``depth`` metres below the surface; vectors that are missing are masked.
+        """Return the array of this field: displacements along x and y, ``depth`` metres below the surface. Missing vectors are masked.
 
         Examples
         --------

@@ -115,14 +115,14 @@ def _arrows(
     axes.quiver(
         field.start[0] + field.step * j, field.start[1] + field.step * i, *(vectors[:, i, j] * length), color=color, zorder=3, **style
     )  # fmt: skip
-    told = _round(largest)
+    key = _round(largest)
     wide, high = ends[1] - ends[0], ends[2] - ends[3]
     corner = ends[0] + 0.04 * wide, ends[2] - 0.05 * high
     box = {"boxstyle": "round,pad=0.3", "facecolor": "black", "alpha": 0.65, "edgecolor": "none"}
     axes.text(
         corner[0],
         corner[1] - 0.025 * high,
-        _said(told, unit),
+        _said(key, unit),
         color="white",
         fontsize=8,
         ha="left",
@@ -130,21 +130,21 @@ def _arrows(
         zorder=5,
         bbox=box,
     )
-    axes.quiver(*corner, told * length, 0.0, color="white", zorder=6, **style)
+    axes.quiver(*corner, key * length, 0.0, color="white", zorder=6, **style)
 
 
 def scale_bar(axes: Any, field: Field, ends: tuple[float, float, float, float]) -> None:
     """The scale bar."""
     wide, high = ends[1] - ends[0], ends[2] - ends[3]
-    told = _round(0.22 * wide * field.pixel)
-    length = told / field.pixel
+    scale = _round(0.22 * wide * field.pixel)
+    length = scale / field.pixel
     right, low = ends[1] - 0.04 * wide, ends[2] - 0.05 * high
     box = {"boxstyle": "round,pad=0.3", "facecolor": "black", "alpha": 0.65, "edgecolor": "none"}
     axes.plot([right - length, right], [low, low], color="white", lw=3, solid_capstyle="butt", zorder=6)
     axes.text(
         right - 0.5 * length,
         low - 0.025 * high,
-        _said(told, "m"),
+        _said(scale, "m"),
         color="white",
         fontsize=8,
         ha="center",

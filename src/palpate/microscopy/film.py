@@ -277,7 +277,7 @@ class Film:
                 if number == 0:
                     if held.get("key") != self.key():
                         raise InvalidInput(
-                            f"{path} is of a film with other settings or files: delete it to begin anew."
+                            f"{path} is of a film with other settings or files: delete it to start again."
                         )
                 elif isinstance(held, dict):
                     out[int(held["number"])] = held["found"]

@@ -180,7 +180,7 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
         bad |= empty
         if empty.any():
             found.notes.append(
-                f"{int(empty.sum())} of {len(empty)} vectors are left out: they are zero, and no particle tells them"
+                f"{int(empty.sum())} of {len(empty)} vectors are left out: they are zero, with no particle to measure"
             )
     found.bad = bad
     return found

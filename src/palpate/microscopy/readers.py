@@ -27,7 +27,7 @@ from palpate.units import UNITS, plain_unit
 __all__ = ["READERS", "is_field", "read_field"]
 
 #: Where y grows upwards and no picture's size is given.
-TURNED = "y is turned about the middle of the vectors, as no picture tells where its top is: a mask is off where they do not lie in its middle (size=, --image)"
+TURNED = "y is flipped about the middle of the vectors, because no picture shows where its top is: a mask is misplaced if they do not lie in its middle (size=, --image)"
 #: Vectors at no regular positions are put on a grid of about as many points.
 _SCATTERED = "the {count} vectors lie at no regular positions: they are interpolated to a grid of {step:.3g} px (cubic, Clough-Tocher)"
 

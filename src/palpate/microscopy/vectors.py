@@ -62,7 +62,7 @@ def outliers(u: Floats, noise: Any) -> Flags:
 
 
 def doubtful_of(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
-    """Those of the outliers (row, column) whose neighbours are moved: an adhesion that is finer than the vectors moves one of them far more than the next, as an outlier does."""
+    """Return the outliers (row, column) whose neighbours move too. They may be adhesions finer than the vectors, which move one vector far more than the next."""
     around = np.where(there & ~bad, u, np.nan)
     padded = np.pad(around, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
     rows, columns = there.shape

@@ -362,7 +362,7 @@ def _mended(
         if number == 1 and known.any() and abs(values[0]) <= LATEST:
             return values
         alike = "; ".join([*words, alike])
-        raise InvalidInput(f"{source}: {alike}, so that nothing tells when its frames were: {remedies[1]}.")
+        raise InvalidInput(f"{source}: {alike}, so that the times of its frames are unknown: {remedies[1]}.")
     repeated = len(index) - len(first)
     if repeated > number / 2 and log is not None:
         words.append(f"{repeated} of {number} stamps repeat the one before: replaced by {by}")

@@ -286,7 +286,7 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
     most = int(np.bincount(frame).max())
     if size > MOST_MISSING * rows and len(markers) > MOST_MISSING * most:
         raise InvalidInput(
-            f"{path}: {len(markers)} markers in {len(numbers)} frames of at most {most}: they are numbered anew from frame to frame. "
+            f"{path}: {len(markers)} markers in {len(numbers)} frames of at most {most}: they are renumbered from frame to frame. "
             + (
                 f"If {mapping.time} differs a little within a frame, name the frame column instead. "
                 if mapping.frame is None
@@ -509,7 +509,7 @@ def _at_rest(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats
     worst = int(np.nanargmax(np.minimum(still, left)))
     raise InvalidInput(
         f"{path}: the position of marker {frames.marker[worst]:g} moves by {still[worst]:.3g} m while its readings say {moves[worst]:.3g} m: x and y are neither places at rest nor "
-        "these moved by the displacements. Either the markers are numbered anew from some frame on, or displacements are counted from frame to frame: then name x and y alone, without "
+        "these moved by the displacements. Either the markers are renumbered from some frame on, or displacements are counted from frame to frame: then name x and y alone, without "
         "the displacements, which follow from the first frame."
     )
 
@@ -562,7 +562,7 @@ def _check_order(path: Path, frames: _Frames, rest: Floats, moved: Floats) -> No
     first = int(np.argmax(wrong.any(axis=1)))
     if wrong[worst].sum() > max(2, RENUMBERED * wrong.shape[1]):
         raise InvalidInput(
-            f"{path}: in frame {frames.number[worst]:g} {int(wrong[worst].sum())} of {wrong.shape[1]} markers have passed their neighbours, which no pad does: they are numbered anew. Let the program "
+            f"{path}: in frame {frames.number[worst]:g} {int(wrong[worst].sum())} of {wrong.shape[1]} markers have passed their neighbours, which no pad does: they are renumbered. Let the program "
             "that found them follow them, so that a marker keeps its number; or, where x, y or the displacements have another unit than is said, mend it."
         )
     who = ", ".join(f"{m:g}" for m in frames.marker[wrong[first]][:8])

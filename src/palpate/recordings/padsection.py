@@ -51,7 +51,7 @@ Time = Annotated[float, BeforeValidator(lambda v: parse_quantity(v, "time", "tim
 def _modulus(value: Any) -> float:
     if isinstance(value, str) and value.strip().lower() == UNKNOWN:
         raise InvalidInput(
-            "pressure is unknown, and forces are proportional to it. One known weight tells it: film the gel at rest and then under the weight, "
+            "pressure is unknown, and forces are proportional to it. One known weight determines it: film the gel at rest and then under the weight, "
             'run palpate weigh PICTURES --skin FILE --force "1.96 N", and write here what it says'
         )
     return parse_quantity(value, "pressure", "pressure")

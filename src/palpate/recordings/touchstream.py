@@ -101,7 +101,7 @@ class Whole:
             self.first = dict(attrs)
         for name in _COMMON:
             if attrs.get(name) != self.first.get(name):
-                raise InvalidInput("results of different skins cannot be written as one; begin anew.")
+                raise InvalidInput("results of different skins cannot be written as one; start a new file.")
         for name in json.loads(attrs.get("methods", json.dumps([attrs["method"]]))):
             if name not in self.methods:
                 self.methods.append(name)

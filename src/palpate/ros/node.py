@@ -334,13 +334,13 @@ class TouchNode:
         state = self.session.monitor.state
         self.session.rezero(frames)
         response.success = True
-        response.message = f"the zero is taken anew from the next {frames} frames: nothing must touch"
+        response.message = f"a new zero is taken from the next {frames} frames: nothing must touch"
         if state is not None and state.touching:
             response.message += (
                 f"; but something did, with {plain_number(float(state.force[-1]), 3)} N: it will count as zero"
             )
             self.session.note(
-                f"a new zero was asked for while something touched, with {plain_number(float(state.force[-1]), 3)} N"
+                f"a new zero was requested while something touched, with {plain_number(float(state.force[-1]), 3)} N"
             )
         return response
 

@@ -75,7 +75,7 @@ def influence(
     """
     if body_of(pad) is not None:
         raise Unsupported(
-            f"a {type(pad).__name__} is not alike everywhere, so that no influence of one cell serves them all, which this method needs. Use "
+            f"a {type(pad).__name__} differs from place to place, and this method needs a pad that is the same everywhere. Use "
             'method="tikhonov", or leave method out.'
         )
     if concentrated and depth == 0.0:

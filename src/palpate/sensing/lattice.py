@@ -38,9 +38,7 @@ def lattice(points: Floats) -> tuple[Floats, Floats]:
     from scipy.spatial import cKDTree
 
     if len(points) < 9:
-        raise InvalidInput(
-            f"a grid is told from nine dots or more; got {len(points)}. Give a scale or four points instead."
-        )
+        raise InvalidInput(f"a grid needs nine dots or more; got {len(points)}. Give a scale or four points instead.")
     tree = cKDTree(points)
     _, near = tree.query(points, k=min(9, len(points)))
     moves = (points[near[:, 1:]] - points[:, None, :]).reshape(-1, 2)

@@ -122,7 +122,7 @@ def kernel_of(part: LinearMap, use: str) -> npt.NDArray[np.float64]:
     found = getattr(part, "kernel", None)
     if found is None:
         raise Unsupported(
-            f"{use} needs a pad that is alike everywhere, and the map of this one is a {type(part).__name__}. Use fewer readings or a coarser surface, "
+            f"{use} needs a pad that is the same everywhere, and the map of this one is a {type(part).__name__}. Use fewer readings or a coarser surface, "
             'or method="tikhonov".'
         )
     return np.asarray(found)

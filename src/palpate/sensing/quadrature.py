@@ -74,13 +74,13 @@ def uppermost(pad: Pad, length: float) -> Uppermost:
     sides = _directions(np.arange(6) * (np.pi / 3) + 0.1)
     k = 1.0 / length
     before: Complexes | None = None
-    quiet = 0
+    settled = 0
     for _ in range(60):
         states = pad.states(np.full(6, k), sides, 0.0)
         if before is not None and np.isfinite(states).all():
             close = np.abs(states - before)[:, :3].max() <= SETTLED * np.abs(states)[:, :3].max()
-            quiet = quiet + 1 if close else 0
-            if quiet == 3:
+            settled = settled + 1 if close else 0
+            if settled == 3:
                 return Uppermost(pad, k)
         before, k = states, 2.0 * k
     raise Unsupported(

@@ -54,7 +54,7 @@ FRAMES = 8
 #: What is then said.
 STANDS = (
     "where nothing is found, readings stand far from 0 and hardly vary from frame to frame, as raw counts with offsets do: contact may be hidden, or wrong. Where "
-    "nothing touches in the first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10); or take it anew while nothing touches (Z on "
+    "nothing touches in the first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10); or take a new one while nothing touches (Z on "
     "the page, Tracker.rezero)"
 )
 #: Frames that tell whether those of a zero move.
@@ -70,7 +70,7 @@ COUNTS = 2.0
 #: What is then said.
 MOVED = (
     "the readings moved while the zero was taken, by more than their noise: something touched, or they drift, and every force since is off by it. Give fewer frames "
-    "(baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
+    "(baseline=, --baseline), or take a new zero while nothing touches (Z on the page, Tracker.rezero)"
 )
 
 

@@ -310,14 +310,14 @@ def hertz_point(*, force: float, contact_radius: float | None = None, radius: fl
         if contact_radius is not None:
             raise InvalidInput("contact_radius and radius are both given; radius is its former name: leave it out.")
         warnings.warn(
-            "hertz_point(radius=...) is the radius of the contact, not of the ball: write contact_radius=. hertz_contact_radius tells it from the ball's.",
+            "hertz_point(radius=...) is the radius of the contact, not of the ball: write contact_radius=. hertz_contact_radius computes it from the ball's.",
             FutureWarning,
             stacklevel=2,
         )
         contact_radius = radius
     if contact_radius is None:
         raise InvalidInput(
-            "contact_radius is missing: the radius of the contact [m]; hertz_contact_radius(pad, radius=..., force=...) tells it from the ball's."
+            "contact_radius is missing: the radius of the contact [m]; hertz_contact_radius(pad, radius=..., force=...) computes it from the ball's."
         )
     a = positive("contact_radius", contact_radius, "metres")
     return _single("hertz", (a, a), positive("force", force, "newtons"), "z")

@@ -208,7 +208,7 @@ class Constants:
 
     @property
     def calibrated(self) -> bool:
-        """Whether a population made them; else they are those of the method's own model."""
+        """Whether the constants come from a population; if not, they come from the method's own model."""
         return bool(self.population)
 
 

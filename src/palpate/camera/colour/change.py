@@ -42,7 +42,7 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
     values = np.asarray(image)
     if values.ndim != 3 or values.shape[2] not in (3, 4):
         raise InvalidInput(
-            f"{name}: slopes are told by colour, and the picture has shape {values.shape}: record (rows, columns, 3) with red, green, blue."
+            f"{name}: slopes are measured by colour, and the picture has shape {values.shape}: record (rows, columns, 3) with red, green, blue."
         )
     top = 255.0 if values.dtype == np.uint8 else 65535.0 if values.dtype == np.uint16 else 1.0
     if values.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
@@ -51,7 +51,9 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
     if not np.isfinite(part).all() or part.min() < 0.0 or part.max() > 1.0 + 1e-6:
         raise InvalidInput(f"{name}: levels must be finite, floats from 0 to 1; got {part.min():g} to {part.max():g}.")
     if part.max(initial=0.0) > BLACK and float(np.ptp(part, axis=2).max()) == 0.0:
-        raise InvalidInput(f"{name}: all channels are equal: a grey picture tells no slopes. Record it in colour.")
+        raise InvalidInput(
+            f"{name}: all channels are equal: a grey picture has no colours to measure slopes by. Record it in colour."
+        )
     rows, columns = (n // step * step for n in part.shape[:2])
     blocks = part[:rows, :columns].reshape(rows // step, step, columns // step, step, 3)
     lost = np.asarray(((blocks > BRIGHT) | (blocks < BLACK)).any(axis=(1, 3, 4)))

@@ -92,7 +92,7 @@ def learn_slopes(
         raise InvalidInput(f"ball_diameter must be a positive number of metres, such as 8e-3; got {ball_diameter!r}.")
     if isinstance(view, CameraSettings) and view.pitch is not None:
         raise InvalidInput(
-            'the pitch of dots tells no scale of a gel without dots: give scale = "0.06 mm" (per pixel), or points and places, in [camera].'
+            'a gel without dots has no pitch to set its scale: give scale = "0.06 mm" (per pixel), or points and places, in [camera].'
         )
     if baseline is not None and (isinstance(baseline, bool) or not isinstance(baseline, int) or baseline < 1):
         raise InvalidInput(f"baseline must be a number of pictures of at least 1; got {baseline!r}.")

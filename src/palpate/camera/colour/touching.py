@@ -40,7 +40,9 @@ NOISE_STEP = 1.3
 LOADED = 0.1
 #: Cells that carry less than this part of the largest traction are not in contact for the errors of depth.
 CARRIES = 0.02
-SHEAR = "depth alone tells nothing of shear: only pressure is sought, and friction that presses the surface is counted as pressure"
+SHEAR = (
+    "depth alone does not measure shear: only pressure is sought, and depth that friction causes is counted as pressure"
+)
 
 
 def surface_skin(skin: Skin | str | Path, model: SlopeModel) -> Skin:

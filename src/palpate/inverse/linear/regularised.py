@@ -27,7 +27,7 @@ from palpate.sensing.operator import Operator
 __all__ = ["BLIND", "Decomposition", "Regularised", "decompose"]
 
 #: How the note of `Regularised.solve` begins that says so.
-BLIND = "noise cannot be told from traction"
+BLIND = "noise cannot be separated from traction"
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class Regularised:
             blind = unexplained(self.filter, self.spectrum, chosen) < UNEXPLAINED
             if blind.any():
                 said.append(
-                    f"noise cannot be told from traction{_some(blind, batch)}, which explains the readings at every wavelength: what is fine "
+                    f"noise cannot be separated from traction{_some(blind, batch)}, which explains the readings at every wavelength: what is fine "
                     "in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
                 )
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)

@@ -44,7 +44,7 @@ class LinearSystem(Method):
     summary: ClassVar[str] = "the linear system that the division stands for, on the array's own grid"
 
     def prepare(self, problem: Problem) -> LinearSystemEstimator:
-        """The system's matrix."""
+        """Build the matrix from traction to readings."""
         self.check(problem)
         return LinearSystemEstimator(problem.pad, problem.planes, problem.columns)
 

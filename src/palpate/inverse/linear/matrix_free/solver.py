@@ -187,7 +187,7 @@ class MatrixFree:
             )
         if isinstance(self.parameter, str) and found["blind"].any():
             said.append(
-                f"noise cannot be told from traction{_some(found['blind'], batch)}, which explains the readings at every wavelength: what is "
+                f"noise cannot be separated from traction{_some(found['blind'], batch)}, which explains the readings at every wavelength: what is "
                 "fine in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
             )
         short = found["misfit"] > ENOUGH
