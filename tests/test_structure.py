@@ -145,7 +145,7 @@ def test_rooms() -> None:
 
 
 def test_the_page_and_the_picture_of_the_rooms_name_them_all() -> None:
-    docs = SOURCE.parents[1] / "docs"
+    docs = Path(__file__).parents[1] / "docs"
     table = (docs / "architecture.md").read_text().split("## Rooms")[1].split("\n## ")[0]
     told = [
         name
