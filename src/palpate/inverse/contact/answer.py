@@ -13,7 +13,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, noise_ratio, proportional_part
-from palpate.inverse.contact.no_contact import detection_limit
+from palpate.inverse.contact.no_contact import WIDE, detection_limit
 from palpate.inverse.contact.notes import single_taxel_share, smallness
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.policy import STATED
@@ -25,7 +25,7 @@ from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import POOR_FIT
 
-__all__ = ["combined", "framed", "unexplained"]
+__all__ = ["combined", "framed", "hidden", "nothing_known", "unexplained"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -149,12 +149,11 @@ def _nothing(
 def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:
     """A frame that no contact explains: nothing is known."""
     nothing = _nothing(prepared, math.nan, math.nan, data, outliers)
-    unknown = {f.name: np.full_like(getattr(nothing.known, f.name), math.nan) for f in fields(Errors)}
     gap, terms = math.nan * nothing.traction, np.full(len(prepared.terms), math.nan)
     return replace(
         nothing,
         traction=gap,
-        errors=Errors(**unknown),
+        errors=nothing_known(nothing.known),
         contact=True,
         pushed=False,
         fit=chance,
@@ -162,3 +161,15 @@ def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float
         nuisance_std=terms,
         at_limit=np.zeros(len(data), dtype=bool),
     )
+
+
+def nothing_known(errors: Errors) -> Errors:
+    """Errors of a frame of which nothing is known, as large as others."""
+    return Errors(**{f.name: np.full_like(getattr(errors, f.name), math.nan) for f in fields(Errors)})
+
+
+def hidden(prepared: Prepared, data: Floats) -> Floats:
+    """Net forces (component, 2) of contact as large as the largest of readings allows that no contact explains."""
+    largest = float(np.abs(data / prepared.readings.std).max(initial=0.0))
+    force = WIDE * prepared.undetected(largest, data).force
+    return np.stack([-force, force], axis=-1)

@@ -18,7 +18,7 @@ from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN, misfit_probability
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
+__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
 
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
