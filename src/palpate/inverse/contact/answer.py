@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +17,10 @@ from palpate.inverse.contact.notes import single_taxel_share, smallness
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.screening import shallow
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import doubtful, inflate_for_misfit, nuisance_errors, share
+from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.estimate import Errors
-from palpate.inverse.fit import POOR_FIT
 
 __all__ = ["combined", "framed", "hidden", "nothing_known", "unexplained"]
 
@@ -39,9 +36,7 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
     each = np.full(prepared.noise.count, run.scale) if run.levels is None else run.levels
     if not run.members:
         rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
-        # a reading that stands alone may be a small contact right over a shallow taxel
-        alone = np.where(shallow(prepared.operator.planes_of, prepared.policy), observed.data, 0.0)
-        nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
+        nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out)
         fit = misfit_of(prepared, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
         errors, unknown = detection_limit(prepared, run, fit, nothing.known)
         result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
@@ -51,8 +46,6 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
         for m in run.members:
             share(prepared, m, run, deviation, at_limit)
         fit, left, free = fit_of(prepared, run)
-        if fit < POOR_FIT:
-            inflate_for_misfit(prepared, run, fit)
         result = combined(prepared, run, each, fit, left, rng)
         # the models may explain on a finer grid what cells of the surface cannot
         pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
@@ -89,21 +82,14 @@ def combined(
     fit: float,
     left: float,
     rng: np.random.Generator | None,
-    also: Solved | None = None,
 ) -> Frame:
-    """The mean of the models of a run, and of ``also`` another, with the errors of all."""
-    policy = prepared.policy
-    runs = [run] if also is None else [run, also]
-    members = [m for r in runs for m in r.members]
+    """The mean of the models of a run, with their errors."""
+    policy, members = prepared.policy, run.members
     large = any(m.data.at_size for m in members)
     summary = Summary(members, prepared.posterior)
-    limit = policy.fit.alike if len(prepared.readings.std) <= policy.fit.few else policy.fit.doubted
-    summary.alike = prepared.readings.independent and prepared.problem.nuisance is None and fit < limit
     summary.noise_ratio = noise_ratio(prepared, run, left)
     summary.gain = prepared.problem.uncertainty.assumed_gain
-    summary.whites = [
-        prepared.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
-    ]
+    summary.whites = [prepared.readings.white((run.data / run.noise)[run.observed], run.observed)] * len(members)
     weights = np.array([m.weight for m in members])
     sampled = None
     if prepared.draws:
@@ -132,15 +118,13 @@ def combined(
     )
 
 
-def _nothing(
-    prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
-) -> Frame:
-    """No contact; ``alone`` is what readings that are left out may yet say of it."""
+def _nothing(prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags) -> Frame:
+    """No contact."""
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
     # from the readings themselves: the residual is all noise
     rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
-    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
+    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, 0.0, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
     noise = np.full(prepared.noise.count, scale)
     return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)

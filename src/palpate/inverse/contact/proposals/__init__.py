@@ -65,5 +65,5 @@ def explanation_of(
         # one sign leaves an order that noise does not have
         chance = rough_fit(estimator, best, data, observed)
         best = free if chance < policy.explanations.structured_chance else best
-    best = replace(best, rivals=rivals_of(best, search.tried, policy))
+    best = replace(best, rivals=rivals_of(best, search.tried))
     return best if noise is None else replace(best, noise=noise)
