@@ -35,7 +35,7 @@ from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated
-from palpate.inverse.constrained.variances import taken_by
+from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.score import weights_by_evidence
@@ -103,20 +103,27 @@ class AdaptiveEstimator(ConstrainedEstimator):
     ) -> Iterator[ContactModel]:
         """The models of a frame, with their weights, each made when it is asked for.
 
-        Friction is not in the data where the channels alone do not tell pressure from shear: half of the weight goes to models that friction bounds.
+        Where a contact that crosses the array's edge ends is not in the data (the objectives differ by a nat or less): some
+        of the weight goes to models that end it on the surface. Nor is friction in the data, where the channels alone do not tell pressure
+        from shear: half of the weight goes to models that friction bounds.
         """
         policy = self.policy
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
         region = dilated(size > self.quiet(y) * size.max(), 1)
+        regions = [region]
+        if (first[-1].reshape(size.shape)[~self.inside] > 0).any() and (region & self.inside).any():
+            regions.append(region & self.inside)
+        shares = [1.0] if len(regions) == 1 else [1.0 - policy.prior.ends, policy.prior.ends]
         ways = [self]
         if self.ambiguous and not self.cone.coupled:
             bounded = copy.copy(self)
             bounded.cone = Cone(self.cone.components, policy.prior.most_friction)
             ways.append(bounded)
         for way in ways:
-            for member in way.models_over(region, first, y, noise, observed, evidence):
-                member.weight /= len(ways)
-                yield member
+            for r, share in zip(regions, shares):
+                for member in way.models_over(r, first, y, noise, observed, evidence):
+                    member.weight *= share / len(ways)
+                    yield member
 
     def models_over(
         self,
@@ -238,9 +245,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
         share = (1.0 - even) / max(len(reaches), 1)
         if first is None or not share > policy.prior.least_weight:
             return
-        energies = self._energies(first)
-        for width in reaches:
-            member = self._relearned(first, width, y, energies)
+        energies = {variance: self._energies(first, variance) for _, variance in reaches}
+        for width, variance in reaches:
+            member = self._relearned(first, width, variance, y, energies[variance])
             member.weight = share
             yield member
 
@@ -275,21 +282,25 @@ class AdaptiveEstimator(ConstrainedEstimator):
         policy = self.policy
         return min(policy.extent.trim / max(float(np.abs(y).max()), 1e-300), policy.extent.faint)
 
-    def _reaches(self, level: Level) -> list[float]:
-        """Widths in cells of the local means that differ on this grid."""
+    def _reaches(self, level: Level) -> list[tuple[float, bool]]:
+        """Widths in cells of the local means that differ on this grid; without the variance weak shear would be lost."""
         policy = self.policy
-        wide = max(policy.prior.reach * self.depth / min(level.grid.spacings), 1.0)
-        chosen = [r for r, on in ((wide, policy.parts.wide_weights), (1.0, policy.parts.narrow_weights)) if on]
+        cell, shear = min(level.grid.spacings), len(self.columns) > 1
+        wide = (max(policy.prior.reach * self.depth / cell, 1.0), shear)
+        narrow = (1.0, True)
+        chosen = [r for r, on in ((wide, policy.parts.wide_weights), (narrow, policy.parts.narrow_weights)) if on]
         return list(dict.fromkeys(chosen))
 
-    def _relearned(self, member: ContactModel, width: float, y: Floats, energies: Floats) -> ContactModel:
+    def _relearned(
+        self, member: ContactModel, width: float, variance: bool, y: Floats, energies: Floats
+    ) -> ContactModel:
         """The penalty learned from its own result, over and over, beginning with the ``energies`` of the first."""
         policy = self.policy
         level, first = member.level, member
         precisions: list[Sparse] = []
         quiet, rounds = policy.extent.quiet, policy.prior.rounds
         for i in range(rounds):
-            tau = self._local_scales(member, width, energies if i == 0 else self._energies(member))
+            tau = self._local_scales(member, width, energies if i == 0 else self._energies(member, variance))
             loud = tau.max(axis=0).ravel()
             pressure = member.solution.traction[-1]
             keep = (loud[member.cells] > quiet * loud.max()) | (pressure > self.quiet(y) * pressure.max())
@@ -297,9 +308,15 @@ class AdaptiveEstimator(ConstrainedEstimator):
             if not len(position):
                 break
             least = policy.prior.floor * tau.max()  # of all components: without friction shear is nothing
+            last = i == rounds - 1
             for larger in policy.prior.larger:
                 each = level.differences.local(larger * np.maximum(tau, least))
-                found = self.model(member.data.part(position), each, member.solution.traction[:, position])
+                found = self.model(
+                    member.data.part(position),
+                    each,
+                    member.solution.traction[:, position],
+                    keep_face=variance and not last,
+                )
                 if self._explains(found, first):
                     break
             else:
@@ -330,9 +347,19 @@ class AdaptiveEstimator(ConstrainedEstimator):
         sigma = [0.0, *(width * min(grid.spacings) / dx for dx in grid.spacings)]
         return np.asarray(scipy.ndimage.gaussian_filter(energies, sigma, mode="constant"))
 
-    def _energies(self, member: ContactModel) -> Floats:
-        """Squared gradient (component, *grid) of a model."""
+    def _energies(self, member: ContactModel, variance: bool) -> Floats:
+        """Squared gradient (component, *grid) of a model.
+
+        Weak shear keeps its posterior variance: it must not learn from its own estimate that it is nothing.
+        """
         level, c = member.level, len(self.columns)
         fields = np.zeros((c, math.prod(level.grid.shape)))
         fields[:, member.cells] = member.solution.traction
-        return level.differences.energy([d**2 for d in level.differences.across(fields)])
+        squares = [d**2 for d in level.differences.across(fields)]
+        if variance:
+            touched, rows = level.differences.touching(member.cells)
+            unsure = variance_of(member, rows.each(c, len(member.cells)), few=True).reshape(c, -1)
+            parts = np.cumsum([len(edges) for edges in touched])[:-1]
+            for square, edges, more in zip(squares, touched, np.split(unsure, parts, axis=1)):
+                square[:, edges] += more
+        return level.differences.energy(squares)

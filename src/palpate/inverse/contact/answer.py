@@ -82,14 +82,19 @@ def combined(
     fit: float,
     left: float,
     rng: np.random.Generator | None,
+    also: Solved | None = None,
 ) -> Frame:
-    """The mean of the models of a run, with their errors."""
-    policy, members = prepared.policy, run.members
+    """The mean of the models of a run, and of ``also`` another, with the errors of all."""
+    policy = prepared.policy
+    runs = [run] if also is None else [run, also]
+    members = [m for r in runs for m in r.members]
     large = any(m.data.at_size for m in members)
     summary = Summary(members, prepared.posterior)
     summary.noise_ratio = noise_ratio(prepared, run, left)
     summary.gain = prepared.problem.uncertainty.assumed_gain
-    summary.whites = [prepared.readings.white((run.data / run.noise)[run.observed], run.observed)] * len(members)
+    summary.whites = [
+        prepared.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
+    ]
     weights = np.array([m.weight for m in members])
     sampled = None
     if prepared.draws:

@@ -44,7 +44,7 @@ def explained(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Ge
     data = estimator.readings.flat(estimator.operator.observed(readings))
     if not estimator.noise_known:
         plain = search(estimator, readings, rng)
-        few = len(data) <= policy.detection.few_readings or plain.unproven
+        few = len(data) <= policy.detection.few_readings or plain.unproven > 0
         if not plain.contact:
             return _undecided(plain) if few and np.any(data) else plain
         return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,12 +11,13 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
 from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["WIDE", "detection_limit", "explained_by_noise", "uneven_noise"]
+__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise"]
 
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
@@ -57,12 +59,51 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     return Explanation(1, nothing, np.where(present, none, 0.0), present)
 
 
-def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, bool]:
-    """Errors of a frame where nothing was found, and whether they are wider than ``errors``: as large as the largest reading says where noise explains the readings ill."""
-    if fit >= PROVEN:
-        return errors, False
-    largest = float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
-    return estimator.undetected(largest, run.data), True
+def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
+    """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
+    is none.
+
+    A few taxels on a line, all of them pressed, read as noise has it, as each has two neighbours only. Contact that only pushes (or pulls) then leaves next
+    to nothing; so it does of noise that chance made like that, and no reading says which.
+    """
+    policy = estimator.policy
+    lines = estimator.operator.surface.dimensions == 1
+    if (
+        estimator.noise_known
+        or not lines
+        or estimator.taxels > policy.detection.short_line
+        or not policy.parts.few_cells
+    ):
+        return None
+    white = estimator.readings.white((run.data / estimator.readings.std)[run.observed], run.observed)
+    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
+    if not total > 0.0:
+        return None
+    grid = estimator.operator.surface
+    out = np.zeros(len(grid.components))
+    for sign in (1, -1) if -1 in estimator.signs else (1,):
+        found = rough(estimator, sign * run.data, run.observed, total, 0, policy.detection.short_line_noise * total)
+        left = white - sign * estimator.readings.white(
+            (found.explained / estimator.readings.std)[run.observed], run.observed
+        )
+        if math.sqrt(float(np.mean(left**2))) < policy.detection.short_line_left * total:
+            force = grid.cell * np.abs(found.traction[:, estimator.inside.ravel()].sum(axis=1))
+            out[list(estimator.columns)] = np.maximum(out[list(estimator.columns)], force)
+    return out if out.any() else None
+
+
+def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
+    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where noise explains the readings ill, 2 where
+    `short_line_load` does."""
+    why = 0
+    if fit < PROVEN:
+        # as large as the largest reading says
+        why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
+        errors = estimator.undetected(largest, run.data)
+    force = short_line_load(estimator, run)
+    if force is not None:
+        why, errors = 2, replace(errors, force=np.maximum(errors.force, force / WIDE))
+    return errors, why
 
 
 def uneven_noise(estimator: Prepared, data: Floats, observed: Flags, known: float | None) -> float:

@@ -107,6 +107,7 @@ def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) ->
             f"one reading alone tells {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: nothing shows whether it is right, or at the end of "
             "its range (limits= of the array says where that is)"
         )
+    pressed = sum(f.unproven == 2 for f in frames)
     short = sum(not f.converged for f in frames)
     if short:
         said.append(
@@ -118,5 +119,10 @@ def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) ->
         said.append(
             f"drift{where(drifting)}: a shift or a tilt of the displacements that the readings do not tell from contact may be part of the force: "
             "the intervals allow for one of a tenth of the largest reading (standard deviation). Where nothing drifts, say Skin(..., nuisance=[])"
+        )
+    if pressed:
+        said.append(
+            f"nothing was found{where(pressed)}, but contact all over so few taxels explains the readings as well as noise does, and the interval has room for it: "
+            "noise= of the array, where it is known, tells"
         )
     return tuple(said)

@@ -100,6 +100,9 @@ class Detection:
     stands_out: float = number(
         6.0, "a small contact makes a reading so many times half of its channel: 4 Gaussian deviations"
     )
+    short_line: int = number(25, "on so few taxels of a line contact may be all that it reads")
+    short_line_noise: float = number(0.03, "there noise begins at this part of the readings")
+    short_line_left: float = number(0.35, "and contact explains them where it leaves this part")
     few_readings: int = number(
         50, "noise learned from so few readings proves nothing; finer models follow the pad's errors (four real skins)"
     )
@@ -114,6 +117,7 @@ class Explanations:
         0.4,
         "or where the cells over the outermost taxels are loaded on this part: one end of a line, two sides of an area",
     )
+    ring: float = number(0.7, "loaded nearly all round, an offset may hide even if none was found")
     nuisance: float = number(4.0, "deviations at which a nuisance is there: once in 16 000 frames without it")
     nuisance_rounds: int = number(
         12, "rounds of nuisances and contact in turn: they settle in three, in ten where hard to tell apart"
@@ -138,8 +142,10 @@ class Explanations:
     sure: float = number(
         2.0, "standard errors, 1/sqrt(2 n), by which a root mean square exceeds the noise that was given"
     )
+    compact: float = number(0.8, "a compact contact leaves this part of the readings' degrees of freedom")
     same: float = number(0.1, "sizes of nuisances that differ by less than this part are the same")
     followed: int = number(2, "so many rivals take the place of an explanation that is refuted")
+    least_weight: float = number(0.05, "of two weighed explanations one with less is left out")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,6 +155,7 @@ class Fit:
     accepted: float = number(
         0.05, "one that takes another's place explains the frame as well as one good frame in twenty"
     )
+    doubted: float = number(0.1, "below it, one good frame in ten, a rival that gained nearly as much is weighed too")
     most_louder: float = number(3.0, "given noise is exceeded by this at most in the errors: more is a misfit")
     shows: float = number(
         4.0, "log likelihood at which a part of the residual in proportion to the readings shows: a clean frame in 400"
@@ -196,6 +203,7 @@ class Screening:
     )
     explained: float = number(0.7, "and explains this part of what that does")
     outermost: float = number(8.0, "the outermost taxels are broken only where they read so many times the others")
+    alone: float = number(4.0, "a reading so many times all others is alone, whatever a linear model makes of it")
     shallow: float = number(0.6, "taxels less deep, in pitches, feel next to nothing of what their neighbours do")
     window: tuple[int, int] = number((20, 6), "half the taxels of a window of a large array, on a line and on an area")
     window_edge: int = number(3, "nearer to a window's edge a reading is left to another window")
@@ -266,6 +274,9 @@ class Prior:
         (1.0, 4.0, 16.0, 64.0), "factors of local scales that keep contact from explaining the readings"
     )
     left_more: float = number(4.0, "standard deviations of what more is left by chance")
+    ends: float = number(
+        0.2, "weight of a contact that ends on the surface: the objectives differ by a nat or less", tried=True
+    )
     slides: float = number(
         0.03, "sliding less probable is not followed up, nor is shear of its own", tried=True, needs="friction"
     )
@@ -374,7 +385,8 @@ class Errors:
     beside: float = number(1.5, "taxels within so many pitches are neighbours, across too")
     even_press: float = number(0.2, "an even press explains offsets where it leaves less than this part of them")
     hidden_drift: float = number(
-        0.1, "the same of displacements that wide pressure hides: half of `largest_nuisance` is two deviations"
+        0.1,
+        "part of the largest reading of an offset that a loaded edge hides, and of drift of displacements: half of `largest_nuisance` is two deviations",
     )
     ambiguous_force: float = number(
         0.05, "of the force, where channels do not tell pressure from shear: 1.86 to 1.95 N for 2 N (in_plane.md)"

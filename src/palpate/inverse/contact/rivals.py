@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
-from palpate.inverse.contact.answer import framed
+from palpate.inverse.contact.answer import combined, framed
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.score import rival_odds, share_of
 from palpate.inverse.contact.solving import solve
 from palpate.inverse.fit import POOR_FIT
 
 __all__ = ["with_rivals"]
+
+Flags = npt.NDArray[np.bool_]
 
 
 def with_rivals(
@@ -24,12 +28,70 @@ def with_rivals(
     observed: Observed,
     rng: np.random.Generator | None,
 ) -> Frame:
-    """The frame, or that of a rival which explains what it leaves: what is refuted gives way to what is not."""
+    """The frame, or that of a rival which explains what it leaves; where neither is sure, the mean of both with the errors of both.
+
+    The odds of two are those of their gains, exp(gain), times those of their misfit probabilities.
+    """
     policy = estimator.policy
+    h, rivals = run.explanation, run.explanation.rivals
     plain = replace(observed, filled=observed.data)
     if frame.fit < POOR_FIT:
-        for rival in run.explanation.rivals[: policy.explanations.followed]:
+        for rival in rivals[: policy.explanations.followed]:
+            # what is refuted, or refutes nothing, gives way to what is not
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:
                 return other
+    elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
+        for rival in rivals[:1]:
+            if rival.sign != h.sign:
+                continue
+            # at best it explains the frame as well as any
+            if share_of(rival_odds(h, frame.fit, rival, 1.0)) < policy.explanations.least_weight:
+                continue
+            second = solve(estimator, rival, plain)
+            other = framed(estimator, second, observed, rng)
+            weight = share_of(rival_odds(h, frame.fit, rival, other.fit)) if other.fit > policy.fit.accepted else 0.0
+            if other.contact and weight > policy.explanations.least_weight:
+                return (
+                    other
+                    if weight > 1.0 - policy.explanations.least_weight
+                    else _mean(estimator, run, second, frame, other, weight, rng)
+                )
     return frame
+
+
+def _mean(
+    estimator: Prepared,
+    run: Solved,
+    second: Solved,
+    frame: Frame,
+    other: Frame,
+    weight: float,
+    rng: np.random.Generator | None,
+) -> Frame:
+    """The frame of the models of two runs, the second of which has this ``weight``."""
+    fit = (1.0 - weight) * frame.fit + weight * other.fit
+    part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
+    found = combined(estimator, part, frame.noise, fit, frame.residual, rng, more)
+    sign = -1 if run.explanation.sign < 0 else 1
+    sizes = (1.0 - weight) * frame.nuisance + weight * other.nuisance
+    between = weight * (1.0 - weight) * (frame.nuisance - other.nuisance) ** 2
+    within = (1.0 - weight) * frame.nuisance_std**2 + weight * other.nuisance_std**2
+    return replace(
+        frame,
+        traction=sign * found.traction,
+        errors=found.errors,
+        draws=None if found.draws is None else sign * found.draws,
+        fit=fit,
+        nuisance=sizes,
+        nuisance_std=np.sqrt(within + between),
+        stated=found.stated,
+        alone=found.alone,
+        beyond=found.beyond,
+        hangs=found.hangs,
+        converged=frame.converged and other.converged,
+    )
+
+
+def _weighed(run: Solved, part: float) -> Solved:
+    return replace(run, members=[replace(m, weight=part * m.weight) for m in run.members])

@@ -5,7 +5,8 @@
 | `gain_of` | free log(total/left): log likelihood of Gaussian noise of an unknown size, over what remains of its degrees of freedom | rough explanations, readings left out, contact in a few cells; of one frame: `best_of`, `rivals_of`, `least_to_beat` |
 | `more_than_noise` | log evidence of the linear model over noise alone, that of uneven noise taken off | contact and no contact |
 | `weights_by_evidence`, `shares_by_evidence` | exp(log evidence), normalised | penalties of one explanation; ways of sliding |
-| `share_of` | 1/(1 + exp(-log odds)) | discs and fields |
+| `share_of` | 1/(1 + exp(-log odds)) | discs and fields; an explanation and its rival |
+| `rival_odds` | difference of gains, plus log of the ratio of misfit probabilities | an explanation that is doubted and its rival |
 | `gain_without_cone` | log likelihood gained, less the degrees of freedom that it took (H. Akaike, IEEE Trans. Automatic Control 19, 1974, 716-723) | a push and the same contact with traction of either sign |
 
 All are natural logarithms of odds but for two conventions: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
@@ -33,6 +34,7 @@ __all__ = [
     "least_to_beat",
     "likelier_signs",
     "more_than_noise",
+    "rival_odds",
     "rivals_of",
     "same",
     "share_of",
@@ -111,6 +113,11 @@ def shares_by_evidence(logs: Sequence[float]) -> Floats:
 def share_of(log_odds: float) -> float:
     """The probability that goes with log odds."""
     return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
+
+
+def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float) -> float:
+    """Log odds of a rival against an explanation, with the misfit probability of each once they are solved."""
+    return rival.rough.gain - h.rough.gain + math.log(max(rival_fit, 1e-300) / fit)
 
 
 def gain_without_cone(readings: float, push: float, free: float, more: float, *, known: bool) -> float:

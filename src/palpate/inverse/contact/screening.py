@@ -322,8 +322,9 @@ class _Screening:
         explained = _explained(self.linear, self.readings, found, self.shifts)
         for _ in range(max(int(policy.screening.most * n), 1)):
             there = observed & ~broken
-            # what presses beyond the array's edge is felt by the outermost taxels alone
-            there &= ~self.outermost
+            # what presses beyond the array's edge is felt by the outermost taxels alone: they count as broken only if they read far too much
+            others = np.where(there & ~self.outermost, np.abs(scaled), 0.0).max(initial=0.0)
+            there &= ~self.outermost | (np.abs(scaled) > policy.screening.outermost * others)
             residual = np.where(there, np.abs(scaled - explained / self.readings.std), 0.0)
             places = list(np.argsort(residual)[::-1][: policy.screening.candidates])
             places.append(int(np.argmax(np.where(there, np.abs(scaled), 0.0))))
@@ -334,6 +335,13 @@ class _Screening:
             column = singles[chosen]
             after, rest, free = self.model([*held, column], total)
             gain = gain_of(free, left, rest)
+            counts = observed & ~broken
+            other = counts & (np.arange(n) != chosen)
+            if abs(scaled[chosen]) > policy.screening.alone * float(np.abs(scaled[other]).max(initial=0.0)):
+                # all readings' size with it and without: what is ten times the others is broken on the smallest array
+                without = math.sqrt(float(np.mean(scaled[other] ** 2)))
+                with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
+                gain = max(gain, gain_of(counted, with_it, without))
             if self.known:
                 gain = max(
                     gain, self._evidence([*held, column]) - self._evidence(held) - math.log(3.0 * np.abs(scaled).max())

@@ -33,7 +33,8 @@ Flags = npt.NDArray[np.bool_]
 
 
 def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
-    """Standard deviations of the nuisances."""
+    """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
+    policy = estimator.policy
     h = run.explanation
     if not estimator.terms or not (run.noise > 0).all():  # nothing at all was read
         return np.zeros(len(estimator.terms))
@@ -43,6 +44,10 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     if run.members and h.present.any():
         rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
         deviation[h.present] = _deviations(_told(run.members[0], rows))
+    if run.members and h.rough.ring > policy.explanations.ring:
+        reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
+        offsets = np.array([t.kind == "offset" for t in estimator.terms])
+        deviation = np.maximum(deviation, np.where(offsets, policy.errors.hidden_drift * reach, 0.0))
     return np.asarray(deviation)
 
 

@@ -25,11 +25,13 @@ Flags = npt.NDArray[np.bool_]
 class Doubt:
     """Whether nuisances are worth seeking after push and pull alone.
 
-    ``sought``: what contact leaves asks for them, or the array's edge is loaded all round. ``unit`` (term,): size of each nuisance in the whitened readings; ``level``: the noise that the best
+    ``sought``: what contact leaves asks for them, or the array's edge is loaded all round. ``wide``: nothing does, but an offset of displacement on a half-space
+    is explained by wide pressure, and nothing is left over. ``unit`` (term,): size of each nuisance in the whitened readings; ``level``: the noise that the best
     leaves; ``hopeless``: signs that no offset saves.
     """
 
     sought: bool
+    wide: bool
     best: Explanation
     unit: Floats
     level: float
@@ -102,5 +104,10 @@ class Search:
             seen &= np.abs(rest) > rules.half * rules.smallest_nuisance * reach(columns, self.data)
         sought = bool(seen.any() or best.rough.ring > rules.edge)
         sought = sought or self.worth_more(best)
+        wide = (
+            estimator.far
+            and estimator.problem.pad.thickness is None
+            and best.rough.free < rules.compact * observed.sum()
+        )
         hopeless = hopeless_signs(self.tried, estimator.policy) if large and not estimator.far else []
-        return Doubt(sought, best, unit, level, hopeless)
+        return Doubt(sought, bool(wide), best, unit, level, hopeless)
