@@ -335,9 +335,8 @@ class Tracker:
         """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
         flat, like = self._flat(reading)
-        seconds = None if time is None else as_second(time)
         known = None if std is None else self._typical(std)
-        frame = self._times.next(seconds)
+        frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
         try:
             with few_threads(self.unknowns):
