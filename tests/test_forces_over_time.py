@@ -406,7 +406,7 @@ def test_numbers_of_many_frames_wait_in_a_file_and_are_the_same(
 ) -> None:
     skin, _ = press
     few = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "few.nc", baseline=10, chunk=3)
-    monkeypatch.setattr("palpate.archives.numbers.MANY", 5)
+    monkeypatch.setattr("palpate.archives.numbers.MAX_FRAMES_IN_MEMORY", 5)
     many = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "many.nc", baseline=10, chunk=3)
     one, other = few.table, many.table
     base = other["force_z (N/m)"].to_numpy()
@@ -420,7 +420,7 @@ def test_numbers_of_many_frames_wait_in_a_file_and_are_the_same(
 
 def test_frames_that_lack_a_number_are_unknown_in_the_file_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A frame that is missing may lack the slip margin; the frames may come in any order."""
-    monkeypatch.setattr("palpate.archives.numbers.MANY", 1)
+    monkeypatch.setattr("palpate.archives.numbers.MAX_FRAMES_IN_MEMORY", 1)
     numbers = Numbers(5, tmp_path)
     time = 0.5 * np.arange(5)
     margin = np.array([7.0, 8.0])

@@ -30,8 +30,8 @@ WEAK = 0.12
 ACROSS = 15
 #: Pull from which on, as a part of the largest pressure, a map shows both signs.
 PULL = 0.02
-#: How a map lies, by where it is seen from: z points into the pad, and x, y, z are right-handed.
-SEEN = {
+#: The axes of a map for each view: z points into the pad, and x, y, z are right-handed.
+VIEWS = {
     "inside": "seen from inside the pad (z towards the viewer)",
     "outside": "seen from outside (z away from the viewer)",
 }
@@ -67,8 +67,8 @@ def plot_touch(
     true = None if truth is None else to_numpy(truth).astype(np.float64)
     if true is not None and true.shape != values.shape:
         raise InvalidInput(f"truth must have shape {values.shape} like one frame of the touch; got {true.shape}.")
-    if seen_from not in SEEN:
-        raise InvalidInput(f"seen_from must be {' or '.join(SEEN)}; got {seen_from!r}.")
+    if seen_from not in VIEWS:
+        raise InvalidInput(f"seen_from must be {' or '.join(VIEWS)}; got {seen_from!r}.")
     if ax is not None and true is not None:
         raise InvalidInput("truth is drawn in panels of its own, which one ax cannot hold: leave out either.")
     with journal():
@@ -181,7 +181,7 @@ def _plot_area(
                 continue
             draw_taxels(axes, taxels, _width(touch)[0])
     said = [title] if title else []
-    figure.suptitle("\n".join([*said, SEEN[seen_from]]), fontsize=8 if said else 7)
+    figure.suptitle("\n".join([*said, VIEWS[seen_from]]), fontsize=8 if said else 7)
     return figure
 
 

@@ -17,10 +17,10 @@ from palpate.touch.table import table_of
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["MANY", "Numbers"]
+__all__ = ["MAX_FRAMES_IN_MEMORY", "Numbers"]
 
-#: Frames from which on they are kept in a file: with some thirty numbers each, 25 MB of memory.
-MANY = 100_000
+#: Recordings of more frames keep their numbers in a file: thirty numbers a frame are 25 MB here.
+MAX_FRAMES_IN_MEMORY = 100_000
 
 
 class Numbers:
@@ -38,7 +38,7 @@ class Numbers:
         self._frames = frames
         self._parts: dict[int, dict[str, Any]] = {}
         self._file: BinaryIO | None = None
-        if frames >= MANY:
+        if frames >= MAX_FRAMES_IN_MEMORY:
             self._file = cast(BinaryIO, tempfile.TemporaryFile(dir=folder, buffering=0))  # noqa: SIM115
             weakref.finalize(self, self._file.close)
         self._titles: list[str] = []

@@ -46,16 +46,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Reconstructed", "piece_length", "reconstruct_recording", "worker_count"]
 
-#: Bytes of traction in a piece: enough that a batch is worth its overhead, little enough that many are in memory at a time.
-PIECE = 3_000_000
+#: Bytes of traction in a piece: large enough for efficient batches, small enough to hold many in memory.
+PIECE_BYTES = 3_000_000
 #: Frames in a piece at the most: what a run that is broken off has to do again.
 LONGEST = 256
 #: The same of methods that solve one frame after another, a hundredth of a second to some seconds each.
 SLOW = 8
 #: Frames for each process that make up for its beginning: 1.5 s of imports and sensor against 0.04 s or more for each frame.
 PAYS = 50
-#: Processes that are begun unasked: each holds 150 MB.
-MOST = 8
+#: Processes that start by default: each holds 150 MB.
+MAX_DEFAULT_PROCESSES = 8
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def piece_length(skin: Skin, method: Method | None = None) -> int:
     (217, 6)
     """
     frame = 8 * len(skin.surface.components) * math.prod(skin.surface.shape)
-    return max(1, min(LONGEST if method is None or not method.by_frame else SLOW, PIECE // frame))
+    return max(1, min(LONGEST if method is None or not method.by_frame else SLOW, PIECE_BYTES // frame))
 
 
 def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
@@ -132,7 +132,7 @@ def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
     chosen = method_asked(None, {}) if method is None else method
     if not chosen.by_frame or unknowns > SMALL:
         return 1
-    return max(1, min(cores(), MOST, frames // PAYS))
+    return max(1, min(cores(), MAX_DEFAULT_PROCESSES, frames // PAYS))
 
 
 def reconstruct_recording(

@@ -24,7 +24,7 @@ from palpate.calibrate.findings import (
     small_unit,
     table_of,
 )
-from palpate.calibrate.forcemap import MOST_LABELS, RUN, ForceMap, usual_scale
+from palpate.calibrate.forcemap import MAX_LABELS, RUN, ForceMap, usual_scale
 from palpate.calibrate.labels import (
     BALL,
     SCALE_STD,
@@ -48,15 +48,15 @@ __all__ = ["calibrate", "flat_readings"]
 
 #: Part of the time that a weight stood which is left out at each end: it is laid down and taken off there.
 ENDS = 0.15
-#: Rest: forces below this part of the largest.
-REST = 0.005
+#: Forces below this part of the largest are at rest.
+REST_FRACTION = 0.005
 #: Frames of so little force are at rest from this count on, where their readings scatter by less than this part of all readings' root mean square.
 FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
 #: Labels of one calibration by default: more cost time and tell little (docs/_generated/calibrate.md).
 USUAL_LABELS = 300
 SEED = 41
-#: What is said where all labels are of one recording.
-ONE_RUN = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
+#: Note if all labels come from one recording.
+ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
 #: Squares of larger numbers, and inverses of smaller ones, leave double precision (at 1e154).
 LARGEST = 1e100
 #: Frames at rest that are kept, and the noise where none is labelled, as a part of the root mean square of the readings (a convention).
@@ -144,8 +144,8 @@ def calibrate(
     """
     given = list(presses) if isinstance(presses, list | tuple) else [presses]
     runs = [_run(one, skin, time if len(given) == 1 else None) for one in given]
-    if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MOST_LABELS:
-        raise InvalidInput(f"labels must be a whole number from 1 to {MOST_LABELS}; got {labels!r}.")
+    if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MAX_LABELS:
+        raise InvalidInput(f"labels must be a whole number from 1 to {MAX_LABELS}; got {labels!r}.")
     references = list(reference) if len(runs) > 1 and isinstance(reference, list | tuple) else [reference]
     if len(references) != len(runs) and reference is not None:
         raise InvalidInput(
@@ -177,7 +177,7 @@ def calibrate(
     said += silent_readings(skin, data)
     said += hysteresis(main)
     if len(runs) == 1 and before is None:
-        said.append(ONE_RUN)
+        said.append(ONE_RECORDING_NOTE)
     said += best_press(skin, main)
     zero, zero_std = _kept_zero(skin.planes, zeros, data.rest)
     return replace(
@@ -388,7 +388,7 @@ def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
     seen = np.isfinite(flat).all(axis=1)
     exact = np.all([f == 0.0 for f in forces], axis=0) & seen
     largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
-    small = np.all([np.abs(f) <= REST * largest for f in forces], axis=0) & seen
+    small = np.all([np.abs(f) <= REST_FRACTION * largest for f in forces], axis=0) & seen
     if small.sum() >= FEWEST_AT_REST:
         middle = np.median(flat[small], axis=0)
         near = np.sqrt(((flat[small] - middle) ** 2).mean())
@@ -475,7 +475,7 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str
         old = None if before is None else before.maps.get(name)
         if old is not None and old.process.readings.shape[1] == flat.shape[1]:
             p = old.process
-            keep = slice(None, max(1, MOST_LABELS - len(values)))
+            keep = slice(None, max(1, MAX_LABELS - len(values)))
             if seconds is not None and p.time is not None:
                 seconds = np.concatenate([p.time[keep] - 1e9, seconds])
             else:

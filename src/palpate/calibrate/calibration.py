@@ -21,10 +21,10 @@ from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
 
-__all__ = ["ALONE", "SkinCalibration"]
+__all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
-#: What a touch says whose pad's model was rejected, or never asked.
-ALONE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
+#: Note of a touch whose pad model was rejected or not checked.
+FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
 #: Components of the force, and coordinates of the centre, by the names that references use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
 #: Part of the force that is open because no label is like the frame, from which on that is said.
@@ -150,7 +150,7 @@ class SkinCalibration:
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
         place = self.center(rows, value, std)
-        notes: tuple[str, ...] = () if self.elastic else (ALONE,)
+        notes: tuple[str, ...] = () if self.elastic else (FORCE_ONLY_NOTE,)
         unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
         if unlike > UNLIKE:
             notes += (

@@ -40,11 +40,11 @@ UNTOLD, ODDS = 0.7, math.log(20.0)
 ALIKE, PLAINER = 0.25, {"stack": "bonded", "soft base": "half-space"}
 #: Residuals of so many times the noise reject every model that was asked (a chi-square of 2 for each reading).
 REJECTED = 1.4
-#: At most so many labelled frames are fitted; half spread over time, half over force.
-MOST_PRESSES = 20
+#: Fit at most this many labelled frames: half spread over time, half over force.
+MAX_PRESSES = 20
 STEP = 1e-5
-#: Channels that are fitted, and the radial or vertical field of each.
-KINDS = {
+#: Channels to fit, and whether each measures the radial or the vertical field.
+CHANNEL_FIELDS = {
     "stress_xz": "stress_x", "stress_yz": "stress_x", "stress_zz": "stress_z",
     "displacement_x": "displacement_x", "displacement_y": "displacement_x", "displacement_z": "displacement_z",
 }  # fmt: skip
@@ -244,7 +244,7 @@ def labelled_constants(
     pressed = np.flatnonzero(np.nan_to_num(data.known["fz"]) > 0.0)
     if not len(pressed):
         raise InvalidInput("constants= needs presses with fz > 0: pushing into the pad is positive. Change the sign.")
-    at = pressed[spread_over(data.known["fz"][pressed, None], MOST_PRESSES)]
+    at = pressed[spread_over(data.known["fz"][pressed, None], MAX_PRESSES)]
     places = np.stack([data.known.get(n, np.full(len(data.flat), math.nan))[at] for n in ("x", "y")], axis=1)
     # one noise for each channel, with that of a zero which is the median of the frames at rest: variance pi / (2 n)
     count = len(data.rest)
@@ -319,10 +319,10 @@ class _Fit:
         place_std: float | None, constants: tuple[str, ...], noise: Any, before: PadConstants | None,
     ) -> None:  # fmt: skip
         planes = skin.planes
-        if len(planes) != 1 or planes[0].points.shape[1] != 2 or not set(planes[0].channels) <= set(KINDS):
+        if len(planes) != 1 or planes[0].points.shape[1] != 2 or not set(planes[0].channels) <= set(CHANNEL_FIELDS):
             what = "; ".join(f"{', '.join(p.channels)} at {p.points.shape[1]}-dimensional places" for p in planes)
             raise InvalidInput(
-                f"constants= takes one plane over an area with channels {', '.join(KINDS)}; got {what}. Leave constants= out."
+                f"constants= takes one plane over an area with channels {', '.join(CHANNEL_FIELDS)}; got {what}. Leave constants= out."
             )
         plane, pad = skin.planes[0], skin.pad
         self.model, self.force, self.ball, self.channels = model, force, radius, tuple(plane.channels)
@@ -362,7 +362,7 @@ class _Fit:
         span = float(np.ptp(self.points, axis=0).max())
         self.length = span / 4.0
         center = self.points.mean(axis=0)
-        upright = [i for i, c in enumerate(self.channels) if KINDS[c].endswith("z")]
+        upright = [i for i, c in enumerate(self.channels) if CHANNEL_FIELDS[c].endswith("z")]
         square = (self.readings[:, upright or slice(None)] ** 2).sum(axis=1)
         weight = square / np.maximum(square.sum(axis=1, keepdims=True), 1e-300)
         known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=1))
@@ -425,7 +425,7 @@ class _Fit:
         offset = self.points * scale - own[:, None, :2] * self.length
         r = np.minimum(np.hypot(offset[..., 0], offset[..., 1]), self.radii[-1])
         unit = offset / np.maximum(r, 1e-12)[..., None]
-        keys = [KINDS[c] for c in self.channels]
+        keys = [CHANNEL_FIELDS[c] for c in self.channels]
         kinds = list(dict.fromkeys(keys))
         tables = [self.bessel[0 if n[-1] == "z" else 1] @ (pressed * fields[n]).T for n in kinds]
         spline = CubicSpline(self.radii, np.stack(tables, axis=-1)).c  # (power, interval, press, kind)

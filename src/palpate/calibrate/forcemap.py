@@ -15,7 +15,7 @@ from palpate.elastic.pad import Floats
 __all__ = ["ForceMap"]
 
 #: Labels that one map keeps: its work grows with their cube (500: 4 s).
-MOST_LABELS = 500
+MAX_LABELS = 500
 #: Weights of members use the score over this power of the number of labels: labels of one recording are no independent proofs.
 TEMPER = 0.5
 #: Prior count of presses that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
@@ -27,8 +27,8 @@ FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
 RUN, RUNS_OF_PRIOR = 0.08, 1.0
 #: Error of a value, as a part of the usual one, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
 NOVEL, STRONG = 2.0, 0.2
-#: Sum of squared distances that the first counts for: one press at a distance of 0.3.
-NOVEL_SEEN = 0.09
+#: Prior count of the sum of squared distances: one press at a distance of 0.3.
+FIRST_NOVELTY = 0.09
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class ForceMap:
         p = self.process
         labels, error = Scaled.of(p.readings, p.scale), self.left_out
         strong = labels.size > STRONG * float(labels.size.max())
-        squares, distances = NOVEL_SEEN * NOVEL**2, NOVEL_SEEN
+        squares, distances = FIRST_NOVELTY * NOVEL**2, FIRST_NOVELTY
         for press in np.unique(p.press[strong]):
             one, other = strong & (p.press == press), strong & (p.press != press)
             size = float(((p.unit * labels.size[one]) ** 2).mean())

@@ -17,8 +17,8 @@ from palpate.units import is_number
 
 __all__ = ["DepthMap"]
 
-#: Fewer known places than this are no array.
-FEWEST = 3
+#: Fewer valid places are no array.
+MIN_PLACES = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,9 +58,9 @@ class DepthMap:
 
     def __post_init__(self) -> None:
         places = as_double(self.positions)
-        if places.ndim != 2 or places.shape[1] != 2 or len(places) < FEWEST or not np.isfinite(places).all():
+        if places.ndim != 2 or places.shape[1] != 2 or len(places) < MIN_PLACES or not np.isfinite(places).all():
             raise InvalidInput(
-                f"positions of a depth map must be finite and have the shape (n, 2), with n of at least {FEWEST}; got {places.shape}."
+                f"positions of a depth map must be finite and have the shape (n, 2), with n of at least {MIN_PLACES}; got {places.shape}."
             )
         if not (is_number(self.std) and self.std > 0):
             raise InvalidInput(f"std of a depth map must be a positive number of metres; got {self.std!r}.")
@@ -110,7 +110,7 @@ class DepthMap:
         order = np.lexsort((away, flat))
         _, first = np.unique(flat[order], return_index=True)
         chosen = np.sort(known[order[first]])
-        if len(chosen) < FEWEST or np.any(np.ptp(places[chosen], axis=0) == 0):
+        if len(chosen) < MIN_PLACES or np.any(np.ptp(places[chosen], axis=0) == 0):
             return None
         array = ScatteredArray(positions=places[chosen], depth=0.0, channels=["displacement_z"], noise=self.std)
         return array, depth[None, chosen]

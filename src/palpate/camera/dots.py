@@ -26,8 +26,8 @@ FINEST, FACTOR, COARSEST = 1.0, 1.2, 1.0 / 14.0
 WHOLE, SOME = 0.62, 0.3
 #: Contrast of a dot against its surroundings below which it cannot be told from noise (of the light there), and over the noise.
 FAINTEST, NOISES = 0.04, 6.0
-#: Strongest extrema that are looked at.
-MOST = 5000
+#: Number of strongest extrema to examine.
+MAX_EXTREMA = 5000
 #: Dots of a known print are sought in pictures made smaller by up to the first, as long as the blur stays as wide as the second [their pixels].
 SMALLER, BLURRY = 4, 3.0
 #: Fewest dots that make a print, and so many that may tell one by how evenly they lie alone.
@@ -323,7 +323,7 @@ def _alone(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDA
     """Extrema that lie on no stronger one: a sharp dot has others of its own along its rim."""
     from scipy.spatial import cKDTree
 
-    order = np.argsort(-strength, kind="stable")[:MOST]
+    order = np.argsort(-strength, kind="stable")[:MAX_EXTREMA]
     tree = cKDTree(places[order])
     free = np.ones(len(order), dtype=bool)
     for i in range(len(order)):

@@ -35,20 +35,21 @@ __all__ = ["Flow"]
 
 #: Pixels across at which optical flow is computed, and at which its windows are compared, at most.
 DENSE, COMPARED = 160, 320
-#: Half a window over the distance between places: neighbours share little.
-HALF = 0.6
+#: Half a window over the distance between places: neighbours then share few pixels.
+WINDOW_FRACTION = 0.6
 #: Least distance between places [pixels of the pictures that are compared].
 CLOSEST = 6.0
 #: A place with less texture than this part of the typical one's (the weaker direction of its gradients) tells nothing.
 POOR = 0.05
-#: Least squares on few pixels leave less than there is: by 1 - 3 pixels over half a window. From windows of 13 to 41 pixels.
-FEW = 3.0
+#: Least squares on few pixels underestimates the residual by 1 - this many pixels over half a window. Measured on windows of 13 to 41 pixels.
+SMALL_WINDOW_FACTOR = 3.0
 #: Fewest places, and the part of all that must have texture.
 FEWEST, TEXTURED = 9, 0.5
 #: Contrast of what is finer than a window, below which it is no texture: light on a smooth gel, which does not move with it, has a third to all of this.
 FAINT = 0.0135
-#: A window moves as the mean of its parts: half**2 / 6 of the Laplacian, of which a place and the plane of its eight neighbours show a third by the distance squared.
-MEAN = 0.5
+#: A window moves by its mean: half**2 / 6 of the Laplacian, a third of which (by the distance squared) is the difference between a place and the
+#: plane of its eight neighbours.
+WINDOW_MEAN = 0.5
 
 
 class Flow(Followed):
@@ -108,7 +109,7 @@ class Flow(Followed):
                 "Read it less densely, or film nearer."
             )
         apart = spacing / self._step
-        half = max(3, round(HALF * apart))
+        half = max(3, round(WINDOW_FRACTION * apart))
         self._width = apart
         level = as_bytes(levelled(plain, 2.0 * apart, self.region))
         if positions is None:
@@ -135,9 +136,9 @@ class Flow(Followed):
             half=half,
             near=Neighbours(chosen),
             reach=0.5 * half,
-            spread=MEAN * (half / apart) ** 2,
+            spread=WINDOW_MEAN * (half / apart) ** 2,
             rest=[self._reduced(grey(image)) for image in pictures_of(reference)],
-            known=max(1.0 - FEW / half, 0.3),
+            known=max(1.0 - SMALL_WINDOW_FACTOR / half, 0.3),
         )
         cv2 = opencv()
         part = min(1.0, DENSE / plain.shape[1])

@@ -33,7 +33,7 @@ __all__ = ["Markers"]
 WINDOW, AROUND = 1.5, 2.0
 #: Least squares on the few pixels of a dot's rim leave less than there is: by 1 - 1.4 pixels over the radius. From dots at rest of 3.3 and 6.7 pixels with noise,
 #: compression and blur, other prints than those of `benchmarks/camera.py`.
-FEW = 1.4
+SMALL_DOT_FACTOR = 1.4
 
 
 def _distinct(positions: npt.ArrayLike) -> Floats:
@@ -47,8 +47,8 @@ def _distinct(positions: npt.ArrayLike) -> Floats:
     return places
 
 
-#: A match that strains the print by so much more than that of the picture before is sought again.
-MORE = 1.1
+#: Repeat a match if it strains the print by more than this many times the match of the previous picture.
+MAX_STRAIN_GROWTH = 1.1
 
 
 class Markers(Followed):
@@ -104,7 +104,7 @@ class Markers(Followed):
             rest=[grey(image) for image in pictures_of(reference)],
             # its rim tells how a dot moved
             spread=(radius / near.pitch) ** 2,
-            known=max(1.0 - FEW / radius, 0.3),
+            known=max(1.0 - SMALL_DOT_FACTOR / radius, 0.3),
         )
         self.reset()
 
@@ -161,7 +161,7 @@ class Markers(Followed):
         return best
 
     def _matched(self, found: Found, expected: Floats) -> Floats:
-        index = matched(self._near, expected, found.positions, usual=MORE * self._strained)
+        index = matched(self._near, expected, found.positions, usual=MAX_STRAIN_GROWTH * self._strained)
         out = np.full_like(self.positions, np.nan)
         out[index >= 0] = found.positions[index[index >= 0]] - self.positions[index >= 0]
         return out

@@ -18,8 +18,8 @@ __all__ = ["check_axes", "check_page", "check_size", "inflated", "pages_claimed"
 
 #: The most that one picture may unpack to [bytes]: far more than a picture of a gel or of cells.
 LARGEST = 1 << 29
-#: Bytes that are unpacked at a time to be counted.
-PIECE = 1 << 24
+#: Bytes to unpack at a time while counting.
+CHUNK_BYTES = 1 << 24
 
 
 def check_axes(file: Any, path: Path) -> None:
@@ -79,7 +79,7 @@ def inflated(data: bytes, most: int, packing: int) -> int:
     unpack, total = UNPACKERS[packing](), 0
     try:
         while total <= most and not unpack.eof:
-            piece = unpack.decompress(data, PIECE)
+            piece = unpack.decompress(data, CHUNK_BYTES)
             total += len(piece)
             data = getattr(unpack, "unconsumed_tail", b"")
             if not piece and not data:

@@ -30,8 +30,8 @@ from palpate.tracking import Tracker
 __all__ = ["CHANNELS", "Touches", "follow", "gel_skin"]
 
 CHANNELS = ("displacement_x", "displacement_y")
-#: At most this part of the dots may be lost in a frame that is solved by itself.
-MOST_LOST = 0.5
+#: A frame solved alone may lose at most this part of its dots.
+MAX_LOST_FRACTION = 0.5
 #: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
 NOISE_STEP, KEPT = 1.3, 6
 #: A dot tells what presses within so many distances of dots; where more than the second part of the traction lies where those are lost, it is said.
@@ -205,7 +205,7 @@ class Touches:
 
     def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)
-        if lost.mean() > MOST_LOST:
+        if lost.mean() > MAX_LOST_FRACTION:
             return _missing(self.skin, self._options.get("components"), reading.time)
         skin = self._at(lost, reading.std)
         values = np.where(lost, 0.0, reading.values)

@@ -40,8 +40,8 @@ PRESSED, SOLVED = 0.8, 3
 TRACED, SOLVED_TRACE = 0.3, 6
 #: Frames at the start of a recording that show the gel at rest, and how far its readings may move there, as a part of the most.
 REST, STILL = 5, 0.2
-#: What presses moves by so many times what noise does.
-BEYOND = 10.0
+#: A press moves dots by at least this many times the noise.
+PRESS_TO_NOISE = 10.0
 #: Force and displacement rise together by this rank correlation at least, in so many frames or more.
 TOGETHER, RANKED = 0.5, 8
 #: What a modulus that is unknown begins with: any.
@@ -347,7 +347,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
     size = np.array([_moved(v.reshape(len(channels), -1)) for v in values])
     # from one frame to the next, so that a press among them does not count
     quiet = _middle(np.abs(np.diff(values[:rest], axis=0))) / math.sqrt(2.0) if rest > 1 else 0.0
-    if rest and size.max() > BEYOND * quiet and size[:rest].max() > STILL * size.max():
+    if rest and size.max() > PRESS_TO_NOISE * quiet and size[:rest].max() > STILL * size.max():
         raise InvalidInput(
             f"{name}: the gel moves in the first {rest} frames, which are taken to show it at rest: give how many do with reference= (--baseline)."
         )
@@ -398,7 +398,7 @@ def _moved(values: Floats) -> float:
 def _ratio(press: _Press, known: float | ForceTrace) -> tuple[float, float, float]:
     """Known force over the force that is found, its standard deviation, and the fit."""
     most = float(press.size.max(initial=0.0))
-    if not most > BEYOND * press.quiet:
+    if not most > PRESS_TO_NOISE * press.quiet:
         raise InvalidInput(
             f"{press.name}: nothing presses in these {press.what}s: the dots move by {plain_number(1e6 * most, 2)} um at most. Show the gel at rest first, then the press."
         )

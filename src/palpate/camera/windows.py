@@ -42,8 +42,8 @@ BLUR = 0.4
 BLURRED = "the picture is blurred: it is out of focus, or the gel moved during the exposure"
 #: Part of a window that may become white, where it was not at rest: beyond, glare lies on it.
 GLARED = 0.01
-#: Pixels: no displacement is known better, whatever its window says (Lucas-Kanade interpolates with 1/32 of a pixel in view, and pictures have eight bits).
-LEAST = 1e-3
+#: Smallest standard deviation of a displacement [pixels]: Lucas-Kanade interpolates with 1/32 of a pixel, and pictures have eight bits.
+MIN_STD = 1e-3
 #: Gauss-Newton steps with windows that are stretched as the print is.
 STEPS = 2
 #: How well the neighbours tell the motion of a window's whole against that of its middle, as a part of it.
@@ -343,7 +343,7 @@ def _errors(
     ridge = (1e-3 * power + 1e-12)[:, None, None] * np.eye(2)
     inverse = np.linalg.inv(normal + ridge)
     variance = np.maximum(*(np.diagonal(inverse @ part @ inverse, axis1=1, axis2=2) for part in (middle, falling)))
-    return np.sqrt(np.maximum(variance, LEAST**2)), alike
+    return np.sqrt(np.maximum(variance, MIN_STD**2)), alike
 
 
 def gradients_of(windows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -137,9 +137,9 @@ def bench_ablation(
     if quick:
         frames, numbers, kinds = 10, 0, "line"
     names = tuple(k.strip() for k in kinds.split(","))
-    unknown = [k for k in names if k not in bench.KINDS]
+    unknown = [k for k in names if k not in bench.CONTACT_KINDS]
     if unknown:
-        raise InvalidInput(f"kinds must be among {', '.join(bench.KINDS)}; got {', '.join(unknown)}.")
+        raise InvalidInput(f"kinds must be among {', '.join(bench.CONTACT_KINDS)}; got {', '.join(unknown)}.")
     if numbers > frames:
         raise InvalidInput(f"--numbers must not exceed --frames ({frames}); got {numbers}.")
     if minutes is not None and not (math.isfinite(minutes) and minutes > 0):

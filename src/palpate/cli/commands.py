@@ -135,7 +135,7 @@ def main() -> None:
 #: What takes less memory, by the part of palpate that asked for it.
 _COARSER = "Give a coarser surface ([surface] with a larger spacing in the skin.toml), or fewer taxels."
 _SHORTER = "Cut the file into shorter ones."
-_LESS = {
+_VERBOSITY = {
     **dict.fromkeys(("sensing", "inverse", "uncertainty", "tracking"), _COARSER),
     **dict.fromkeys(("recordings", "network"), _SHORTER),
     "archives": "Take fewer frames at a time: --chunk 16 --workers 1.",
@@ -153,10 +153,10 @@ def _out_of_memory(error: MemoryError) -> str:
     while at is not None:
         _, _, inside = at.tb_frame.f_globals.get("__name__", "").partition("palpate.")
         rooms.add(inside.split(".")[0])
-        advice = _LESS.get(inside.split(".")[0], advice)
+        advice = _VERBOSITY.get(inside.split(".")[0], advice)
         at = at.tb_next
     if "microscopy" in rooms and advice == _COARSER:  # no skin.toml describes its surface
-        advice = _LESS["microscopy"]
+        advice = _VERBOSITY["microscopy"]
     what = str(error).strip().rstrip(".")
     return f"not enough memory{f' ({what})' if what else ''}. {advice}"
 

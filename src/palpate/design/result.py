@@ -20,8 +20,8 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Design", "evaluate"]
 
-#: Distances from the array's edge, in parts of its extent, beyond which a press is refused: nothing is above taxels there.
-BESIDE = 0.5
+#: Largest distance of a press from the edge of the array, as a part of its extent: no taxel is below a press further out.
+MAX_DISTANCE_OUTSIDE = 0.5
 #: A pair is sought up to so many depths plus contact radii; cells reach as far.
 FARTHEST = 3.0
 
@@ -296,7 +296,7 @@ def evaluate(
         center = middle * 0.0 + (press.center[0] if dimensions == 1 else press.center[::-1])
         points = planes[0].points
         size = max(float(np_ptp(points)), pitch_of(planes[0]))
-        if (abs(center - middle) > 0.5 * size + BESIDE * size).any():
+        if (abs(center - middle) > 0.5 * size + MAX_DISTANCE_OUTSIDE * size).any():
             raise InvalidInput(
                 f"center = {press.center} m lies far beside the array, whose middle is at {tuple(float(m) for m in middle[::-1])} m. Give it in metres, in the array's coordinates."
             )

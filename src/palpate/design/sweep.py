@@ -42,10 +42,10 @@ NUMBERS: dict[str, tuple[str, float, str]] = {
 }
 #: What the score weighs, each alike; a larger range is better, of all others the smaller number.
 SCORED = ("force", "shear", "center", "pair", "noticed", "range")
-#: More designs than this take an hour or more.
-MOST = 20_000
-#: What is varied in words: larger, smaller.
-_WORDS = {
+#: More designs take an hour or longer.
+MAX_DESIGNS = 20_000
+#: Words for a larger and a smaller value of each variable.
+_DIRECTIONS = {
     "depth": ("Deeper than {}", "Less deep than {}"),
     "thickness": ("With a pad thicker than {}", "With a pad thinner than {}"),
     "pitch": ("With taxels farther apart than {}", "With taxels closer than {}"),
@@ -206,7 +206,7 @@ class Sweep:
             if not reached.any():
                 out.append(f"Of these {len(self)} designs none meets a goal: {said}.")
                 continue
-            for axis, (larger, smaller) in _WORDS.items():
+            for axis, (larger, smaller) in _DIRECTIONS.items():
                 values = [p.get(axis) for p in self.points]
                 if not values or not all(isinstance(v, float | int) for v in values):
                     continue
@@ -371,8 +371,10 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
         if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) == 0:
             raise InvalidInput(f"{name} must be a list of values to try; got {given!r}. Write [{given!r}].")
     count = math.prod(len(v) for v in values.values())
-    if count > MOST:
-        raise InvalidInput(f"the sweep has {count:,} combinations (at most {MOST:,}). Give fewer values for each axis.")
+    if count > MAX_DESIGNS:
+        raise InvalidInput(
+            f"the sweep has {count:,} combinations (at most {MAX_DESIGNS:,}). Give fewer values for each axis."
+        )
     return [dict(zip(values, chosen)) for chosen in itertools.product(*values.values())]
 
 

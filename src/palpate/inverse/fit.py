@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.sensing.arrays import Array, ScatteredArray
 
-__all__ = ["DISCREPANCY", "FEWEST", "MODEL_DETAIL", "POOR_FIT", "PROVEN", "misfit_probability", "neighbours"]
+__all__ = ["DISCREPANCY", "MIN_DEGREES", "MODEL_DETAIL", "POOR_FIT", "PROVEN", "misfit_probability", "neighbours"]
 
 Pairs = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
@@ -26,8 +26,8 @@ PROVEN = 0.1
 #: What a pad's model leaves of the readings before a frame says more (root mean square). Published recordings of six real skins with a force sensor beside
 #: them leave 2 to 30 % (`benchmarks/real.py`).
 DISCREPANCY = 0.15
-#: Fewer pairs of neighbours, or degrees of freedom, tell nothing.
-FEWEST = 6
+#: Fewer pairs of neighbours, or degrees of freedom, are no evidence.
+MIN_DEGREES = 6
 
 
 def neighbours(planes: Sequence[Array]) -> Pairs:
@@ -96,7 +96,7 @@ def misfit_probability(
     i, j = pairs
     both = observed[i] & observed[j]
     i, j = i[both], j[both]
-    if len(i) >= FEWEST and free >= FEWEST:
+    if len(i) >= MIN_DEGREES and free >= MIN_DEGREES:
         size = residual**2 + detail**2
         std = math.sqrt(float((size[i] * size[j]).sum()))
         z = float((residual[i] * residual[j]).sum()) / max(std, 1e-300)

@@ -38,9 +38,9 @@ LOCAL = ("127.0.0.1", "localhost", "::1")
 BUDGET = 0.02
 
 STATIC = Path(__file__).parent / "static"
-#: What the page is made of, besides itself; uPlot draws the charts (MIT licence, beside it).
-PARTS = ("live.js", "map.js", "readings.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
-KINDS = {"js": "text/javascript", "css": "text/css"}
+#: Files of the page besides the page itself; uPlot draws the charts (MIT licence, beside it).
+PAGE_FILES = ("live.js", "map.js", "readings.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
+MEDIA_TYPES = {"js": "text/javascript", "css": "text/css"}
 #: Largest message that a page may send [bytes].
 LARGEST = 1024
 #: Pages at the same time.
@@ -136,7 +136,10 @@ class Live:
         inner = Starlette(
             routes=[
                 Route("/", page("index.html", "text/html")),
-                *(Route(f"/{path.rsplit('/')[-1]}", page(path, KINDS[path.rsplit(".")[-1]])) for path in PARTS),
+                *(
+                    Route(f"/{path.rsplit('/')[-1]}", page(path, MEDIA_TYPES[path.rsplit(".")[-1]]))
+                    for path in PAGE_FILES
+                ),
                 Route("/health", health),
                 WebSocketRoute("/stream", stream),
             ],

@@ -27,7 +27,7 @@ from palpate._numbers import plain_time
 from palpate._threads import few_threads
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
-from palpate.live.taxels import MOST, described, edge, flat_readings
+from palpate.live.taxels import MAX_READINGS, described, edge, flat_readings
 from palpate.network.waiting import FrameSource
 from palpate.recordings import Sink, recorder
 from palpate.sensing.zero import MOVED, STANDS
@@ -198,7 +198,7 @@ class Session:
         self._taxels, self._edge = described(skin), edge(skin)
         #: Readings that packets hold; 0 where they are too many for a page.
         self.readings = sum(len(p["names"]) * len(p["channels"]) for p in self._taxels)
-        self.readings = self.readings if self.readings <= MOST else 0
+        self.readings = self.readings if self.readings <= MAX_READINGS else 0
         self._resting: tuple[Any, Any] | None = None  # sum and number of the readings of the zero that is being taken
         self._zero: Any = 0.0
 

@@ -12,12 +12,12 @@ from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.readings import checked_planes
 from palpate.skin import Skin
 
-__all__ = ["MOST", "described", "edge", "flat_readings"]
+__all__ = ["MAX_READINGS", "described", "edge", "flat_readings"]
 
-#: Readings that are shown one by one; a page keeps those of the last minute.
-MOST = 4096
+#: Readings to show one by one; a page keeps those of the last minute.
+MAX_READINGS = 4096
 #: Size of a scattered taxel without an aperture, as a part of the distance to its neighbour.
-PART = 0.7
+TAXEL_SIZE = 0.7
 
 
 def described(skin: Skin) -> list[dict[str, Any]]:
@@ -69,7 +69,7 @@ def _size(p: Array) -> tuple[float, float]:
     points = np.asarray(p.points, dtype=np.float64)
     if min(apertures) <= 0.0:
         if isinstance(p, ScatteredArray):
-            apertures = [PART * _apart(points)] * len(apertures)
+            apertures = [TAXEL_SIZE * _apart(points)] * len(apertures)
         else:
             apertures = [float(s) for s in p.grid.spacings]
     return (apertures[-1], apertures[0]) if len(apertures) == 2 else (apertures[0], 0.0)

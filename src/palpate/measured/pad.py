@@ -30,8 +30,8 @@ __all__ = ["Measured"]
 
 #: Cells along an axis, at most, that are chosen for a patch.
 CELLS = 48
-#: How far a taxel of an array may lie from one of the table, as a part of the distance of neighbouring taxels.
-ASIDE = 0.05
+#: Largest distance of a taxel of an array from one of the table, as a part of the distance of neighbouring taxels.
+MAX_OFFSET = 0.05
 #: Modulus of the half-space that stands for the pad where an elastic model is asked for [Pa]. So stiff that no reading, whatever its unit, is taken for
 #: one beyond what an elastic pad bears.
 STIFF = 1e12
@@ -377,7 +377,7 @@ class Measured:
         apart = float(np.median(near.query(t.positions, k=2)[0][:, 1]))
         distance, found = near.query(array.points[:, ::-1])
         valid = array.valid.ravel()
-        beside = valid & (distance > ASIDE * apart)
+        beside = valid & (distance > MAX_OFFSET * apart)
         if beside.any():
             y, x = array.points[int(np.argmax(beside))]
             raise InvalidInput(

@@ -45,8 +45,8 @@ LENGTHS = (0.25, 0.4, 0.6, 0.85, 1.2, 1.8, 2.7)
 ROOM = 2.0
 #: Places between those that were pressed, at which the uncertainty is worked out.
 PLACES = 120
-#: Parts of the table of which each is foretold from the others.
-PARTS = 5
+#: Parts of the table for cross-validation.
+FOLDS = 5
 
 _PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
@@ -224,9 +224,9 @@ class _Fit:
 
     def response(self) -> Response:
         data = self.data
-        part = np.random.default_rng(1).permutation(len(data.presses)) % PARTS
+        part = np.random.default_rng(1).permutation(len(data.presses)) % FOLDS
         parts = [
-            [self.products(data.some(np.flatnonzero(part == p)), i) for p in range(PARTS)] for i in range(self.channels)
+            [self.products(data.some(np.flatnonzero(part == p)), i) for p in range(FOLDS)] for i in range(self.channels)
         ]
         normal = [_Normal.sum(p) for p in parts]
         length = self.length(normal)
@@ -276,8 +276,8 @@ class _Fit:
         """Of the waves with themselves and with the readings; of readings that are drawn where there are many."""
         n, _, taxels = data.readings.shape
         index = np.arange(n * taxels)
-        if len(index) > ROWS // PARTS:
-            index = np.sort(np.random.default_rng(0).choice(index, ROWS // PARTS, replace=False))
+        if len(index) > ROWS // FOLDS:
+            index = np.sort(np.random.default_rng(0).choice(index, ROWS // FOLDS, replace=False))
         size = self.components * self.lags.size.size
         gram, right, square = np.zeros((size, size)), np.zeros(size), 0.0
         for start in range(0, len(index), BLOCK):
@@ -370,7 +370,7 @@ class _Fit:
         """What presses that are left out are off by from what the others foretell, over their readings."""
         data = self.data
         left, size = 0.0, float((data.readings[:, channel] ** 2).sum())
-        for p in range(PARTS):
+        for p in range(FOLDS):
             rest, gone = data.some(np.flatnonzero(part != p)), data.some(np.flatnonzero(part == p))
             mean = post.again(_Normal.sum([n for i, n in enumerate(parts) if i != p]), self.weights(length))
             own = _Own.of(

@@ -20,7 +20,7 @@ from palpate.inverse.method import Method, Needs
 from palpate.inverse.problem import Problem
 from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
-from palpate.microscopy.noise import OWN, Noise, shared_part
+from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_part
 from palpate.microscopy.sampler import MOST, Chain, Places
 from palpate.microscopy.vectors import Vectors, doubtful_of, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
@@ -248,7 +248,7 @@ def _of_mean(ratio: int, field: Field) -> float:
     """Variance of the mean of ``ratio`` x ``ratio`` vectors, in that of one."""
     lags = field.pitch * np.subtract.outer(np.arange(ratio), np.arange(ratio)).ravel()
     shared = shared_part(lags[:, None], lags[None, :], field.aperture if field.aperture > field.pitch else 0.0)
-    return float(((1.0 - OWN) * shared.mean()) + OWN / ratio**2)
+    return float(((1.0 - INDEPENDENT_SHARE) * shared.mean()) + INDEPENDENT_SHARE / ratio**2)
 
 
 def _every(field: Field) -> Vectors:

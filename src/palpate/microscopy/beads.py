@@ -32,12 +32,12 @@ __all__ = ["bead_displacements"]
 SIGMA = 1.0 / 3.545
 #: Rounds of deforming the second picture and looking again; between them the field is smoothed by so many steps.
 ROUNDS, SMOOTHED = 5, 0.4
-#: Pixels around which residuals count as one.
-TOGETHER = 5
-#: A vector known worse than this [px] tells nothing.
-WORST = 1.0
-#: Pictures whose windows are less alike than this (median correlation, after deformation) do not show the same beads.
-ALIKE = 0.35
+#: Residuals are correlated over this many pixels.
+RESIDUAL_LENGTH = 5
+#: A vector with a larger standard deviation [px] carries no information.
+MAX_STD = 1.0
+#: If the median correlation of windows after deformation is smaller, the pictures do not show the same beads.
+MIN_CORRELATION = 0.35
 #: A window that is less alike than this part of the median holds no beads, or others.
 UNLIKE = 0.4
 #: Windows less alike than this part of the median after a round, which least squares cannot bring together (beads are further off than they are wide), are sought within so
@@ -124,13 +124,13 @@ def bead_displacements(
         u, std, alike = fine.round(smooth, last=last)
         if not last:
             u = fine.sought(smooth, u, alike)
-    if not np.nanmedian(alike) > ALIKE:
+    if not np.nanmedian(alike) > MIN_CORRELATION:
         raise InvalidInput(
             f"the pictures do not show the same beads in the same places: windows correlate by {float(np.nanmedian(alike)):.2f} after deformation. Are they a pair, in "
             "focus, and is the window large enough for the shift between them?"
         )
     unlike = alike < UNLIKE * np.nanmedian(alike)
-    bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > WORST) | unlike
+    bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > MAX_STD) | unlike
     bad |= mended(np.where(bad, np.nan, u))[1]
     notes = [f"windows of {window} px every {step} px, first picture at rest, second pulled"]
     count = int(bad.sum())
@@ -285,7 +285,9 @@ class _Fine:
         if not last:
             self.seen = warped
             return u, np.zeros_like(u), alike
-        near = [scipy.ndimage.uniform_filter(s, TOGETHER, mode="constant") * TOGETHER**2 for s in (sx, sy)]
+        near = [
+            scipy.ndimage.uniform_filter(s, RESIDUAL_LENGTH, mode="constant") * RESIDUAL_LENGTH**2 for s in (sx, sy)
+        ]
         factor = 1.0 / self.window**2
         mxx, myy = (factor * self._summed(s * n, weights) for s, n in zip((sx, sy), near))
         mxy = factor * 0.5 * (self._summed(sx * near[1], weights) + self._summed(sy * near[0], weights))

@@ -35,8 +35,8 @@ PROFILES = ("Gaussian", "half ellipsoid", "even")
 PARTS, PART_SIZE = 37, 0.17
 #: Blobs narrower than this part of a square have the same mean over it, whatever their profile.
 NARROW = 0.3
-#: The error function is 1 to double precision from here on.
-FAR = 6.0
+#: The error function is 1 to double precision beyond this argument.
+ERF_ONE = 6.0
 #: A gel is taken as the same in all directions of its surface where its responses differ by less than this.
 ISOTROPIC = 1e-6
 
@@ -128,7 +128,7 @@ def painted(places: Floats, variance: Floats, x: Floats, y: Floats, side: float)
     def parts(middle: Floats, at: Floats) -> Floats:
         ends = (np.append(at - 0.5 * side, at[-1] + 0.5 * side) - middle[:, None]) / wide
         # 1 or -1 but near the blob: the function is dear
-        near = np.abs(ends) < FAR
+        near = np.abs(ends) < ERF_ONE
         sums = np.sign(ends)
         sums[near] = erf(ends[near])
         return np.asarray(0.5 * np.diff(sums, axis=1))

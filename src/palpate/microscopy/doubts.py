@@ -35,10 +35,10 @@ STRAINED, SMALLEST = 0.3, 0.02
 RESTS, SOME, NARROWEST = 0.8, 12, 0.1
 #: A mask is questioned that holds less than this part of the traction, where it would hold more than the next elsewhere.
 HELD, FOUND = 0.5, 0.8
-#: Traction of so many standard deviations counts there.
-TOLD = 1.5
-#: Remedies of the inversion, as they are said here.
-WORDS = {
+#: Traction of at least this many standard deviations counts there.
+SIGNIFICANT_TRACTION = 1.5
+#: Remedies of the inversion in the words of microscopy.
+REMEDIES = {
     "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
     "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
     "where something presses, seek it as well (components x, y, z)": "where the cell presses too, that is an error",
@@ -49,7 +49,7 @@ WORDS = {
 
 def in_these_words(note: str) -> str:
     """A note with the remedy as it is said here."""
-    for theirs, ours in WORDS.items():
+    for theirs, ours in REMEDIES.items():
         note = note.replace(theirs, ours)
     return note
 
@@ -188,7 +188,7 @@ def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], fie
     """A mask that would hold the traction if it lay elsewhere."""
     size = np.hypot(*traction)
     # only what is distinct from zero
-    size = np.where(size > TOLD * np.hypot(*std), size, 0.0)
+    size = np.where(size > SIGNIFICANT_TRACTION * np.hypot(*std), size, 0.0)
     if not size.any():
         return []
     whole = max(float(size.sum()), 1e-300)

@@ -28,8 +28,8 @@ from palpate.touch import Touch
 __all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
-#: The mean displacement of the field of view is that of so many rows and columns.
-FEW = 12
+#: Average the displacement of the field of view over this many rows and columns.
+MEAN_SAMPLES = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,7 @@ def of_adhesions(
     pitch = field.pitch
     x, y = pitch * np.arange(columns), pitch * np.arange(rows)
     each = np.stack([s.on(x, y, pitch) for s in found.samples])
-    steps = [max(1, n // FEW) for n in (columns, rows)]
+    steps = [max(1, n // MEAN_SAMPLES) for n in (columns, rows)]
     some = np.stack([a.ravel() for a in np.meshgrid(x[:: steps[0]], y[:: steps[1]])], axis=1)
     shift = np.stack([s.moved(some, pitch**2 / 12, found.response).mean(axis=1) for s in found.samples])
     work = np.stack([s.work(x, y, pitch, found.response, m) for s, m in zip(found.samples, shift)])

@@ -28,9 +28,9 @@ Bools = npt.NDArray[np.bool_]
 
 #: A picture of more grey levels than this is no mask, unless so many of the pixels side by side have one value: it then holds labels.
 LEVELS, EQUAL = 16, 0.9
-#: Names of the columns of an outline along x and along y.
-ALONG_X = ("x", "px", "pos_x", "xpos", "col", "column", "columns", "axis-1", "axis_1")
-ALONG_Y = ("y", "py", "pos_y", "ypos", "row", "rows", "axis-0", "axis_0")
+#: Column names of the coordinates of an outline: x, and y below.
+X_NAMES = ("x", "px", "pos_x", "xpos", "col", "column", "columns", "axis-1", "axis_1")
+Y_NAMES = ("y", "py", "pos_y", "ypos", "row", "rows", "axis-0", "axis_0")
 OUTLINES = (".csv", ".txt", ".json", ".geojson", ".roi")
 
 
@@ -238,7 +238,7 @@ def _text_corners(path: Path, pixel: float | None) -> list[Any]:
 def _side(name: str) -> str:
     """Whether a column holds "x" or "y" of an outline; "" where it holds neither."""
     short = re.sub(r"[_ ](px|pixels?|[uµμnm]?m)$", "", plain(name.lstrip("#% ")))
-    return "x" if short in ALONG_X else "y" if short in ALONG_Y else ""
+    return "x" if short in X_NAMES else "y" if short in Y_NAMES else ""
 
 
 def _named_corners(path: Path, names: list[str], rows: list[list[str]], pixel: float | None) -> list[Any]:

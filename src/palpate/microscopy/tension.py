@@ -35,8 +35,8 @@ Flags = npt.NDArray[np.bool_]
 #: Poisson's ratio of a plane sheet may be anything between these (1: its area does not change); and the places of Gauss's three points in it, whose weights are 5, 8 and 5.
 RATIOS, GAUSS = (0.0, 1.0), (0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6))
 CYCLE = (0, 1, 2, 1, 0, 1, 2, 1, 2)
-#: Tensions of the cells' own are this part of the sheet's (root mean square). Set from sheets 0 to 9 of benchmarks/cells_sheet.py.
-OWN = 1.0
+#: Tension of the cells over that of the sheet (root mean square). Fitted to sheets 0 to 9 of benchmarks/cells_sheet.py.
+RELATIVE_TENSION = 1.0
 #: Triangles are as wide as the distance of vectors, unless the sheet would be of more than so many or fewer than so many squares of them.
 MOST, FEWEST = 5000, 150
 #: Traction this many windows (or vectors) outside the mask is the sheet's, blurred by the window; squares of which less than this part lies in the sheet pass theirs on.
@@ -211,7 +211,7 @@ def sheet_tension(
     labels: Any = None,
     size: tuple[int, int] | None = None,
     poissons_ratio: float | None = None,
-    own: float = OWN,
+    own: float = RELATIVE_TENSION,
     draws: int = 60,
     seed: int = 0,
 ) -> SheetTension:

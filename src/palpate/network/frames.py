@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 MAGIC, ZERO = b"PLPF", b"PLPZ"
-#: Most frames that a zero is taken from.
-MOST = 10_000
+#: Largest number of frames for a zero.
+MAX_ZERO_FRAMES = 10_000
 HEAD = struct.Struct("<4sIdHHH")
 _SWAPPED = struct.Struct(">4sIdHHH")
 
@@ -96,8 +96,8 @@ def zero_bytes(frames: int = 10) -> bytes:
     >>> zero_bytes(20)
     b'PLPZ\\x14\\x00\\x00\\x00'
     """
-    if isinstance(frames, bool) or not (isinstance(frames, int) and 1 <= frames <= MOST):
-        raise InvalidInput(f"frames must be a whole number from 1 to {MOST}; got {frames!r}.")
+    if isinstance(frames, bool) or not (isinstance(frames, int) and 1 <= frames <= MAX_ZERO_FRAMES):
+        raise InvalidInput(f"frames must be a whole number from 1 to {MAX_ZERO_FRAMES}; got {frames!r}.")
     return ZERO + struct.pack("<I", frames)
 
 
@@ -110,8 +110,8 @@ def zero_from_bytes(data: bytes) -> int:
     20
     """
     frames = struct.unpack("<I", data[4:])[0] if len(data) == 8 and data[:4] == ZERO else 0
-    if not 1 <= frames <= MOST:
-        raise InvalidInput(f"not a wish for a new zero: PLPZ and a uint32 from 1 to {MOST}.")
+    if not 1 <= frames <= MAX_ZERO_FRAMES:
+        raise InvalidInput(f"not a wish for a new zero: PLPZ and a uint32 from 1 to {MAX_ZERO_FRAMES}.")
     return int(frames)
 
 

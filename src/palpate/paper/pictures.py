@@ -60,7 +60,7 @@ _LOOKS = (
     ("Tikhonov", {"color": INK["other"], "lw": 1.0, "marker": "s", "ms": 2.5}),
     ("z = 2", {"color": INK["shear"], "lw": 1.2, "ls": "--"}),
 )
-_PLAIN = {"color": INK["pressure"], "lw": 1.2}
+_LINE_STYLE = {"color": INK["pressure"], "lw": 1.2}
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class PaperFigure:
         grid = figure.subplots(rows, columns, squeeze=False)
         for axes, panel in zip(grid.ravel(), self.panels):
             for i, (name, values) in enumerate(panel.curves.items(), start=1):
-                look = next((look for word, look in _LOOKS if name.startswith(word)), _PLAIN)
+                look = next((look for word, look in _LOOKS if name.startswith(word)), _LINE_STYLE)
                 numbered = len(panel.curves) > 1 and not panel.log
                 axes.plot(panel.x, values, label=f"{i}  {name}" if numbered else name, **look)
             _dress(axes, panel)

@@ -33,8 +33,8 @@ LEAP = 10.0
 #: Stamps may go by so many seconds more than the recorder's clock within one step: what has waited in a network is recorded all at once. They may go
 #: by less, without end: what waits is recorded late.
 LATE = 1.0
-#: Time between frames whose stamps are replaced by a clock (a simulated one) that has not moved [s].
-STILL = 1e-6
+#: If stamps are closer than this, the (simulated) clock of the sender stands, and the receiver's clock replaces it [s].
+STOPPED_CLOCK = 1e-6
 #: A step ahead by more than this [s] and `FAR_STEPS` usual ones is a clock that was set, not a pause.
 FAR, FAR_STEPS = 30 * 86400.0, 1000.0
 #: What an explanation costs: a wrong stamp, a jump within a clock, a wrap, a restart.
@@ -215,7 +215,7 @@ class LiveClock:
         time = now if stamp == 0.0 else self._time + (now - self._now) if again else stamp
         replaced = again or stamp == 0.0
         if (replaced or self._replaced) and 0.0 <= self._time - time < LATE:
-            time = self._time + STILL
+            time = self._time + STOPPED_CLOCK
         self._stamp, self._time, self._now, self._replaced = stamp, time, now, replaced
         return time
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["Apart", "HeldFile", "write_netcdf"]
 
 PAGE = 4096
-#: Bytes after which a file that nobody reads yet goes to the disk.
-HELD = 16 * 2**20
+#: Write a file to the disk after this many bytes if nobody has read it.
+MAX_HELD_BYTES = 16 * 2**20
 T = TypeVar("T")
 
 
@@ -213,7 +213,7 @@ def write_netcdf(dataset: xarray.Dataset, path: str | Path, encoding: Mapping[st
         import h5netcdf
         from xarray.backends import H5NetCDFStore
 
-        held = HeldFile(path, exclusive=False, hold=HELD)
+        held = HeldFile(path, exclusive=False, hold=MAX_HELD_BYTES)
         try:
             with h5netcdf.File(held, "w") as file:
                 dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CONVENTIONS",
-    "OWN",
+    "RESULT_ATTRIBUTES",
     "STATUS_FLAGS",
     "missing_value",
     "recording_dataset",
@@ -49,8 +49,8 @@ STATUS_FLAGS = {
     "flag_values": [int(s) for s in Status],
     "flag_meanings": " ".join(s.label.replace(" ", "_") for s in Status),
 }
-#: Attributes of a result that are its own; the others are its provenance.
-OWN = (
+#: Attributes that describe a result; the others are its provenance.
+RESULT_ATTRIBUTES = (
     *(
         "Conventions",
         "method",
@@ -217,7 +217,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         dataset["status"].attrs = dict(STATUS_FLAGS)
     if touch.time is not None and "time" not in dataset.coords:
         dataset["time"] = (batch, np.asarray(touch.time), {"units": "s"})
-    dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in OWN})
+    dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in RESULT_ATTRIBUTES})
     dataset.attrs.update(
         {
             "method": touch.method,

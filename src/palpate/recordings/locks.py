@@ -15,8 +15,8 @@ from palpate.errors import InvalidInput
 
 __all__ = ["claim", "sole_writer"]
 
-#: What a disk answers that knows no locks; there the last writer wins, as without them.
-_WITHOUT = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+#: Errors of a disk without locks; the last writer wins there.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 #: Files that this process writes: name -> [handle of the lock file, how many claims].
 _held: dict[str, list[int]] = {}
@@ -147,7 +147,7 @@ def _taken(handle: int) -> bool:
     except BlockingIOError:
         return False
     except OSError as error:
-        if error.errno not in _WITHOUT:
+        if error.errno not in _NO_LOCKS:
             raise InvalidInput(f"the lock of a file cannot be taken ({error.strerror}).") from error
     return True
 

@@ -25,8 +25,8 @@ __all__ = ["check_apart", "check_one_frame", "explained", "is_frame", "plain_nam
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
-#: Cells of frames x markers per line of a table from which on markers are not the same ones from frame to frame.
-MOST_MISSING = 4
+#: Above this many cells of frames x markers per line of a table, the markers change from frame to frame.
+MAX_CELLS_PER_LINE = 4
 #: Positions that belong to displacements may differ from frame to frame by this part of the largest displacement (they are rounded).
 ROUNDED = 0.1
 #: Markers that pass their neighbours in one frame, as a part of all, from which on they are numbered anew.
@@ -284,7 +284,7 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
     numbers, frame = _frames_of(key, marker, len(markers), mapping.sort)
     size = len(numbers) * len(markers)
     most = int(np.bincount(frame).max())
-    if size > MOST_MISSING * rows and len(markers) > MOST_MISSING * most:
+    if size > MAX_CELLS_PER_LINE * rows and len(markers) > MAX_CELLS_PER_LINE * most:
         raise InvalidInput(
             f"{path}: {len(markers)} markers in {len(numbers)} frames of at most {most}: they are renumbered from frame to frame. "
             + (

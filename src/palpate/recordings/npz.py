@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Npz"]
 
-#: Keys of a recording of ours.
-OWN = ("readings", "channel", "time")
+#: Keys of a recording of this library.
+REQUIRED_KEYS = ("readings", "channel", "time")
 #: What a damaged archive raises in zipfile, zlib and NumPy.
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -66,7 +66,7 @@ class Npz(Format):
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         held = _whole(path)
-        missing = [n for n in OWN if n not in held]
+        missing = [n for n in REQUIRED_KEYS if n not in held]
         if missing:
             shapes = ", ".join(f"{n} {a.shape}" for n, a in held.items())
             raise InvalidInput(
@@ -88,7 +88,7 @@ class Npz(Format):
     def own(self, path: Path) -> bool:
         try:
             with zipfile.ZipFile(path) as archive:
-                return {f"{n}.npy" for n in OWN} <= set(archive.namelist())
+                return {f"{n}.npy" for n in REQUIRED_KEYS} <= set(archive.namelist())
         except _DAMAGE:
             return False  # said where it is read
 

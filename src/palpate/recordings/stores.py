@@ -36,7 +36,7 @@ __all__ = ["HdfRecorder", "ZarrRecorder", "zarr_library"]
 
 #: Frames in a block: what a killed process can lose.
 BLOCK = 32
-KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force", "pull", "unexplained")
+EVENT_KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force", "pull", "unexplained")
 _EVENTS = {
     "time": ("s", "when"),
     "kind": ("1", "what began or ended"),
@@ -128,7 +128,9 @@ class _Recorder(abc.ABC):
     def event(self, event: Event) -> None:
         """Something that a `GraspMonitor` noticed."""
         row = {k: getattr(event, k) for k in _EVENTS if k != "kind"}
-        self._put("events", {**row, "began": int(event.began), "kind": KINDS.index(event.kind)}, self._event_layout)
+        self._put(
+            "events", {**row, "began": int(event.began), "kind": EVENT_KINDS.index(event.kind)}, self._event_layout
+        )
 
     def close(self) -> None:
         """Write what is left and finish the file."""
@@ -215,8 +217,8 @@ class _Recorder(abc.ABC):
             for name, (unit, text) in _EVENTS.items()
         }
         # flags as the CF conventions write them
-        layout["kind"].attrs["flag_values"] = list(range(len(KINDS)))
-        layout["kind"].attrs["flag_meanings"] = " ".join(k.replace(" ", "_") for k in KINDS)
+        layout["kind"].attrs["flag_values"] = list(range(len(EVENT_KINDS)))
+        layout["kind"].attrs["flag_meanings"] = " ".join(k.replace(" ", "_") for k in EVENT_KINDS)
         return layout
 
     # -- blocks ---------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart
-from palpate.recordings.labelled import OWN, missing_value, touch_dataset, touch_of
+from palpate.recordings.labelled import RESULT_ATTRIBUTES, missing_value, touch_dataset, touch_of
 from palpate.touch import Touch, joined
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome, notes_with
@@ -117,7 +117,7 @@ class Whole:
         if len(self.methods) > 1:
             own["methods"] = json.dumps(self.methods)
         return {
-            **{k: str(v) for k, v in {**self._meta, **record}.items() if k not in OWN},
+            **{k: str(v) for k, v in {**self._meta, **record}.items() if k not in RESULT_ATTRIBUTES},
             **own,
             "notes": self.notes,
             "assumptions": json.dumps(list(self._assumptions.words())),

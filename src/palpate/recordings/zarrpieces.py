@@ -16,10 +16,10 @@ from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Piece, Written, along_time
 from palpate.recordings.zarrdamage import DAMAGE
 
-__all__ = ["HERE", "Place"]
+__all__ = ["MARKER", "Place"]
 
-#: Beside a store that grows: a word by which another process knows that it sees the same disk.
-HERE = "here"
+#: File beside a growing store; a process that can read it sees the same disk.
+MARKER = "here"
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Place:
         None where this process cannot: another disk, no room, or something that the store does not have yet.
         """
         try:
-            if (Path(self.path).parent / HERE).read_text(encoding="utf-8") != self.word:
+            if (Path(self.path).parent / MARKER).read_text(encoding="utf-8") != self.word:
                 return None
             names = piece.attrs.get("methods")
             if names is not None or piece.attrs["method"] not in self.methods:

@@ -23,7 +23,7 @@ from palpate.recordings.locks import sole_writer
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Arrays, Piece, Written
 from palpate.recordings.zarrdamage import DAMAGE
-from palpate.recordings.zarrpieces import HERE, Place
+from palpate.recordings.zarrpieces import MARKER, Place
 from palpate.touch import Touch
 from palpate.touch.outcome import Outcome
 
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ZarrStream", "begun", "growing", "partial"]
 
-#: What is done, line by line, beside a store that grows.
-_PIECES = "pieces.jsonl"
+#: Journal of finished pieces, one a line, beside a growing store.
+_JOURNAL = "pieces.jsonl"
 
 
 def partial(path: str | Path) -> Path:
@@ -61,7 +61,7 @@ def _growing(
     path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool, replace: bool
 ) -> Iterator[ZarrStream]:
     folder = partial(path)
-    if folder.exists() and not (folder / _PIECES).exists() and any(folder.iterdir()):
+    if folder.exists() and not (folder / _JOURNAL).exists() and any(folder.iterdir()):
         raise InvalidInput(f"{folder} holds something else; move it away or give another name.")
     if folder.exists() and not (resume or replace):
         raise InvalidInput(
@@ -81,7 +81,7 @@ def _growing(
 def begun(path: Path) -> dict[str, Any]:
     """What the run was begun with that was broken off on the way to ``path``; empty where there is none."""
     try:
-        with (partial(path) / _PIECES).open(encoding="utf-8") as lines:
+        with (partial(path) / _JOURNAL).open(encoding="utf-8") as lines:
             return dict(json.loads(lines.readline()))
     except (OSError, ValueError, TypeError):
         return {}
@@ -98,7 +98,7 @@ class ZarrStream(Arrays):
         self, path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool
     ) -> None:
         super().__init__(path, count, record)
-        self._list = path.parent / _PIECES
+        self._list = path.parent / _JOURNAL
         self._arrays: dict[str, Any] = {}
         self._crcs: dict[int, Mapping[str, tuple[int, int]]] = {}
         self._by_others = False
@@ -111,7 +111,7 @@ class ZarrStream(Arrays):
     def _announce(self) -> None:
         """Processes that find this word beside the store see the same disk, and belong to this run."""
         self._word = uuid.uuid4().hex
-        (self.path.parent / HERE).write_text(self._word, encoding="utf-8")
+        (self.path.parent / MARKER).write_text(self._word, encoding="utf-8")
 
     def _fresh(self, run: Mapping[str, Any]) -> None:
         folder = self.path.parent

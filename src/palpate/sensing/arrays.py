@@ -18,8 +18,8 @@ from palpate.sensing.limits import check_limits, of_readings
 
 __all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
 
-#: Taxels this many times farther from their neighbours than is usual are mistaken: at 20 the surface's cells are still fine enough.
-FAR_APART = 20.0
+#: A taxel this many times further from its neighbours than usual is a mistake in the positions: at 20 the cells of the surface are still fine enough.
+MAX_SPACING_RATIO = 20.0
 Mask = npt.NDArray[np.bool_]
 #: No unit makes noise smaller than this, nor larger than its inverse; squares of such numbers overflow.
 SMALLEST = 1e-60
@@ -102,7 +102,7 @@ def _check_apart(positions: Floats) -> None:
     away = cKDTree(positions).query(positions, k=few + 1)[0][:, -1]
     usual = float(np.median(away))
     worst = int(np.argmax(away))
-    if away[worst] > FAR_APART * usual:
+    if away[worst] > MAX_SPACING_RATIO * usual:
         where = ", ".join(f"{v:g}" for v in positions[worst])
         raise InvalidInput(
             f"positions: taxel {worst} at ({where}) m lies {away[worst]:.3g} m from the others, which lie {usual:.3g} m apart. Correct its position (its unit?), or take it out of positions "

@@ -36,8 +36,8 @@ Index = npt.NDArray[np.intp]
 STENCIL, AWAY = 10, 6.0
 #: Pieces of the contact to a cell along each axis, and at least so many across the contact; a concentrated load is three, this part of a cell wide.
 PIECES, ACROSS, POINT = 6, 64, 1e-4
-#: Pieces that are refused: some seconds of work, and a gigabyte.
-MANY = 3e7
+#: More pieces are refused: they take seconds of work and a gigabyte.
+MAX_PIECES = 3e7
 #: Cells across a contact (line, area) from which on they are not made finer, below the surface and on it.
 MOST, MOST_ON = {1: 4096, 2: 512}, {1: 1024, 2: 96}
 #: Cells across the aperture of a taxel that is less than half of it deep.
@@ -89,7 +89,7 @@ def _check(contact: Contact, grid: Grid) -> None:
         raise InvalidInput("a line contact needs a skin in line contact, and an area contact one in area contact.")
     widest, h = float(_place(contact)[1].max()), min(grid.spacings)
     pieces = math.prod(max(2.0 * float(a) * PIECES / dx, 1.0) for a, dx in zip(_place(contact)[1], grid.spacings))
-    if pieces > MANY:
+    if pieces > MAX_PIECES:
         raise InvalidInput(
             f"the contact is {2.0 * widest:g} m wide, {2.0 * widest / h:.2g} times the surface's cells of {h:g} m: too many pieces to integrate. Check "
             "the unit of its radius, and of the pitch: lengths are in metres."

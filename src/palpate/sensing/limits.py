@@ -18,8 +18,8 @@ from palpate.errors import InvalidInput
 __all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "taken_as_they_are"]
 
 Flags = npt.NDArray[np.bool_]
-#: A reading is at an end of its range where it is so near to it, as a part of the range: the last count of a converter of 10 bits.
-NEAR = 1e-3
+#: A reading is saturated within this part of its range from either end: the last count of a converter of 10 bits.
+SATURATION_TOLERANCE = 1e-3
 #: A reading rests where it is no farther from its zero, as a part of the range.
 RESTING = 0.05
 
@@ -114,7 +114,7 @@ def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | N
         size = np.where(np.isinf(low), np.abs(high), np.where(np.isinf(high), np.abs(low), high - low))
         size = np.where(np.isfinite(size), size, 0.0)
         away = np.abs(data if zeroed is None else zeroed) > RESTING * size
-        return away & (data >= high - NEAR * size), away & (data <= low + NEAR * size)
+        return away & (data >= high - SATURATION_TOLERANCE * size), away & (data <= low + SATURATION_TOLERANCE * size)
 
 
 def taken_as_they_are(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[str, ...]:

@@ -52,8 +52,8 @@ LARGEST_DENSE = 3_000_000_000
 
 #: Up to so many readings at positions that fit no lattice their map is a matrix, which is exact.
 LARGEST_MATRIX = 4096
-#: Bytes of a block of wavevectors in products of spectra: what the processor's second cache holds beside its sources.
-NEAR = 1 << 17
+#: Bytes of a block of wavevectors in products of spectra: what fits into the processor's second cache beside its sources.
+BLOCK_BYTES = 1 << 17
 
 
 def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
@@ -93,7 +93,7 @@ def _multiplied(matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d
     count, sources = matrix.shape[:2]
     out: Any = np.empty((*lead, count, *waves), dtype=spectrum.dtype)
     each = spectrum.itemsize * max(1, math.prod(lead)) * count * math.prod(waves[1:])
-    block = min(waves[0], max(1, NEAR // each))
+    block = min(waves[0], max(1, BLOCK_BYTES // each))
     term: Any = np.empty((*lead, count, block, *waves[1:]), dtype=spectrum.dtype)
     tail = (slice(None),) * (d - 1)
     for start in range(0, waves[0], block):

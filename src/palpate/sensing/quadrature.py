@@ -44,8 +44,8 @@ ORDERS = (16, 32, 64, 128)
 TAIL = 1e-11
 #: Gauss-Legendre nodes of a panel in direction, of one in distance, and of one in a cell near the point.
 NODES_DIRECTION, NODES_DISTANCE, NODES_CELL = 16, 16, 8
-#: Cells nearer than this many widths are integrated by panels that narrow towards the point.
-NEAR = 2.6
+#: Integrate cells nearer than this many widths by panels that narrow towards the point.
+NEAR_WIDTHS = 2.6
 #: Powers of i.
 _TURN = np.array([1, 1j, -1, -1j])
 
@@ -306,7 +306,7 @@ class Uppermost:
             return np.moveaxis(out, 0, -1)
         far = np.maximum(np.abs(x) / dx, np.abs(y) / dy)
         smooth = scale >= 2.0 * max(dx, dy)  # then nowhere near enough to need narrow panels
-        near = far < (0.0 if smooth else NEAR)
+        near = far < (0.0 if smooth else NEAR_WIDTHS)
         group: npt.NDArray[np.bool_]
         for group, few in ((~near & (far < 9.0), 6), (~near & (far >= 9.0), 4)):
             node, weight = np.polynomial.legendre.leggauss(few)

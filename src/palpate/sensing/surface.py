@@ -22,11 +22,11 @@ DEPTHS = 2.0
 #: At most this many surface cells to a taxel pitch; to the typical distance of markers scattered in a pad on a base (dots of cameras, markers of tables): three of these
 #: tell a ball's force no better and take twice the time, four six times, and one is too few for a tracker (benchmarks/markers.py).
 FINEST, FINEST_MARKERS = 4, 2
-#: Markers are moved by what presses up to a thickness past them: with 15 % of the array's width a ball at its corner read 0.82 of its force, now 0.91. No more than
-#: this many of the markers' distances, which keeps large fields small.
-BEYOND = 2.0
+#: A press moves markers up to one thickness away: with a margin of 15 % of the array's width a ball at its corner read 0.82 of its force, now 0.91.
+#: The margin is at most this many marker distances, which keeps large fields small.
+MARKER_MARGIN = 2.0
 #: Displacement reaches far: the surface extends past the array by this part of the array's width.
-FAR = 0.15
+DISPLACEMENT_MARGIN = 0.15
 
 
 #: A pad thinner than this part of the pitch is refused: at 1e-2 a frame of 6 x 6 x 2 takes 8 s, at 1e-3 minutes.
@@ -72,9 +72,9 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
         pitch = _pitch(first, axis)
         ratio = 1 if depth == 0 else min(finest, max(1, math.ceil(pitch / depth - 1e-9)))
         spacing = pitch / ratio
-        reach = max(depths * max(p.depth for p in planes), pitch, FAR * (high - low) if far else 0.0)
+        reach = max(depths * max(p.depth for p in planes), pitch, DISPLACEMENT_MARGIN * (high - low) if far else 0.0)
         if markers:
-            reach = max(reach, min(thickness or 0.0, BEYOND * pitch))
+            reach = max(reach, min(thickness or 0.0, MARKER_MARGIN * pitch))
         margin = math.ceil(reach / spacing - 1e-9)
         inside = (high - low) / spacing
         if not isinstance(first, ScatteredArray) and abs(inside - round(inside)) < 1e-6:

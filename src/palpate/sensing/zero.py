@@ -33,9 +33,9 @@ __all__ = [
 #: Frames at rest from which on they tell the noise too: with 5, and some hundred readings that share it, it is known to a few per cent.
 FRAMES_FOR_NOISE = 5
 
-#: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
-#: 1.5 times, of twenty readings; a drift in the meantime: twice.)
-FAR = 5.0
+#: A frame this many times further from the median frame than half of the frames are is excluded from the zero: a glitch or a touch. (Noise: up to 1.5
+#: times, of twenty readings; a drift in the meantime: twice.)
+MAX_DEVIATION = 5.0
 #: Readings that stand so many times as far from 0 as any of them ever moves have offsets: contact moves what it loads.
 STANDING = 2.0
 #: Part of the readings that do.
@@ -151,7 +151,7 @@ def far_frames(frames: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]
     with np.errstate(over="ignore"):
         sizes = np.sqrt((away**2).mean(axis=1))
     typical = float(np.median(sizes))
-    return np.asarray(sizes > FAR * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)
+    return np.asarray(sizes > MAX_DEVIATION * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)
 
 
 @dataclass(frozen=True)

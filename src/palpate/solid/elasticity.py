@@ -31,8 +31,8 @@ Index = npt.NDArray[np.intp]
 
 #: Entries of the matrices of elements that are worked out at a time (200 MB).
 AT_A_TIME = 25_000_000
-#: Right-hand sides that are solved at a time.
-TOGETHER = 128
+#: Right-hand sides to solve at a time.
+BLOCK = 128
 
 
 class Solid:
@@ -250,8 +250,8 @@ class Factor:
     def solve(self, loads: Floats) -> Floats:
         """Of (unknown, k)."""
         out = np.empty(loads.shape)
-        for start in range(0, loads.shape[1], TOGETHER):
-            part = np.ascontiguousarray(loads[:, start : start + TOGETHER])
+        for start in range(0, loads.shape[1], BLOCK):
+            part = np.ascontiguousarray(loads[:, start : start + BLOCK])
             found = self._lu.solve(part) if self._solver is None else self._solver.solve(self._upper, part)
-            out[:, start : start + TOGETHER] = found.reshape(part.shape)
+            out[:, start : start + BLOCK] = found.reshape(part.shape)
         return out

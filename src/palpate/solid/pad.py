@@ -49,8 +49,8 @@ ON_BASE = {"stress_xz": 0, "stress_yz": 1, "stress_zz": 2}
 #: half a thickness wide (benchmarks/solid.py). A reading is the sum over places around it (in elements) with the weights that cancel what alternates so, and keep
 #: polynomials up to third degree.
 EVENED = ((-1.0, -1 / 16), (-0.5, 1 / 4), (0.0, 5 / 8), (0.5, 1 / 4), (1.0, -1 / 16))
-#: What is kept of fields at the surface [bytes].
-KEPT = 2_000_000_000
+#: Largest size of cached fields at the surface [bytes].
+CACHE_BYTES = 2_000_000_000
 #: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
 #: contact is small, and the error of cells as wide as a contact would be explained by pressure at the sides (a ball that reads 1.6 N of 1 N then reads 1.0 N).
 CELLS, HALVED = 48, 24
@@ -646,7 +646,7 @@ class SolidPad:
             for column, key in enumerate(some):
                 self._kept[key] = np.ascontiguousarray(found[:, :, column].T)
         out = np.stack([self._kept[k] for k in keys])
-        while len(self._kept) > 1 and len(self._kept) * out[0].nbytes > KEPT:
+        while len(self._kept) > 1 and len(self._kept) * out[0].nbytes > CACHE_BYTES:
             self._kept.popitem(last=False)
         return out
 

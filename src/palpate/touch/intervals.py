@@ -28,7 +28,7 @@ __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibr
 
 #: A load of which no more is known than its sign and its size has an exponential distribution, the one of largest entropy (E. T. Jaynes, Physical Review 106,
 #: 620, 1957), whose interval of 95 % ends so many times the size above it.
-MORE_OUTSIDE = -math.log(0.025) - 1.0
+OUTSIDE_FACTOR = -math.log(0.025) - 1.0
 
 
 def errors(touch: Numbers) -> Errors:
@@ -315,7 +315,7 @@ def _beyond(touch: Numbers) -> Floats:
     if touch.discrepancy is None:
         return found.beyond_force
     outside = np.where(np.asarray(touch.discrepancy)[..., None] > 0.0, found.outside_force, 0.0)
-    return np.hypot(found.beyond_force, MORE_OUTSIDE * outside)
+    return np.hypot(found.beyond_force, OUTSIDE_FACTOR * outside)
 
 
 def _slip(touch: Numbers, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:

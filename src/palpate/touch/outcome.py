@@ -24,8 +24,8 @@ __all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "assumed", "notes_with"]
 #: How far the 95 % interval of the net force reaches to its longer side, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
 ROUGH = 0.3
-#: Share of the readings that a pad's model leaves unexplained, from which on it is said.
-SAID = 0.05
+#: Note a misfit if the model leaves at least this share of the readings unexplained.
+MISFIT_NOTE = 0.05
 #: Strain from which on linear elasticity is no more to be trusted (a convention of rubber: stress of a neo-Hookean bar is then off by a third).
 LARGE_STRAIN = 0.3
 #: How that note begins.
@@ -332,7 +332,7 @@ def _discrepancy(touch: Numbers) -> tuple[int, float]:
     if touch.discrepancy is None:
         return 0, 0.0
     share = np.nan_to_num(np.asarray(touch.discrepancy, dtype=np.float64))
-    return int(np.count_nonzero(share >= SAID)), float(np.max(share, initial=0.0))
+    return int(np.count_nonzero(share >= MISFIT_NOTE)), float(np.max(share, initial=0.0))
 
 
 def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:

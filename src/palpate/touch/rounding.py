@@ -10,7 +10,7 @@ from palpate._plot import scaled
 __all__ = ["decimals", "force_unit", "open_interval", "said"]
 
 #: Digits of a number without an interval.
-PLAIN = 4
+DIGITS = 4
 
 
 def decimals(half_width: float) -> int:
@@ -44,8 +44,8 @@ def said(value: float, low: float = math.nan, high: float = math.nan, *, factor:
         return "not known"
     value, low, high = (v * factor for v in (value, low, high))
     if not (math.isfinite(low) and math.isfinite(high)):
-        return f"{plain_number(value, PLAIN)}{after}{open_interval(low, high)}"
-    n = decimals(0.5 * (high - low)) if high > low else PLAIN
+        return f"{plain_number(value, DIGITS)}{after}{open_interval(low, high)}"
+    n = decimals(0.5 * (high - low)) if high > low else DIGITS
     return f"{_fixed(value, n)}{after} ({_fixed(low, n)} to {_fixed(high, n)})"
 
 

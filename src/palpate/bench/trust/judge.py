@@ -54,12 +54,12 @@ from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.outcome import ROUGHLY
 
-__all__ = ["FAR", "MISFIT", "WRONG", "Verdict", "judge", "verdict"]
+__all__ = ["FAR_OUTSIDE", "MISFIT", "WRONG", "Verdict", "judge", "verdict"]
 
 #: Error of the net force, in parts of the load, from which on a frame is wrong.
 WRONG = 0.3
-#: How far outside its interval, in half-widths, the truth is far outside.
-FAR = 0.5
+#: A truth further outside its interval than this many half-widths is far outside.
+FAR_OUTSIDE = 0.5
 #: Misfit probability below which a frame says that it does not fit.
 MISFIT = 0.01
 #: Errors smaller than this part of the load are rounding.
@@ -312,7 +312,7 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     miss = [float(np.maximum(low[i] - largest[i], smallest[i] - high[i])) for i in range(len(names))]
     if frame.open_above and np.isfinite(high[-1]):
         miss[-1] = math.inf
-    outside = [miss[i] > FAR * 0.5 * (high[i] - low[i]) + slack for i in asked]
+    outside = [miss[i] > FAR_OUTSIDE * 0.5 * (high[i] - low[i]) + slack for i in asked]
     inside_force = [miss[i] <= slack for i in asked if np.isfinite(low[i])]
     # of what pulls as a whole, the strongest pull
     peak = float(truth[-1].max() if (truth[-1] > 0).any() else truth[-1].min())
@@ -349,7 +349,7 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
         force_error=float(np.linalg.norm(finite)) / load,
         field_error=float(np.linalg.norm((values - truth)[asked])) / norm,
         far=any(outside),
-        peak_far=bool(beyond > FAR * 0.5 * (peak_high - peak_low) + _EXACT * strongest),
+        peak_far=bool(beyond > FAR_OUTSIDE * 0.5 * (peak_high - peak_low) + _EXACT * strongest),
         inside=inside,
         words=tuple(words),
         seconds=seconds,

@@ -24,10 +24,11 @@ OUTLYING = 25.0
 CLEAR = 6.0
 #: Parts of the contact from which on it is said: colours of another gel, slopes steeper than learnt, pixels that are hidden.
 FOREIGN, STEEP, HIDDEN = 0.25, 0.1, 0.2
-#: Change of colour of the median pixel beyond which a picture is not of this gel in these lights: drift of the light as a whole is taken out, and a contact leaves half of the picture as it was.
-OTHER_LIGHT = 0.1
-#: Weight of a pixel that tells nothing or little in the integration, over that of others: so little bends where others tell, and the equation stays well conditioned.
-LEAST_WEIGHT = 0.05
+#: If the colour of the median pixel changes by more, the picture does not show this gel in these lights: the drift of the whole light is subtracted
+#: first, and a contact leaves half of the picture unchanged.
+MAX_COLOUR_CHANGE = 0.1
+#: Relative weight of pixels without information in the integration: small enough to follow the others, large enough for a well conditioned equation.
+MIN_WEIGHT = 0.05
 
 
 def grid_of(view: View, size: tuple[int, int], step: int) -> tuple[Floats, Floats]:
@@ -198,7 +199,7 @@ class SlopeModel:
             )
         change = change_of(values, still)
         different = float(np.median(np.abs(change).max(axis=2)[~lost]))
-        if different > OTHER_LIGHT:
+        if different > MAX_COLOUR_CHANGE:
             raise InvalidInput(
                 f"{name}: half of the picture differs from the gel at rest by {100 * different:.0f} % and more in colour: another gel, other lights, or a camera that moved. Give pictures at rest of today (--baseline, or rest=), or calibrate this gel."
             )
@@ -214,7 +215,7 @@ class SlopeModel:
         outlying = (misfit > OUTLYING).reshape(shape)
         known = ~(lost | outlying)
         variance = np.einsum("nii->n", spread).reshape(shape)
-        weight = np.clip(float(np.median(variance)) / variance, LEAST_WEIGHT, 1.0) * np.where(known, 1.0, LEAST_WEIGHT)
+        weight = np.clip(float(np.median(variance)) / variance, MIN_WEIGHT, 1.0) * np.where(known, 1.0, MIN_WEIGHT)
         field_of = _filled(np.moveaxis(slopes.reshape(*shape, 2), -1, 0), known)
         pixel = float(np.sqrt(np.abs(np.linalg.det(self.view.jacobian((np.array(self.size) - 1) / 2.0)))) * self.step)
         # white noise of slopes integrates to about one step of it; drift of the light to what the rest of the picture shows

@@ -24,8 +24,8 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Response", "bases", "ranks", "solve_slopes"]
 
-#: Slopes are sought up to so many times the steepest that was learnt: a polynomial tells nothing far beyond.
-BEYOND = 1.15
+#: Search slopes up to this many times the steepest learnt one: a polynomial means nothing far outside its data.
+SLOPE_MARGIN = 1.15
 #: Steps of the Gauss-Newton iteration; colours are mildly nonlinear in slopes, and eight reach single precision.
 STEPS = 8
 #: Degrees of the bases, and the blur of the light at rest [blocks].
@@ -121,7 +121,7 @@ def solve_slopes(
     local = response.local(base)
     weight = np.linalg.inv(covariance)
     prior = np.eye(2) / response.steepest**2
-    limit = BEYOND * response.steepest
+    limit = SLOPE_MARGIN * response.steepest
     slopes = np.zeros((len(change), 2))
     damping = np.full(len(change), 1e-3)
     value, by = response.derivative(slopes, local)

@@ -30,10 +30,10 @@ __all__ = ["CHANNEL", "ColourTouches", "feel", "surface_skin"]
 CHANNEL = "displacement_z"
 #: Readings along the longer side of a picture: half a millimetre on a gel of 20 mm, and a frame in about a second.
 READINGS = 36
-#: Readings over which errors of depth are alike: those of a slope go on over the flank of a contact.
-ALIKE = 1.5
-#: A reading needs so much of its pixels known.
-KNOWN = 0.3
+#: Correlation length of depth errors in readings: slope errors continue over the flank of a contact.
+DEPTH_ERROR_LENGTH = 1.5
+#: A reading needs at least this part of its pixels.
+MIN_VALID_FRACTION = 0.3
 #: Noise of pictures in which nothing touches is rounded up to powers of this.
 NOISE_STEP = 1.3
 #: Readings with this part of the largest depth and more hold the load while the zero of depth is found.
@@ -184,7 +184,7 @@ class ColourTouches:
 
     def _with_noise(self, noise: float) -> Skin:
         skin = self.skin
-        plane = replace(skin.planes[0], noise=noise, noise_correlation=ALIKE * self._pitch)
+        plane = replace(skin.planes[0], noise=noise, noise_correlation=DEPTH_ERROR_LENGTH * self._pitch)
         return Skin(skin.pad, plane, surface=skin.surface, nuisance=["offset", "ramp"], uncertainty=skin.uncertainty)
 
     def _binned(self, relief: Relief) -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -199,7 +199,7 @@ class ColourTouches:
         seen = np.bincount(flat, good, minlength=len(count))
         total = np.bincount(flat, good * relief.depth[inside], minlength=len(count))
         depth = (total / np.maximum(seen, 1.0)).reshape(shape)
-        return depth, (seen > KNOWN * np.maximum(count, 1.0)).reshape(shape)
+        return depth, (seen > MIN_VALID_FRACTION * np.maximum(count, 1.0)).reshape(shape)
 
     def _cells(self, relief: Relief) -> npt.NDArray[np.intp]:
         """Cells of the surface under the contact."""

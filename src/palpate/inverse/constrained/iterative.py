@@ -22,8 +22,8 @@ __all__ = ["SAMPLES", "Iterative"]
 #: One Newton step is solved to this part of its right side: the next one goes on from there. Samples are solved to this part of their size.
 #: What errors of sums are made of is solved to this one, by exact products.
 STEP, SAMPLE, SHARP = 1e-2, 2e-2, 1e-3
-#: Most steps of conjugate gradients.
-MOST = 400
+#: Largest number of steps of conjugate gradients.
+MAX_STEPS = 400
 #: Samples that variances are made of, and where they are only to be added to squared gradients and smoothed.
 SAMPLES, FEW = 16, 8
 
@@ -127,7 +127,7 @@ class Iterative:
         z = self._near(r)
         direction, rz = z.copy(), _dots(r, z)
         small = tolerance**2 * rz
-        for _ in range(MOST):
+        for _ in range(MAX_STEPS):
             moved = self._apply(direction, about=about)
             curvature = _dots(direction, moved)
             good = curvature > 0

@@ -24,7 +24,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 
 __all__ = [
-    "LARGEST_KEPT",
+    "MAX_CACHED_UNKNOWNS",
     "Columns",
     "ContactModel",
     "Later",
@@ -41,10 +41,10 @@ Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
-#: Unknowns of one frame whose normal matrix is kept for its other rounds, at most.
-LARGEST_KEPT = 4096
-#: So many readings are left out of what is kept, at most.
-FEW_LOST = 16
+#: Cache the normal matrix of a frame of up to this many unknowns between rounds.
+MAX_CACHED_UNKNOWNS = 4096
+#: Largest number of readings to remove from a cached matrix.
+MAX_DOWNDATES = 16
 #: Room for so many times the cells is made where some are added.
 ROOM = 1.25
 
@@ -108,7 +108,7 @@ class Level:
         if recent is None or lost is None or scale is None or position is None:
             recent, scale, position = Columns(self, cells, noise, observed), 1.0, np.arange(len(cells))
             lost = np.zeros(0, dtype=np.intp)
-            if kept is not None and len(self.columns) * len(cells) <= LARGEST_KEPT:
+            if kept is not None and len(self.columns) * len(cells) <= MAX_CACHED_UNKNOWNS:
                 kept[self.ratio] = recent
         picked = Picked(recent, position, scale, lost)
         return Normal(self, cells, picked, picked.linear(self.readings.white(y[observed], observed)))
@@ -183,7 +183,7 @@ class Columns:
         if np.array_equal(observed, self.observed):
             return np.zeros(0, dtype=np.intp)
         gone = self.observed & ~observed
-        if (observed & ~self.observed).any() or gone.sum() > FEW_LOST or 4 * gone.sum() > self.observed.sum():
+        if (observed & ~self.observed).any() or gone.sum() > MAX_DOWNDATES or 4 * gone.sum() > self.observed.sum():
             return None
         if not self.level.readings.each_alone:
             return None
@@ -198,7 +198,7 @@ class Columns:
     def places(self, cells: Index) -> Index | None:
         """Places of cells among those that are kept, to which the missing are added; None where these would be too many."""
         new = cells[self.place[cells] < 0]
-        if len(new) and self.components * (self.count + len(new)) > LARGEST_KEPT:
+        if len(new) and self.components * (self.count + len(new)) > MAX_CACHED_UNKNOWNS:
             return None
         if len(new):
             more, c, n, k = self._rows(new), self.components, self.count, len(new)

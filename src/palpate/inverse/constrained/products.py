@@ -36,7 +36,7 @@ Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 #: Where the readings tell of the cells this part of what they tell of most of them, on average, one circulant serves all: two take twice the time each.
-SEEN = 0.85
+MIN_EVENNESS = 0.85
 #: Boxes are cut to multiples of this many cells, so that the rounds of a frame share them; so many are kept.
 STEP, KEPT = 8, 6
 #: A part of a contact has a box of its own where that has this part of the area at most.
@@ -48,8 +48,8 @@ FROM_EDGE = 2.0
 FEW_NEAR, FEW_MISSING = 0.01, 8
 #: Combinations of readings that stand for all of them where each has an error of its own.
 SKETCH = 32
-#: Fewer unknowns than this are always solved with a matrix: exactly, so that mirror images have mirror images.
-FEWEST = 600
+#: Solve smaller systems with a matrix: exactly, so that mirror images have mirror solutions.
+MIN_ITERATIVE_UNKNOWNS = 600
 #: Products that solving, learning local weights and error bars take in all, and what one entry of a padded transform costs against one
 #: multiplication of a matrix product. Of the time that round contacts take with a matrix they take with products, on 16 x 16 x 3 to 64 x 64 x 3, where the work
 #: is so many entries: at 1.5e3 1.0 to 1.1 of it (0.5 where friction is given), at 3e3 0.4 (0.1), at 1.4e4 0.1, at 4e4 0.04.
@@ -77,7 +77,7 @@ def by_products(
     unknowns = components * len(cells)
     # of so many readings not even the columns of a few cells are quickly made
     once = once and readings > MANY
-    fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (FEWEST, PRODUCTS)
+    fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (MIN_ITERATIVE_UNKNOWNS, PRODUCTS)
     if unknowns < (FEWEST_OF_MANY if once else fewest) or not can_be_applied(operator):
         return False
     box = box_of(cells, operator.surface.shape)
@@ -482,7 +482,7 @@ class Products:
         squares, each = matrix.squares.reshape(c, -1), self.diagonal().reshape(c, -1)
         told = squares.sum(axis=0)
         told = np.minimum(told / max(float(np.median(told)), 1e-300), 1.0)
-        parts = [np.ones(len(told))] if told.mean() > SEEN else [told, 1.0 - told]
+        parts = [np.ones(len(told))] if told.mean() > MIN_EVENNESS else [told, 1.0 - told]
         places = np.stack(np.unravel_index(matrix.inside, matrix.box.shape))
         stencils = symbol_of_penalty(self.penalty, places, size)
         out = []

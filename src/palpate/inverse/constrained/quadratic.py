@@ -36,8 +36,8 @@ __all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Fewer unknowns than this are always worth a formed matrix.
-FEWEST = 150
+#: Form the matrix of systems with fewer unknowns.
+MIN_UNFORMED_UNKNOWNS = 150
 #: A matrix is left unformed where that takes this part of the work at most: smaller calls are slower for their size.
 WORTH = 0.4
 #: Entries of a penalty up to which sums are sooner than a sparse matrix, which has to be made first.
@@ -334,7 +334,7 @@ def formed_or_not(
     c = len(penalty.values)
     size = c * len(penalty.cells)
     few = work_of_few(size, readings, c * penalty.reach)
-    if size >= FEWEST and readings < size and few < WORTH * size**3 / 3.0:
+    if size >= MIN_UNFORMED_UNKNOWNS and readings < size and few < WORTH * size**3 / 3.0:
         return Unformed(np.ascontiguousarray(columns()), penalty)
     return Formed(penalty.added(gram().copy()))
 

@@ -17,9 +17,9 @@ from palpate.sensing.grids import Grid
 
 __all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenumbers"]
 
-#: Wavenumber that stands for 0, as a part of the smallest other one: the mean then has 1e8 (first derivative) or 1e16 (second) times the
-#: variance of the longest wave, so that any reading that feels it decides it.
-MEAN = 1e-4
+#: Wavenumber that replaces 0, as a part of the smallest other one: the mean then has 1e8 (first derivative) or 1e16 (second) times the variance of
+#: the longest wave, so that any reading that depends on it decides it.
+MEAN_WAVENUMBER = 1e-4
 #: Up to this many cells along an axis a sine transform by a matrix is faster than by FFT.
 MATRIX = 512
 
@@ -159,7 +159,9 @@ class DifferencePrior:
     def spectrum(self, k: Floats) -> Floats:
         """1/(cell k^{2m}); the mean (k = 0), which no derivative sees, is left practically free."""
         smallest = k[k > 0].min()
-        return np.asarray(self.scale / (self.grid.cell * np.where(k > 0, k, MEAN * smallest) ** (2 * self.order)))
+        return np.asarray(
+            self.scale / (self.grid.cell * np.where(k > 0, k, MEAN_WAVENUMBER * smallest) ** (2 * self.order))
+        )
 
 
 class SpectralPrior:

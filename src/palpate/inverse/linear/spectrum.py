@@ -48,8 +48,8 @@ LARGEST_SVD = 700
 LARGEST_PRODUCTS = 100_000_000
 #: Modes are made so many at a time: what the adjoint needs besides is then small against a surface of some thousand cells.
 MODES_AT_A_TIME = 256
-#: Centres that lie nearer than this part of a cell are one: positions are sums of a few hundred pitches, each rounded to 1e-16.
-ONE_CENTRE = 1e-9
+#: Centres closer than this part of a cell are the same: positions are sums of a few hundred pitches, each rounded to 1e-16.
+SAME_CENTRE = 1e-9
 
 
 class Spectrum(Protocol):
@@ -573,7 +573,7 @@ def mirrored(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
         if isinstance(array, ScatteredArray) or array.mask is not None:
             return False
         for a, b, dx in zip(array.grid.axes, surface.axes, surface.spacings):
-            if abs((a[0] + a[-1]) - (b[0] + b[-1])) > ONE_CENTRE * dx:
+            if abs((a[0] + a[-1]) - (b[0] + b[-1])) > SAME_CENTRE * dx:
                 return False
     extent = max(float(np.ptp(a.points, axis=0).max()) for a in planes)
     return all(mirror_symmetric(pad, a.depth, extent) for a in planes)

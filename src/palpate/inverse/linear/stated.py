@@ -36,7 +36,7 @@ __all__ = ["InDoubt", "among", "with_offsets"]
 SKETCHES = 64
 #: Offsets of channels that a frame may hold which contact that pushes does not explain: this part of the largest reading (standard deviation; a convention:
 #: offsets of 10 to 30 % of the peak, as `palpate bench trust` makes them, are then within two of them, also where they make the largest reading smaller).
-HIDDEN = 0.25
+OFFSET_FRACTION = 0.25
 
 
 class InDoubt:
@@ -117,7 +117,7 @@ def with_offsets(linear: Regularised | MatrixFree | InDoubt, problem: Problem) -
     """A linear method that answers for one that knows contact: with the same room for pad and depths, and for offsets which nobody named or ruled out,
     which it would take for contact all over (`palpate.inverse.linear.patterns`)."""
     alone = linear.linear if isinstance(linear, InDoubt) else linear
-    hidden = HIDDEN if problem.nuisance is None and problem.boundary == "free" else 0.0
+    hidden = OFFSET_FRACTION if problem.nuisance is None and problem.boundary == "free" else 0.0
     return InDoubt(alone, problem, problem.doubts, hidden) if hidden or problem.doubts.any else alone
 
 

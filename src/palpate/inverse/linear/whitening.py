@@ -17,8 +17,8 @@ __all__ = ["Readings", "axis_roots", "inverse_root"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Roots that are kept, one for each set of working taxels met.
-KEPT = 16
+#: Roots that are cached, one for each set of working taxels.
+CACHE_SIZE = 16
 
 
 def inverse_root(points: Floats, length: float) -> Floats:
@@ -106,7 +106,7 @@ class Readings:
         """Orthonormal columns (observed reading, nuisance) that span the patterns."""
         key = observed.tobytes()
         if key not in self._spans:
-            if len(self._spans) >= KEPT:
+            if len(self._spans) >= CACHE_SIZE:
                 self._spans.clear()
             white = self._uncorrelated(np.asarray(self.patterns)[observed], observed)
             size = np.sqrt((white**2).sum(axis=0))
@@ -131,7 +131,7 @@ class Readings:
     def _root(self, plane: int, chosen: Flags) -> Floats:
         key = (plane, chosen.tobytes())
         if key not in self._roots:
-            if len(self._roots) >= KEPT:  # taxels come and go in a long stream
+            if len(self._roots) >= CACHE_SIZE:  # taxels come and go in a long stream
                 self._roots.clear()
             array = self.arrays[plane]
             axes = axis_roots(array)

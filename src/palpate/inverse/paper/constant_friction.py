@@ -39,8 +39,8 @@ __all__ = ["ConstantFriction", "ConstantFrictionEstimator"]
 #: Kernels without a closed form are tabulated at this part of the depth, over so many times the array (to a few 1e-9 of their largest), in
 #: as many points at most.
 STEP, SPANS, POINTS = 1.0 / 32.0, 4.0, 30_000
-#: Contacts of fewer steps than this are narrow for the table.
-FEWEST_STEPS = 4
+#: Contacts of fewer steps are too narrow for the table.
+MIN_STEPS = 4
 
 Inner = Linear | DivisionEstimator | LinearSystemEstimator
 
@@ -135,7 +135,7 @@ class ConstantFrictionEstimator:
         width = 2.0 * half_width
         away = self.array.grid.x - center
         table = self._under_half_of_the_plane
-        if table is not None and FEWEST_STEPS * (table.x[1] - table.x[0]) < width:
+        if table is not None and MIN_STEPS * (table.x[1] - table.x[0]) < width:
             left, right = away - half_width, away + half_width
             if table.x[0] <= left[0] and right[-1] <= table.x[-1]:
                 return np.asarray((table(right) - table(left)) / width)

@@ -28,10 +28,10 @@ PER_DECADE = 4
 TOLERANCE, MOST = 3e-3, 400
 #: Factor over which a slope is taken.
 SLOPE = 1.05
-#: Least part of the readings that is left to either side.
-LEAST = 1e-12
-#: An approximation with more waves than there are readings has no more degrees of freedom than this part of them.
-MOST_USED = 0.999
+#: Smallest part of the readings for the model and for the residual.
+MIN_FRACTION = 1e-12
+#: An approximation with more waves than readings uses at most this part of the readings as degrees of freedom.
+MAX_USED_FRACTION = 0.999
 
 
 class Freedom:
@@ -66,7 +66,7 @@ class Freedom:
     def approximate(self, parameter: Floats) -> Floats:
         """Degrees of freedom that the approximation has."""
         used = (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
-        return used if self.space.whole else np.minimum(used, MOST_USED * self.normal.count)
+        return used if self.space.whole else np.minimum(used, MAX_USED_FRACTION * self.normal.count)
 
     def of(self, parameter: Floats) -> Floats:
         """Degrees of freedom at parameters (frame,)."""
@@ -79,7 +79,7 @@ class Freedom:
     def curve(self, parameter: Floats) -> Floats:
         """The same from what is known so far: exact near parameters that `of` was asked for."""
         n = float(self.normal.count)
-        part = np.clip(self.approximate(parameter) / n, LEAST, 1.0 - LEAST)
+        part = np.clip(self.approximate(parameter) / n, MIN_FRACTION, 1.0 - MIN_FRACTION)
         if not self._found:
             return n * part
         places = np.array(sorted(self._found))
@@ -123,7 +123,7 @@ class Freedom:
             if error < KNOWN * (n - found[:, 0].mean()):
                 break
         free, square = found.mean(axis=0)
-        free = min(max(float(free), LEAST * n), (1 - LEAST) * n)
+        free = min(max(float(free), MIN_FRACTION * n), (1 - MIN_FRACTION) * n)
         if not self.space.whole:
             expected = np.array([n - float(self.approximate(np.array([lam]))[0]), math.nan])
         first, second = _odds(n, free, float(square)), _odds(n, float(expected[0]), float(expected[1]))
@@ -147,6 +147,6 @@ class Freedom:
 
 def _odds(n: float, free: float, square: float) -> tuple[float, float]:
     """log(used/free) of n, and its slope along places (a place further, lambda is smaller by 10^(-1/PER_DECADE))."""
-    used = min(max(n - free, LEAST * n), (1 - LEAST) * n)
+    used = min(max(n - free, MIN_FRACTION * n), (1 - MIN_FRACTION) * n)
     slope = -n * (free - square) / (used * (n - used))  # by log lambda
     return math.log(used / (n - used)), -slope * math.log(10.0) / PER_DECADE

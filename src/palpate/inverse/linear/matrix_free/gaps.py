@@ -21,10 +21,10 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Gaps", "gaps_of"]
 
-#: Missing readings of one lattice up to which a factor is made: a third of a second for each parameter. Beyond, gaps count as readings of zero.
-MOST = 1500
-#: Numbers in all factors together, at most.
-HELD = 30_000_000
+#: Factor the matrix of up to this many missing readings of a lattice (a third of a second for each parameter); more gaps count as readings of zero.
+MAX_FACTORED_GAPS = 1500
+#: Largest total count of numbers in cached factors.
+CACHE_NUMBERS = 30_000_000
 #: What is added to the diagonal, as a part of its largest, in double and in single precision: rounding there is taken up, and not divided by.
 ROUNDING = {np.dtype(np.float64): 1e-13, np.dtype(np.float32): 1e-6}
 
@@ -64,7 +64,7 @@ def gaps_of(
     where nothing is missing, or too much.
     """
     size = sum(map(len, index))
-    if not 0 < size <= MOST or size**2 * parameters > HELD:
+    if not 0 < size <= MAX_FACTORED_GAPS or size**2 * parameters > CACHE_NUMBERS:
         return None
     members = range(len(index))
     blocks = [np.block([[block(p, i, j) for j in members] for i in members]) for p in range(parameters)]

@@ -28,8 +28,8 @@ from palpate.sensing.operator import Convolution
 
 __all__ = ["Approximation", "Cosines", "Inverse", "Padded"]
 
-#: Least eigenvalue over the largest that is told from zero.
-LEAST = 1e-16
+#: Eigenvalues below this part of the largest count as zero.
+MIN_EIGENVALUE = 1e-16
 #: Inverses are made for parameters so many to a decade, and a frame takes the nearest: what only shortens the iteration may be 15 % off, and serves
 #: the next frame too.
 PER_DECADE = 8
@@ -111,9 +111,9 @@ class _Common(abc.ABC):
     def _decomposed(self, members: list[tuple[int, int]], symbol: Any, size: tuple[int, ...]) -> _Lattice:
         if len(members) == 1:
             values = symbol[..., 0].real
-            return _Lattice(members, np.ones_like(symbol), np.maximum(values, LEAST * values.max()), size)
+            return _Lattice(members, np.ones_like(symbol), np.maximum(values, MIN_EIGENVALUE * values.max()), size)
         values, vectors = np.linalg.eigh(symbol)
-        return _Lattice(members, vectors, np.maximum(values, LEAST * values.max()), size)
+        return _Lattice(members, vectors, np.maximum(values, MIN_EIGENVALUE * values.max()), size)
 
     def at(self, parameter: Floats) -> Inverse:
         """(M + lambda)^{-1}, in the precision of the rows, of parameters near those given."""

@@ -32,12 +32,12 @@ DRAWS = 32
 TOGETHER, LOOSE, MOST = 4, 1e-4, 200
 #: Maps are made for parameters so many to a decade, and a frame takes the nearest: within 10 % of its own.
 MAPS_PER_DECADE = 12
-#: Maps that are kept.
-KEPT = 16
+#: Maps that are cached.
+CACHE_SIZE = 16
 #: Tables of sums hold parameters so many to a decade.
 SUMS_PER_DECADE = 4
-#: Up to so many parameters are worked out each by itself: a frame alone is then exact, and in a table to some 1e-4.
-FEW = 4
+#: Up to this many parameters are computed one by one: a single frame is then exact; the table for more is accurate to 1e-4.
+MAX_EXACT_PARAMETERS = 4
 #: Sums are solved to this residual: the variance that is left is a difference of large numbers.
 TIGHT, LONG = 1e-6, 400
 
@@ -86,7 +86,7 @@ class SampledVariances(Variances):
         place = round(MAPS_PER_DECADE * math.log10(self.system.freedom.top / parameter))
         if place not in self._maps:
             self._maps[place] = self._sampled(self.system.freedom.top * 10.0 ** (-place / MAPS_PER_DECADE))
-            while len(self._maps) > KEPT:
+            while len(self._maps) > CACHE_SIZE:
                 self._maps.popitem(last=False)
         self._maps.move_to_end(place)
         return self._maps[place]
@@ -146,7 +146,7 @@ class SampledVariances(Variances):
             if there.any():
                 out[:, :, there] = self.sums(name, rows[there], parameter)
             return out[0], out[1]
-        if len(np.unique(parameter)) <= FEW:
+        if len(np.unique(parameter)) <= MAX_EXACT_PARAMETERS:
             return self._each(name, rows, parameter)
         top = self.system.freedom.top
         at = SUMS_PER_DECADE * np.log10(top / parameter)
@@ -171,7 +171,7 @@ class SampledVariances(Variances):
             key = (name, float(lam))
             if key not in self._few:
                 self._few[key] = np.stack(self.own(rows, np.full(len(rows), lam)))
-                while len(self._few) > KEPT:
+                while len(self._few) > CACHE_SIZE:
                     self._few.popitem(last=False)
             found.append(self._few[key])
         each = np.stack(found, axis=1)

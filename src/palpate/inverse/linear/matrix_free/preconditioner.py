@@ -17,8 +17,8 @@ from palpate.inverse.linear.matrix_free.transforms import Cosine
 
 __all__ = ["Balanced", "LongestCosines", "LongestSines", "approximation"]
 
-#: Combinations of cosines that working taxels hardly tell apart are one.
-APART = 1e-8
+#: Combinations of cosines that working taxels separate by less than this count as one.
+MIN_SEPARATION = 1e-8
 
 
 def approximation(normal: Normal) -> Approximation:
@@ -107,7 +107,7 @@ class Balanced:
         self.moved = product(rows)
         own, inner = longest.of(rows), longest.of(self.moved)
         size, vectors = np.linalg.eigh(own.astype(np.float64))
-        kept = size > APART * size.max()
+        kept = size > MIN_SEPARATION * size.max()
         basis = vectors[:, kept] / np.sqrt(size[kept])
         values, modes = np.linalg.eigh(basis.T @ (0.5 * (inner + inner.T)).astype(np.float64) @ basis)
         self.values, self.vectors = np.maximum(values, 0.0), basis @ modes

@@ -22,9 +22,9 @@ from palpate.inverse.linear.parameter import SpectrumCurves as Guess
 
 __all__ = ["Corrected", "Search"]
 
-#: A parameter is found when the rule points this near to a solution (in log lambda): the curves are exact there to second order, so that what
-#: is left is a percent or two.
-NEAR = 0.1
+#: Stop when the rule points this close to a solution (in log lambda): the curves are exact there to second order, so that the error is a percent or
+#: two.
+TOLERANCE_LOG = 0.1
 #: Solutions on the way, and what is solved of them again: forms are known to the square of this residual.
 TOLERANCE, AGAIN, MOST = 1e-4, 1e-3, 400
 #: For evidence residuals are these parts of what the estimate leaves of the readings, by the curves so far, and of no less or more of those parts of
@@ -213,7 +213,7 @@ class Search:
                     break
                 # the degrees of freedom are worked out where they decide
                 self.system.freedom.of(parameter[open_][close])
-            open_ = open_[curves.nearest(parameter)[open_] > NEAR]
+            open_ = open_[curves.nearest(parameter)[open_] > TOLERANCE_LOG]
         unsettled = np.zeros(len(rows), dtype=bool)
         unsettled[open_] = True
         return Found(parameter, found.without, unsettled, curves, solutions)

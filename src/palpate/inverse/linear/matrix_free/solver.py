@@ -28,10 +28,10 @@ TOLERANCE = {8: 1e-8, 4: 1e-5}
 #: Where the parameter is learned, known to a percent or two, the residual is that part of what the estimate leaves of the readings, and no more than
 #: this part of them: as if their noise were larger by so much, which moves the traction by 1e-6 to 3e-5 of its norm.
 LEARNED, LARGEST = 1e-4, 3e-5
-#: A frame counts as solved below this residual; above it, its status says that it did not converge.
-ENOUGH = 1e-4
-#: Most steps of the iteration.
-MOST = 2000
+#: A frame with a smaller residual is solved; with a larger one its status is "not converged".
+SOLVED = 1e-4
+#: Largest number of steps of the iteration.
+MAX_STEPS = 2000
 
 
 class MatrixFree:
@@ -91,7 +91,7 @@ class MatrixFree:
             scale,
             np.sqrt(joined["left"] / self.system.normal.count).reshape(batch),
             errors=errors,
-            converged=(joined["misfit"] <= ENOUGH).reshape(batch),
+            converged=(joined["misfit"] <= SOLVED).reshape(batch),
             noise_std=scale[..., None] * np.concatenate(self.scales),
             said=self._said(joined, batch),
         )
@@ -120,7 +120,7 @@ class MatrixFree:
             size = np.linalg.norm(rows, axis=1)
             noise = parameter * np.linalg.norm(start, axis=1) / np.where(size > 0, size, 1.0)
             goal = np.clip(LEARNED * noise, tolerance, max(tolerance, LARGEST))
-        solved, sought = system.estimate(rows, parameter, tolerance=goal, most=MOST, start=start)
+        solved, sought = system.estimate(rows, parameter, tolerance=goal, most=MAX_STEPS, start=start)
         left = parameter**2 * (solved.rows**2).sum(axis=1)
         explained = parameter * (rows * solved.rows).sum(axis=1)
         variance = np.ones(len(rows))
@@ -158,7 +158,7 @@ class MatrixFree:
         for i in range(0, len(parameter), together):
             part = slice(i, i + together)
             rows = self.system.normal.rows([r[part] for r in readings])
-            solved = self.system.solve(rows, parameter[part], tolerance=ENOUGH, most=MOST)
+            solved = self.system.solve(rows, parameter[part], tolerance=SOLVED, most=MAX_STEPS)
             out[part, list(self.system.columns)] = self.system.traction(solved)
         return out
 
@@ -190,11 +190,11 @@ class MatrixFree:
                 f"noise cannot be separated from traction{_some(found['blind'], batch)}, which explains the readings at every wavelength: what is "
                 "fine in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
             )
-        short = found["misfit"] > ENOUGH
+        short = found["misfit"] > SOLVED
         if short.any():
             worst = float(found["misfit"].max())
             said.append(
-                f"the iteration did not reach its tolerance{_some(short, batch)}: it left {worst:.1g} of the readings unsolved after {MOST} steps. "
+                f"the iteration did not reach its tolerance{_some(short, batch)}: it left {worst:.1g} of the readings unsolved after {MAX_STEPS} steps. "
                 "Give the array its noise=..., or a larger parameter"
             )
         return tuple(said)
