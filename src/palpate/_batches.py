@@ -98,7 +98,7 @@ def stacked(records: Sequence[Any], *, new_axis: bool, counts: Sequence[int]) ->
 
 
 def _absent(known: Any, count: int, new_axis: bool) -> Any:
-    """A record shaped like ``known`` that holds nothing but missing values."""
+    """A record shaped like ``known``, with missing values only."""
     missing = {f.name: f.metadata["missing"] for f in fields(known) if getattr(known, f.name) is not None}
     return replace(known, **{n: _filled(getattr(known, n), fill, count, new_axis) for n, fill in missing.items()})
 

@@ -77,7 +77,7 @@ class Recall:
     entries: Mapping[str, Arrays]
 
     def find(self, key: str | None, shapes: Sequence[tuple[int, ...]]) -> Arrays | None:
-        """What is known under a key, where it has these shapes in double precision."""
+        """The values under a key if they have these shapes and double precision."""
         found = None if key is None else self.entries.get(key)
         if found is None or [a.shape for a in found] != list(shapes):
             return None
@@ -94,7 +94,7 @@ def write(path: str, entries: Mapping[str, Arrays], about: Mapping[str, str]) ->
 
 
 def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall:
-    """What a file holds; ``check`` is called with what it says of itself before anything large is read.
+    """Read a file; call ``check`` with its header before reading large arrays.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a skin is made of and what it can see: the properties of `palpate.Skin`."""
+"""Properties of `palpate.Skin`: its parts, and what it can observe."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["SkinProperties"]
 
 
 class SkinProperties:
-    """Pad, arrays and surface of a skin, and what its channels can tell."""
+    """Pad, arrays and surface of a skin, and what its channels can observe."""
 
     _pad: Pad
     _elastic: Pad

@@ -75,7 +75,7 @@ class Lock:
 
     @classmethod
     def renew(cls) -> None:
-        """All of them anew, in a child."""
+        """Make new locks in a child process."""
         for lock in list(cls._all):
             lock._lock = threading.Lock()
 
@@ -129,7 +129,7 @@ def spare() -> int | None:
 
 
 class _Beside(threading.local):
-    """What work in this thread does where something else may be more urgent."""
+    """Check between steps whether more urgent work waits."""
 
     wait: Callable[[], None] | None = None
 
@@ -153,7 +153,7 @@ def give_way() -> None:
 
 @functools.cache
 def _libraries() -> tuple[Any, Lock]:
-    """Those that are loaded (SciPy brings its own; None where nothing is installed that could tell them), and whose turn it is."""
+    """The loaded libraries of linear algebra (None if threadpoolctl is missing), and the lock on their threads."""
     import scipy.linalg.blas  # noqa: F401
 
     try:

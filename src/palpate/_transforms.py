@@ -18,7 +18,7 @@ __all__ = ["irfft2", "library", "rfft2"]
 
 @lru_cache(maxsize=1)
 def library() -> ModuleType | None:
-    """ducc0's transforms, where they are installed."""
+    """ducc0's transforms, if installed."""
     try:
         from ducc0 import fft
     except ImportError:

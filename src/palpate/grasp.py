@@ -330,7 +330,7 @@ class GraspMonitor:
         return self._watch(watched, time)
 
     def _forget(self) -> None:
-        """Slip is judged anew."""
+        """Restart the judgement of slip."""
         self._past, self._smooth, self._settled = np.zeros(len(STICK)), None, 0
 
     def _contact(self, touch: Touch, force: Floats) -> float:
@@ -338,7 +338,7 @@ class GraspMonitor:
         return 1.0 if self._on.get("contact", False) else _chance_of_contact(touch, force)
 
     def _watch(self, watched: dict[str, tuple[float, float, float]], time: float) -> list[Event]:
-        """What began or ended, of what is watched: probability, value and limit of each kind; the evidence for what is not starts anew."""
+        """Begin or end events from probability, value and limit of each kind; reset the evidence of events that do not apply."""
         found = []
         since, self._since = self._since, {}
         for kind, (probability, value, limit) in watched.items():
@@ -384,7 +384,7 @@ class GraspMonitor:
     def _from_forces(
         self, ratio: float, error: float, friction: float, friction_std: float, chances: dict[str, float]
     ) -> tuple[float, float]:
-        """Q/(mu P) and its standard deviation where the friction is known."""
+        """Q/(mu P) and its standard deviation with known friction."""
         now = min(ratio / friction, 1.2)
         std = math.hypot(error, now * friction_std) / friction
         self._smooth = now if self._smooth is None else MEMORY * self._smooth + (1.0 - MEMORY) * now
@@ -462,7 +462,7 @@ class GraspMonitor:
         return out
 
     def _learn(self, sliding: float, ratio: float) -> None:
-        """Friction from what slides."""
+        """Learn the friction from sliding."""
         if self.given is not None:
             return
         if sliding < RAISE:
@@ -535,7 +535,7 @@ def _chance_of_contact(touch: Touch, force: Floats) -> float:
 
 
 def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
-    """Net force as it most likely is, what is known of its bias taken out, and the standard deviation of Q/P."""
+    """The most likely net force after subtracting its bias, and the standard deviation of Q/P."""
     if touch.errors is None:
         return force, 0.05
     # what pressure and shear are off by together does not change their ratio

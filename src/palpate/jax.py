@@ -49,13 +49,13 @@ class Model:
         self.about, self.arrays = about, dict(arrays)
 
     def tree_flatten(self) -> tuple[list[Any], Any]:
-        """Leaves, and what is static."""
+        """Leaves and static parts."""
         names = sorted(self.arrays)
         return [self.arrays[n] for n in names], (self.about, tuple(names))
 
     @classmethod
     def tree_unflatten(cls, static: Any, leaves: Sequence[Any]) -> Model:
-        """The model of leaves and what is static."""
+        """Rebuild the model from leaves and static parts."""
         return cls(static[0], dict(zip(static[1], leaves)))
 
 

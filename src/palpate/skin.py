@@ -252,7 +252,9 @@ class Skin(SkinProperties):
         return out
 
     def _with(self, pad: Pad, planes: Sequence[Array], *, whole: tuple[Array, ...] = ()) -> Skin:
-        """On the same surface, so that results stay comparable; what is sought is what the ``whole`` array tells, also where taxels of it fail."""
+        """A skin with other taxels on the same surface, so that results stay comparable. The components sought follow from the ``whole`` array, also
+        if taxels fail.
+        """
         out = Skin(
             pad,
             planes,

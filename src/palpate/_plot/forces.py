@@ -84,7 +84,7 @@ def draw_forces(ax: Axes, table: pandas.DataFrame, *, events: Sequence[Any] = ()
 
 @dataclass(frozen=True)
 class _Clock:
-    """Where frames lie on the axis, what is added to it, and what stands below it."""
+    """Positions of frames on the axis, its offset, and its label."""
 
     when: Any
     zero: float
@@ -219,7 +219,7 @@ def _legend(ax: Axes, above: Axes) -> None:
 
 
 def _unknown(ax: Axes, when: Any, values: Any) -> None:
-    """Hatch over the frames that have no answer; a margin has none where nothing touches, which is no gap."""
+    """Hatch the frames without an answer; a slip margin has none without contact, which is no gap."""
     missing = ~np.isfinite(values)
     if not missing.any() or missing.all() or ax.get_ylabel().startswith("slip"):
         return

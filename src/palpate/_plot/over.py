@@ -36,7 +36,7 @@ ARROWS = 13
 
 
 class Lies(Protocol):
-    """Where a picture lies: a `palpate.camera.View`."""
+    """The position of a picture: a `palpate.camera.View`."""
 
     def pixels(self, places: npt.ArrayLike) -> Floats:
         """Pixels (column, row) of places (x, y) [m]."""

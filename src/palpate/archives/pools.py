@@ -30,7 +30,7 @@ ANSWER = 10
 
 
 class Pool(AbstractContextManager["Pool"]):
-    """Takes tasks; leaving it in any way leaves nothing behind."""
+    """Runs tasks in processes; leaving the context stops all of them."""
 
     #: Tasks that wait or are worked on at a time, so that memory does not grow with the recording.
     width: int = 1
@@ -199,7 +199,7 @@ def _end_with(watched: Connection) -> None:
 
 
 def _one_thread_each() -> Any:
-    """Linear algebra of this process takes one thread: its neighbours take the other cores. None where nothing can tell it so."""
+    """Restrict linear algebra in this process to one thread, since its neighbours use the other cores. Return None if no library allows that."""
     import scipy.linalg.blas  # noqa: F401  # so that its own library is there to be told
 
     try:

@@ -1,4 +1,4 @@
-"""What a worker does with a piece of a recording, wherever it runs."""
+"""The work on one piece of a recording, in any process."""
 
 from __future__ import annotations
 

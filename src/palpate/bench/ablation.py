@@ -30,7 +30,7 @@ RESAMPLED = 2000
 
 @dataclass(frozen=True, kw_only=True)
 class Ablated(Automatic):
-    """The automatic method without some of its parts, or with other numbers, where pressure is sought."""
+    """The automatic method without some of its parts, or with other numbers, if pressure is sought."""
 
     policy: Policy = field(default_factory=Policy)
 

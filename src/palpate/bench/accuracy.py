@@ -139,7 +139,7 @@ def run(
 
 
 def _told(method: str | Method, layout: Layout) -> Method:
-    """The method, with the layout's friction where it takes one."""
+    """The method, with the layout's friction if it accepts one."""
     if isinstance(method, Method):
         unset = getattr(method, "friction", 0) is None  # 0: it takes none
         return replace(method, friction=layout.friction) if unset else method  # type: ignore[call-arg]

@@ -209,7 +209,7 @@ def _one_frame(task: tuple[int, int, str, str | None, str, str]) -> tuple[Case, 
 
 
 def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
-    """Of a frame of `pulled` patches: errors over standard deviations, of either sign as often; none where noise cannot be told, which its notes say."""
+    """Errors over standard deviations of a frame of `pulled` patches, with random signs; none if its notes say that the noise is unknown."""
     frame = pulled(rng)
     touch = frame.skin.reconstruct(frame.readings, method=Local.name, components=["x", "y"])
     errors = touch.errors

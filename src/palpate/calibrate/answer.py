@@ -1,4 +1,4 @@
-"""What a calibrated skin answers."""
+"""Touches of a calibrated skin."""
 
 from __future__ import annotations
 

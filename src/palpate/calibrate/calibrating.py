@@ -1,4 +1,4 @@
-"""From presses of which something is known to a calibration."""
+"""From labelled presses to a calibration."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def _run(one: Any, skin: Any, time: Any) -> Run:
 
 
 def _check_size(name: str, values: Floats) -> None:
-    """Refuse numbers whose squares cannot be held."""
+    """Refuse numbers whose squares overflow."""
     largest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
     if largest and not 1.0 / LARGEST <= largest <= LARGEST:
         raise InvalidInput(
@@ -227,7 +227,7 @@ def _check_size(name: str, values: Floats) -> None:
 
 
 def _columns(reference: Any) -> dict[str, Floats]:
-    """What is known, by name."""
+    """The labelled quantities by name."""
     if isinstance(reference, Mapping):
         out: dict[str, Floats] = {str(k).lower(): np.asarray(v, dtype=np.float64) for k, v in reference.items()}
         unknown = set(out) - {*FORCES, *PLACES, BALL}
@@ -248,7 +248,7 @@ def _columns(reference: Any) -> dict[str, Floats]:
 
 
 def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
-    """What is known of each frame of a run: NaN where nothing is; "std" where a label has an error of its own."""
+    """The labels of each frame of a run: NaN without a label; "std" if a label states its error."""
     count = len(run.flat)
     out: dict[str, Floats] = {}
     if reference is not None:
@@ -290,7 +290,7 @@ def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> di
 
 
 def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> dict[str, Floats]:
-    """What is known of each frame, NaN where a force sensor had no reading."""
+    """The labels of each frame; NaN if a force sensor had no reading."""
     out = dict(known)
     for name in (n for n in FORCES if n in known):
         stuck, value = stuck_labels(known[name], flat)
@@ -303,7 +303,7 @@ def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> d
 
 
 def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict[str, Floats]]:
-    """One frame for each weight, the mean of those in which it stood: frames of one weight share all that is wrong with them."""
+    """One frame for each weight, the mean of its frames: all of them share the same error."""
     if run.time is None:
         raise InvalidInput(
             "weights say when they stood, and the presses have no times: give a Recording, or time= with the frames."
@@ -341,7 +341,7 @@ def _flat_like(run: Run, frame: Floats, index: int) -> Floats:
 
 
 def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats | None:
-    """The readings at rest; None where no frame at rest is known."""
+    """The readings at rest, or None if no frame at rest is known."""
     if baseline is not None:
         if not 0 <= baseline < len(run.flat):
             raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
@@ -448,7 +448,7 @@ def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], 
 
 
 def _as_planes(run: Run, flat: Floats, at: npt.NDArray[np.intp]) -> Any:
-    """The zero in the shape of the readings, for arrays without missing taxels; else nothing is taken off what is missing."""
+    """The zero in the shape of the readings; missing taxels get 0."""
     zero = (run.flat - flat)[0]
     shape = run.readings.shape[1:]
     return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0

@@ -33,7 +33,7 @@ UNLIKE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class SkinCalibration:
-    """What labelled presses tell of a skin.
+    """A calibration from labelled presses.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class SkinCalibration:
 
     @cached_property
     def _zero_error(self) -> dict[str, float]:
-        """What the error of an open zero adds to each quantity (standard deviation): each reading's by itself, at rest."""
+        """The error of each quantity (standard deviation) due to the zero of each reading."""
         if not self.open_zero or self.zero_std is None:
             return {}
         off = self.zero_std[np.isfinite(self.zero_std)]
@@ -189,7 +189,7 @@ class SkinCalibration:
         )
 
     def check_options(self, given: Mapping[str, Any]) -> None:
-        """Refuse options of the elastic model where there is none."""
+        """Refuse options of the elastic model if there is none."""
         # a run over a recording names its method and what is sought, also where nobody chose them
         named = [k for k, v in given.items() if v is not None and k not in ("method", "components", "rng")]
         if getattr(given.get("method"), "friction_given", None) is not None:

@@ -90,12 +90,12 @@ class PadConstants:
 
     @property
     def told(self) -> Any:
-        """Whether the presses tell each constant (constant,), bool."""
+        """Whether the presses determine each constant (constant,), bool."""
         return self.std < UNTOLD * self.before
 
     @property
     def best_model(self) -> str | None:
-        """The pad model favoured at odds of 20 to 1 over every other; None where the data cannot tell, or no model explains them."""
+        """The pad model with odds of 20 to 1 against every other; None if the data do not decide, or no model fits."""
         if self.misfit > REJECTED:
             return None
         order = sorted(self.evidence, key=lambda m: -self.evidence[m])
@@ -551,7 +551,7 @@ def _copy(fit: _Fit, force: float, place: Floats, contact: float, known: bool) -
 
 
 def _words(found: PadConstants, fit: _Fit) -> list[str]:
-    """What the data do not tell, and which press would tell it."""
+    """Sentences on what the data do not determine, and which press would determine it."""
     if found.misfit > REJECTED:
         return [
             f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"

@@ -1,4 +1,4 @@
-"""What labelled presses say beside the map: is it this pad, which taxels are silent, does it lag, has it aged, what to press next."""
+"""Findings of labelled presses beside the map: pad model, silent taxels, lag, ageing, the next press."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def small_unit(skin: Any, data: Labelled) -> float:
 
 
 def silent_readings(skin: Any, data: Labelled) -> list[str]:
-    """Readings that hardly change where others do."""
+    """Readings that hardly change while others do."""
     if len(data.flat) < ENOUGH or data.flat.shape[1] < 3:
         return []
     size = np.sqrt((data.flat**2).mean(axis=0))

@@ -131,7 +131,7 @@ class ForceMap:
     # -- files ---------------------------------------------------------------------------------------------------------
 
     def arrays(self) -> dict[str, Any]:
-        """What a file keeps: labels, scale, physics, and the hyperparameters of each member."""
+        """The arrays for a file: labels, scale, physics, and the hyperparameters of each member."""
         p = self.process
         out: dict[str, Any] = {
             "readings": p.readings, "values": p.values, "std": p.std, "scale": p.scale, "press": p.press,

@@ -1,4 +1,4 @@
-"""What is known of some frames: weights that stood there, or a force-torque sensor on a clock of its own."""
+"""Labels of frames: weights that stood there, or a force-torque sensor with its own clock."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def spread_over(force: Floats, count: int) -> np.ndarray[tuple[int, ...], np.dty
 
 
 def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
-    """Weights, those in words read."""
+    """Weights, parsed if they are text."""
     return [w if isinstance(w, Weight) else Weight.parse(w) for w in given]
 
 

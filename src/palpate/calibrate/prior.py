@@ -64,7 +64,7 @@ def draw_presses(
 
 
 def reached(planes: Sequence[Array]) -> Floats:
-    """Lower and upper corner of where presses are drawn: the taxels, and half their depth beyond."""
+    """Lower and upper corner of the presses: the taxels plus half their depth."""
     points = np.concatenate([p.points for p in planes])
     beyond = 0.5 * max(p.depth for p in planes)
     return np.stack([points.min(axis=0) - beyond, points.max(axis=0) + beyond])

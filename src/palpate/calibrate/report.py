@@ -1,4 +1,4 @@
-"""One picture of a calibration: force found beside force known, and the errors beside those of plain regressions."""
+"""A picture of a calibration: estimated against true force, with the errors of plain regressions."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class DepthMap:
         object.__setattr__(self, "positions", places)
 
     def of(self, index: int) -> Floats:
-        """Depths (n,) [m] in a picture, NaN where they are not known; `InvalidInput` where there is no such picture, or they cannot be depths."""
+        """Depths (n,) [m] in a picture, NaN if unknown; `InvalidInput` if the picture is missing or holds no depths."""
         places: Any = self.positions
         if callable(self.depth):
             found = as_double(self.depth(index))

@@ -48,7 +48,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What one picture tells.
+    """Displacements of one picture.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class Displacements:
             yield self.reading(picture)
 
     def reading(self, picture: Picture) -> Reading:
-        """What one picture tells."""
+        """The displacements in one picture."""
         moved = self.markers.follow(picture.image)
         fault = picture.fault or moved.fault
         if fault:
@@ -333,7 +333,7 @@ class Displacements:
 
 
 def _fault(picture: Picture) -> str:
-    """Why a picture tells nothing; "" where it may."""
+    """Why a picture is unusable; "" if it is usable."""
     return picture.fault if picture.image is None else fault_of(grey(picture.image))
 
 

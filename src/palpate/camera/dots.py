@@ -268,7 +268,7 @@ def _check_print(found: Found) -> None:
 
 
 def _smaller(shape: tuple[int, ...], blur: float) -> int:
-    """By how much a picture may be made smaller where dots of this blur are sought."""
+    """The factor by which a picture may shrink in a search for dots of this blur."""
     return max(n for n in range(1, SMALLER + 1) if n == 1 or (blur >= n * BLURRY and not any(s % n for s in shape)))
 
 

@@ -202,7 +202,7 @@ class Flow(Followed):
         return Moved(self._step * moved.displacement, self._step * moved.std, moved.alike)
 
     def _started(self, level: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.float32], Floats]:
-        """Optical flow of the whole picture, and what it says of each place."""
+        """Optical flow of the whole picture at each place."""
         cv2 = opencv()
         begun = None if self._last is None else self._last.copy()
         dense = np.asarray(self._dense.calc(self._first, self._shrunk(level), begun), dtype=np.float32)

@@ -59,7 +59,7 @@ class Neighbours:
 
 
 def predicted(near: Neighbours, displacement: Floats, dots: npt.ArrayLike) -> Floats:
-    """Displacement (k, 2) of some dots from that of their neighbours: a plane through those known (NaN: not known), weighted by distance."""
+    """Displacement (k, 2) of some dots from that of their neighbours: a plane through the known ones (others NaN), weighted by distance."""
     return _plane(near, displacement, np.atleast_1d(np.asarray(dots, dtype=np.intp)), 0.3)[:, 0]
 
 
@@ -229,7 +229,7 @@ def _matched(
 
 
 def _moves(near: Neighbours, match: Index, found: Floats) -> Floats:
-    """Displacement (n, 2) of each dot by its match; NaN where it has none."""
+    """Displacement (n, 2) of each dot by its match; NaN without a match."""
     return np.where((match >= 0)[:, None], found[match] - near.positions, np.nan)
 
 
@@ -241,7 +241,7 @@ def _strain(near: Neighbours, displacement: Floats) -> Floats:
 
 
 def strained(near: Neighbours, displacement: Floats) -> float:
-    """How little displacements (n, 2) are those of a print that stretches evenly: its strain, and dots of which none is known (NaN)."""
+    """The strain of the displacements (n, 2), as of an evenly stretched print; NaN for dots without any."""
     lost = np.count_nonzero(np.isnan(displacement[:, 0]))
     return float(0.5 * _strain(near, displacement).sum() + UNMATCHED * lost)
 

@@ -69,7 +69,7 @@ class Region:
 
     @classmethod
     def found(cls, image: npt.ArrayLike) -> Region | None:
-        """Where a gel that is lit ends before the picture does: inside a rim beyond which all is dark. None where no such rim is to be seen."""
+        """The edge of a lit gel that ends before the picture does: inside a rim with darkness outside. None without such a rim."""
         cv2 = opencv()
         values = np.asarray(image)
         plain = values.max(axis=2) if values.ndim == 3 and values.shape[2] == 3 else grey(image)

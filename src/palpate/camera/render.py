@@ -260,7 +260,7 @@ class Scene:
         return Skin(self.pad, planes, surface=grid)
 
     def changed(self, **what: Any) -> Scene:
-        """The same scene with another print, other looks or another camera; what was prepared of the pad is kept where it can be."""
+        """The same scene with another print, look or camera; it shares the prepared pad if possible."""
         other = replace(self, **what)
         if not {"pad", "depth", "size", "scale", "spacing"} & set(what):
             other.__dict__["skin"] = self.skin
@@ -308,7 +308,7 @@ class Scene:
         return self.view.pixels(moved)
 
     def truth(self, contact: Any = None, *, shift: tuple[float, float] = (0.0, 0.0), rotation: float = 0.0) -> Truth:
-        """Where the dots are: ``contact`` as for `picture`."""
+        """The positions of the dots: ``contact`` as for `picture`."""
         if not isinstance(self.print, Dots):
             raise InvalidInput("only dots have places of their own; ask displacement() for a texture.")
         points = np.asarray(self.print.positions, dtype=np.float64)

@@ -176,11 +176,11 @@ class Touches:
         return replace(self._censored(touch, values), view=self.readings.view)
 
     def alone(self, reading: Reading) -> Touch:
-        """The touch of one reading by itself."""
+        """The touch of a single reading."""
         return replace(self._censored(self._alone(reading), reading.values), view=self.readings.view)
 
     def _censored(self, touch: Touch, values: Floats) -> Touch:
-        """With room in its intervals for what presses where the dots are lost: those that moved most may be, and nothing says how far."""
+        """Widen the intervals for loads where dots are lost: the lost dots may be those that moved most."""
         lost = np.isnan(values).any(axis=0)
         if not lost.any() or touch.errors is None or not bool(np.all(touch.touching)):
             return touch
@@ -233,7 +233,7 @@ class Touches:
         return touch
 
     def _at(self, lost: Any, std: Floats) -> Skin:
-        """The skin without some dots, with the noise that they state; one that is prepared already, where it leaves out little more."""
+        """A skin without some dots, with their stated noise; reuse a prepared one that excludes few more."""
         plane = self.skin.planes[0]
         level = 0.0  # as the skin says
         if plane.noise is None and np.isfinite(std).any():
@@ -286,7 +286,7 @@ class _Perspective:
         return float(np.clip((before[both] * values[both]).sum() / size, 0.0, 2.0)) if size > 0 else 1.0
 
     def learn(self, touch: Touch) -> None:
-        """Take u_z from what was found; what is not known stays."""
+        """Update u_z from the solution; missing values stay."""
         values = np.asarray(touch.values)
         if np.isfinite(values).all():
             self._part = np.asarray(self._towards.operator.forward(values)[0]).ravel() / self._distance

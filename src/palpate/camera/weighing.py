@@ -193,7 +193,7 @@ def _known(force: Any) -> float | ForceTrace:
 
 
 def _begun(skin: Path, folder: Path) -> Path:
-    """The skin with a modulus to begin with where it says "unknown": displacements give forces over the modulus, whatever that is."""
+    """The skin with a start value if its modulus is "unknown": displacements give force over modulus, whatever the value."""
     text = skin_text(skin)
     key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)
     values = [value.strip("\"'").strip().lower() for _, value in key.findall(text)]
@@ -376,7 +376,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
 
 
 def _mean(values: Floats) -> Floats:
-    """Over the frames in which a marker is there; NaN where it never is."""
+    """Mean over the frames that show a marker; NaN if none does."""
     there = np.isfinite(values)
     count = there.sum(axis=0)
     return np.where(count > 0, np.where(there, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)

@@ -75,7 +75,7 @@ class Moved:
 
     @property
     def lost(self) -> npt.NDArray[np.bool_]:
-        """True (n,) for dots that are hidden, left the picture or cannot be told from others."""
+        """True (n,) for dots that are hidden, outside the picture or ambiguous."""
         return np.asarray(np.isnan(self.displacement[:, 0]))
 
 
@@ -132,7 +132,7 @@ class Followed:
         self._white: Floats = np.max([self._glare(white_of(image), positions) for image in rest], axis=0)
 
     def _seen(self, image: npt.ArrayLike | None) -> tuple[npt.NDArray[Any] | None, str]:
-        """The picture in grey; or None, and why it tells nothing."""
+        """The picture in grey, or None with the reason why it is unusable."""
         if image is None:
             return None, "there is no picture"
         plain = grey(image)
@@ -254,13 +254,13 @@ def mean_picture(reference: Any) -> npt.NDArray[Any]:
 
 
 def as_bytes(flat: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """What Lucas-Kanade takes: eight bits."""
+    """Pictures in eight bits, as Lucas-Kanade needs them."""
     scaled = np.rint(flat * np.float32(LEVEL))
     return np.clip(scaled, 0, 255, out=scaled).astype(np.uint8)
 
 
 def white_of(plain: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """1 where the sensor is at its end."""
+    """1 for saturated pixels."""
     end = {"uint8": 253.0, "uint16": 65000.0}.get(plain.dtype.name)
     return (plain >= end).astype(np.uint8) if end is not None else np.zeros(plain.shape, np.uint8)
 

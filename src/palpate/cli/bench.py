@@ -131,7 +131,7 @@ def bench_ablation(
     out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
     force: Force = False,
 ) -> None:
-    """Measure what each part of the automatic method buys, on contacts that tuned nothing."""
+    """Measure the contribution of each part of the automatic method, on contacts that tuned nothing."""
     from palpate import bench
 
     if quick:

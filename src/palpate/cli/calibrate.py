@@ -1,4 +1,4 @@
-"""palpate calibrate: newtons from presses of which something is known."""
+"""palpate calibrate: newtons from labelled presses."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ __all__ = ["calibrate_colours", "feel_pictures", "has_colours"]
 
 
 def has_colours(source: Path, skin_file: Path) -> bool:
-    """Whether ``source`` is pictures, and the skin.toml says what colours mean."""
+    """Whether ``source`` is pictures and the skin.toml has a section [colour]."""
     import tomllib
 
     if source.suffix.lower() in (".nc", ".h5", ".npz", ".csv", ".zarr", ".mcap") or not skin_file.is_file():

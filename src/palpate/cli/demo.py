@@ -39,7 +39,7 @@ depth = "0 %"
 
 
 class Story(StrEnum):
-    """What demo shows."""
+    """The story of one demo."""
 
     sensor = "sensor"
     camera = "camera"
@@ -117,7 +117,7 @@ def demo(
 
 
 def _check_own(folder: Path, force: bool, names: tuple[str, ...]) -> None:
-    """Refuse to replace what an earlier run did not write, or what was edited since."""
+    """Refuse to replace files that no earlier run wrote, or that were edited since."""
     sums = _sums(folder)
     for name in names:
         path = folder / name

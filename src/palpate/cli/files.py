@@ -1,4 +1,4 @@
-"""What commands write, what they never write over, and what they say about how it was made."""
+"""Output files of commands: names, overwriting, provenance."""
 
 from __future__ import annotations
 

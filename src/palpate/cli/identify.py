@@ -1,4 +1,4 @@
-"""palpate identify: what presses, from a recording."""
+"""palpate identify: the object that presses, from a recording."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ def identify(
     ] = None,
     shape: Annotated[str | None, typer.Option(help="ball or flat, where it is known.")] = None,
 ) -> None:
-    """Say what presses: contact patches, radius of a ball or a flat, modulus, stiffness, texture; or why nothing tells them."""
+    """Identify what presses: contact patches, radius of a ball or a flat, modulus, stiffness, texture; or the reason why the readings do not
+    determine them.
+    """
     import numpy as np
 
     from palpate.recordings import read_recording

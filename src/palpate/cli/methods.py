@@ -30,7 +30,7 @@ class MethodCommand(Command):
         return [*(p for p in own if p.name != "help"), *known, *last]
 
     def parameters(self) -> list[inspect.Parameter]:
-        """What it takes besides its own, each with its help."""
+        """The method's own parameters, each with its help."""
         return _every_option()
 
 
@@ -51,7 +51,7 @@ class TrackerCommand(MethodCommand):
 
 
 def chosen_method(ctx: typer.Context) -> Method | None:
-    """The method that the command line asks for; None where it asks for nothing.
+    """The method requested on the command line, or None.
 
     Raises
     ------

@@ -41,7 +41,7 @@ def grasp_monitor(
 
 
 def check_watched(skin: Skin, pressure: str | None, force: str | None) -> None:
-    """Refuse what these channels cannot tell: a limit that is never reached would look like safety."""
+    """Refuse limits that these channels cannot watch: a limit that is never reached would look like safety."""
     if "z" not in skin.components and not (pressure is None and force is None):
         raise InvalidInput(
             f"--max-pressure and --max-force watch the pressure, but these channels measure only {', '.join(skin.components)}: leave them out."

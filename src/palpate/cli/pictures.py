@@ -58,7 +58,7 @@ def assumed_skin(skin_file: Path) -> tuple[Skin, str]:
 
 
 def roughly(skin: Skin | str | Path, positions: Any) -> str:
-    """What to know before pictures are solved where dots tell a normal force roughly only; "" where they tell it well."""
+    """A warning if dots measure the normal force only roughly, else ""."""
     from palpate.camera import gel_skin
     from palpate.pads import expected_force
 
@@ -200,7 +200,7 @@ def track_pictures(
 def _said(
     taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, str], notes: list[str], what: str
 ) -> None:
-    """What became of the pictures."""
+    """The outcomes of the pictures in words."""
     loads = np.array([force for _, force in taken])
     times = [time for time, _ in taken]
     if np.isfinite(loads[:, -1]).any():

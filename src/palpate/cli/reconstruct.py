@@ -212,7 +212,7 @@ def reconstruct(
 
 
 def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str] | None) -> None:
-    """Take what an earlier run prepared, or prepare and leave it for the next one."""
+    """Load what an earlier run prepared, or prepare and save it."""
     if file.exists():
         skin.load_prepared(file)
     else:
@@ -222,7 +222,7 @@ def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str
 
 @contextmanager
 def _said_what_stays(target: Path) -> Iterator[None]:
-    """Where a run is broken off: what it leaves, and how it goes on."""
+    """If a run is interrupted, say which files remain and how to resume."""
     from palpate.recordings.zarrstream import partial
 
     before = partial(target).exists()

@@ -143,7 +143,7 @@ def _kind(connection: Any, topic: str) -> str:
 
 
 def _skin(connection: Any, skin_file: Path, mapping: Any, kind: str) -> tuple[Any, Any]:
-    """The skin, and where its markers are at rest: the first message says so."""
+    """The skin, and the rest positions of its markers from the first message."""
     import numpy as np
 
     from palpate.recordings import Recording

@@ -300,7 +300,7 @@ def _complete(
     ratio: float | None,
     pictures: list[Path],
 ) -> PixelSize | None:
-    """Refuse at once what lacks any of the numbers that no file tells; the size of a pixel, where the pictures tell it and the user does not."""
+    """Refuse a call without the numbers that no file states; return the size of a pixel, from the pictures if the user gives none."""
     from palpate.microscopy import is_field
     from palpate.microscopy.pixelsize import pixel_size_of_all
 
@@ -375,7 +375,7 @@ def _gel(
 
 
 def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:
-    """ "8 kPa +- 10 %": the modulus [Pa] and how well it is known, where that is said."""
+    """The modulus [Pa] and its uncertainty, if stated, in "8 kPa +- 10 %"."""
     from palpate.sensing.uncertainty import Uncertainty
 
     value, share = known_to(text, "pressure", option)

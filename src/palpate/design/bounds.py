@@ -29,7 +29,7 @@ SINGULAR = 1e-13
 
 @dataclass(frozen=True)
 class Bound:
-    """Standard deviations of what is asked of a press, in SI units; infinite where the readings do not tell it.
+    """Standard deviations for a press, in SI units; infinite if the readings do not determine them.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Bound:
 
 
 def nuisance_columns(responses: Responses, kinds: Sequence[str] | None) -> Floats:
-    """Patterns (reading, nuisance) of nothing known beforehand: an offset of each channel where the skin does not say which (None)."""
+    """Patterns (reading, nuisance) with an unknown amplitude; the default (None) is an offset of each channel."""
     found = nuisances(responses.planes, ("offset",) if kinds is None else kinds)
     return np.stack([n.rows for n in found], axis=1) if found else np.zeros((len(weights_of(responses.planes)), 0))
 
@@ -121,7 +121,7 @@ class PressModel:
         return np.stack(columns, axis=1), gain * np.abs(self.readings)
 
     def bound(self, kinds: Sequence[str] | None, uncertainty: Uncertainty | None = None) -> Bound:
-        """The bound, with offsets and what else readings may hold unknown; with what is not known exactly of the skin, where ``uncertainty`` is given."""
+        """The bound with unknown offsets and other nuisances, and with the ``uncertainty`` of the skin, if given."""
         weights, others, prior = self.unknowns(kinds, uncertainty)
         own = self.jacobian.shape[1]
         prior = np.concatenate([np.zeros(own), prior])

@@ -1,4 +1,4 @@
-"""What a sensor notices, where it is blind, and how much it bears."""
+"""Smallest detectable load, blind places, and the largest load of a sensor."""
 
 from __future__ import annotations
 

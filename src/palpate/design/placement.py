@@ -1,4 +1,4 @@
-"""Where to put a given number of taxels."""
+"""Placement of a given number of taxels."""
 
 from __future__ import annotations
 

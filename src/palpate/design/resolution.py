@@ -1,4 +1,4 @@
-"""What a sensor resolves: wavenumbers, the point-spread function, the closest pair that is told apart."""
+"""Resolution of a sensor: wavenumbers, the point-spread function, the closest resolved pair."""
 
 from __future__ import annotations
 

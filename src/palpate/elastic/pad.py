@@ -1,4 +1,4 @@
-"""What the rest of the code asks of an elastic body, and nothing more.
+"""The interface of an elastic body.
 
 A pad is any object with the members of `Pad`. From them everything follows on both boundaries, by quadrature where nothing
 better is offered. What a pad offers beyond them is used only where it surely belongs to the same body: a class that defines
@@ -59,7 +59,7 @@ class Pad(Protocol):
 
     @property
     def thickness(self) -> float | None:
-        """Depth of the rigid base [m]; None where there is none."""
+        """Depth of the rigid base [m], or None without a base."""
         ...
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:

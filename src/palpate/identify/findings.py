@@ -1,4 +1,4 @@
-"""What is said of an object: numbers with intervals, or why they cannot be told."""
+"""Properties of an object: numbers with intervals, or the reason why they are not determined."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Finding:
 
     @classmethod
     def unknown(cls, unit: str, reason: str, *, low: float = math.nan, high: float = math.nan) -> Finding:
-        """Nothing tells it, for this ``reason``; bounds may be known all the same."""
+        """A finding that is not determined, for this ``reason``; it may have bounds."""
         return cls(math.nan, low, high, unit, reason)
 
     @property
@@ -141,7 +141,7 @@ class Identified:
 
     @classmethod
     def nothing(cls, reason: str) -> Identified:
-        """Nothing can be told, for one reason."""
+        """A finding without any value, for one reason."""
         units = ("m", "Pa", "Pa", "N/m", "1", "m")
         count = Finding(0.0, 0.0, 0.0, "1") if reason == "nothing touches" else Finding.unknown("1", reason)
         none = [Finding.unknown(u, reason) for u in units]
@@ -167,7 +167,7 @@ class Identified:
 
 @dataclass(frozen=True)
 class IdentifiedPress:
-    """What presses the pad over the frames of a recording.
+    """The object that presses over the frames of a recording.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class Fit:
 
     @property
     def misfit(self) -> float:
-        """How often noise alone would leave as much."""
+        """The probability of a misfit at least this large from noise alone."""
         return float(scipy.special.chdtrc(self.freedom, self.squares)) if self.freedom > 0 else math.nan
 
     @property

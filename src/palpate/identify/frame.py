@@ -1,4 +1,4 @@
-"""One frame, fitted: what the findings are worked out from."""
+"""The fit of one frame, from which findings are computed."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ NOTHING = "nothing touches"
 
 
 class Skinlike(Protocol):
-    """What `identify` asks of a `palpate.Skin`."""
+    """The part of `palpate.Skin` that `identify` uses."""
 
     @property
     def pad(self) -> Pad:
@@ -66,7 +66,7 @@ class Skinlike(Protocol):
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """How well pad and sensors are known."""
+        """The uncertainty of pad and sensors."""
         ...
 
 
@@ -145,7 +145,7 @@ def _depths(indentation: npt.ArrayLike | None, batch: tuple[int, ...]) -> Floats
 
 
 def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, wanted: str | None) -> Frame:
-    """Fit one frame; ``wanted``: the shape of a single contact where it is known."""
+    """Fit one frame; ``wanted``: the shape of a single contact, if known."""
     components = touch.components
     if "z" not in components:
         return Frame(body, "pressure was not sought")
@@ -196,7 +196,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
 
 
 def _data(skin: Body, touch: Touch, parts: Sequence[Floats]) -> Data | None:
-    """Readings over their noise; those left out, or at an end of their range, count nothing."""
+    """Readings over their noise; excluded and saturated ones are zero."""
     values = flat_readings(skin.planes, parts)
     noise = touch.noise_std
     if noise is None or not np.all(np.isfinite(noise)) or not np.all(np.asarray(noise) > 0):
@@ -302,7 +302,7 @@ def _explained(
 
 
 def _with_wave(shapes: Shapes, data: Data, best: Fit) -> tuple[Fit, Data] | None:
-    """The contact with a wave in its pressure, where the two explain the frame: what the wave leaves is no misfit."""
+    """The contact with a wave in its pressure, if the two explain the frame."""
     now = best
     for _ in range(ROUNDS):
         # of the residual that the contact leaves by itself

@@ -1,4 +1,4 @@
-"""What a fitted contact says of the object: its patches, radius, modulus and stiffness, with intervals."""
+"""Properties of the object from a fitted contact: patches, radius, modulus and stiffness, with intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What presses over the frames of a recording: how the contact grows, and what all frames say together."""
+"""The object over all frames of a recording: growth of the contact, and findings that combine the frames."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _line(x: Floats, y: Floats, std: Floats, unit: str) -> Finding:
 
 
 def _slope(rows: Sequence[tuple[float, float, float]]) -> Finding | None:
-    """dF/d(indentation) at the largest force from the exponent m of F ~ indentation^m; None where too few indentations are known."""
+    """dF/d(indentation) at the largest force from the exponent m of F ~ indentation^m, or None with too few indentations."""
     known = [r for r in rows if math.isfinite(r[0]) and r[0] > 0 and r[1] > 0]
     if len(known) < FEWEST or max(r[0] for r in known) < 1.2 * min(r[0] for r in known):
         return None

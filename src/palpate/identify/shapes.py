@@ -60,7 +60,7 @@ class Shapes:
         return 0.1 * self.depth
 
     def step(self, radius: float) -> float:
-        """How far readings hardly curve [m]."""
+        """Distance over which readings hardly curve [m]."""
         return STEP * (self.depth + radius)
 
     def traction(self, shape: str, center: Floats, radius: float) -> Floats:

@@ -30,7 +30,7 @@ CHANCE = 0.01
 
 @dataclass(frozen=True)
 class Texture:
-    """Power of the strongest wave, its wavelength, and its two columns of readings where it is beyond doubt."""
+    """Power of the strongest wave, its wavelength, and its two columns of readings if it is significant."""
 
     power: Finding
     wavelength: Finding
@@ -92,7 +92,7 @@ class _Waves:
 
 
 class _Search:
-    """Waves fitted one by one, beside what a fit already has."""
+    """Fits waves one by one, in addition to the terms of a fit."""
 
     def __init__(self, shapes: Shapes, data: Data, best: Fit) -> None:
         self._shapes, self._data, self._best = shapes, data, best

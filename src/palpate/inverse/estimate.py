@@ -1,4 +1,4 @@
-"""What an inversion returns."""
+"""The result of an inversion."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class Errors:
         freeze(self)
 
     def work_out(self) -> None:
-        """Make all fields that are made when they are first asked for; what they share is worked out once."""
+        """Compute all lazy fields; they share intermediate results."""
 
     @classmethod
     def gathered(cls, parts: Sequence[Errors | None], gather: Callable[[list[Any]], Any]) -> Errors:
-        """Each array made of those of the parts (None where a part is)."""
+        """Concatenate the arrays of the parts (None if a part is None)."""
         names = [f.name for f in fields(cls)]
         return cls(**{n: gather([None if p is None else getattr(p, n) for p in parts]) for n in names})
 
@@ -137,7 +137,7 @@ class Estimate:
     force_bounds: Floats | None = None
 
     def status(self) -> npt.NDArray[np.int8] | None:
-        """What became of each frame (*batch), as codes of `palpate.Status`; None where nothing tells the batch."""
+        """Outcome of each frame (*batch) as codes of `palpate.Status`, or None without batch information."""
         known = next((a for a in (self.residual, self.parameter, self.converged, self.contact) if a is not None), None)
         if known is None:
             return None
@@ -165,13 +165,13 @@ class Estimate:
         return code
 
     def left_out(self) -> list[int]:
-        """Readings that are left out in some frame."""
+        """Readings excluded in any frame."""
         if self.outliers is None:
             return []
         return [int(r) for r in np.flatnonzero(self.outliers.reshape(-1, self.outliers.shape[-1]).any(axis=0))]
 
     def remarks(self) -> tuple[str, ...]:
-        """What a method says of its own way."""
+        """The method's remarks on how it solved the frame."""
         if self.settling is None:
             return self.said
         settling = float(np.median(np.atleast_1d(self.settling)))

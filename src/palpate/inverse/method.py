@@ -27,7 +27,7 @@ __all__ = ["Method", "Needs", "Option", "Prepared", "choice", "count", "function
 
 @dataclass(frozen=True)
 class Option:
-    """What an option accepts and how it is said.
+    """The accepted values of an option and its text form.
 
     ``check`` returns the value in the form in which it is kept, or raises. ``read`` turns the text of a command line into a value (or
     raises ValueError); None where an option cannot be said there.
@@ -41,7 +41,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a method needs of a skin, beyond what it finds out by itself."""
+    """What a method requires of a skin."""
 
     free_boundary: bool = False
     pressure: bool = False
@@ -141,7 +141,7 @@ class Method(abc.ABC):
         return self
 
     def returns(self, components: tuple[str, ...]) -> tuple[str, ...]:
-        """The components that a result holds where ``components`` are sought."""
+        """The components of a result if ``components`` are sought."""
         return components
 
     def assumptions(self) -> tuple[str, ...]:
@@ -159,7 +159,7 @@ class Method(abc.ABC):
         return tuple(f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING)
 
     def check(self, problem: Problem) -> None:
-        """Raise where the skin lacks what the method needs."""
+        """Raise if the skin lacks what the method needs."""
         if self.needs.free_boundary and problem.boundary == "periodic":
             raise Unsupported(
                 f'method="{self.name}" needs boundary="free"; use method="tikhonov" on a periodic surface.'

@@ -1,4 +1,4 @@
-"""What is and what is not observable: the condition of each wavevector's matrix."""
+"""Observability: the condition of each wavevector's matrix."""
 
 from __future__ import annotations
 

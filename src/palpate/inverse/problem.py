@@ -1,4 +1,4 @@
-"""What a method is prepared for, and what methods share: decompositions, operators on finer grids."""
+"""The input of a method, with caches that methods share: decompositions, operators on finer grids."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Kept:
         self._lock = Lock()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """What is kept under ``key``, made where it is not."""
+        """Return the value cached under ``key``; make it if it is missing."""
         with self._lock:
             if key in self._things:
                 self._things.move_to_end(key)
@@ -56,12 +56,12 @@ class Kept:
         return value
 
     def things(self) -> list[Any]:
-        """All that is kept."""
+        """All cached values."""
         with self._lock:
             return list(self._things.values())
 
     def clear(self) -> None:
-        """Let go of all."""
+        """Clear the cache."""
         with self._lock:
             self._things.clear()
 
@@ -239,7 +239,7 @@ class Problem:
         return {name: value for name, value in found.items() if value is not None}
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
-        """What is kept and takes long to work out, for `Recall`."""
+        """The cached values that take long to compute, for `Recall`."""
         out: dict[str, tuple[Floats, ...]] = {}
         for thing in self.kept.things():
             if isinstance(thing, Operator | System):
@@ -287,7 +287,7 @@ class Problem:
         return self.kept.get(("moved", name, wide and not self.fixed), made)
 
     def prepare_doubts(self, *, wide: bool = False) -> None:
-        """Make what `doubtful` needs for `doubts`; scattered sensors, whose operators are large, wait until it is asked for."""
+        """Prepare `doubtful` for `doubts`; for scattered sensors, whose operators are large, do it at first use."""
         if not any(isinstance(a, ScatteredArray) for a in self.planes):
             for name in ("depth", "thickness"):
                 if getattr(self.doubts, name):

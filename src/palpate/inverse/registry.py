@@ -173,7 +173,7 @@ def method_asked(method: str | Method | None, given: Mapping[str, Any]) -> Metho
 
 
 def method_from_text(name: str | None, given: Mapping[str, str]) -> Method:
-    """The method with these options as a command line says them.
+    """The method with options given as text on a command line.
 
     Raises
     ------

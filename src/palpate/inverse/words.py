@@ -1,4 +1,4 @@
-"""What a method assumed, and what the readings cannot tell, in sentences."""
+"""Notes on assumptions of a method and on what the readings cannot determine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
 
 
 def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: Any) -> tuple[str, ...]:
-    """Notes for every result of a problem, ``default`` being what would be sought if nothing were asked for."""
+    """Notes for every result of a problem; ``default`` are the components sought by default."""
     sought, found = problem.components, []
     zero = [c for c in problem.surface.components if c not in sought]
     if zero:

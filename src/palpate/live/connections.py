@@ -65,7 +65,7 @@ class Connections:
 
 
 def bounded(base: type[Any], connections: Connections) -> type[Any]:
-    """The protocol ``base`` of uvicorn, counted among ``connections``, and ended where it asks for nothing."""
+    """The protocol ``base`` of uvicorn, counted among ``connections`` and closed when idle."""
 
     class Bounded(base):  # type: ignore[misc]
         """uvicorn alone takes any number of connections, and waits for ever for a request that never comes or never ends."""
@@ -144,7 +144,7 @@ def seldom(*loggers: logging.Logger) -> Iterator[None]:
 
 
 def accept_failures_are_warnings(loop: asyncio.AbstractEventLoop, logger: logging.Logger) -> None:
-    """Where the system has no descriptor left for a new connection, say it in one line: asyncio writes a traceback for each."""
+    """If the system has no descriptor for a new connection, warn in one line; asyncio writes a traceback for each."""
 
     def handle(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")

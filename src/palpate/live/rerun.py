@@ -53,7 +53,7 @@ class RerunSink:
         self._stream.log("readings", self._rerun.Tensor(to_numpy(values).astype(np.float32)))
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Log the result of one frame."""
         rr, grid = self._rerun, touch.surface
         self._stream.set_time("time", duration=float(touch.time) if time is None else time)  # type: ignore[arg-type]
         values = to_numpy(touch.values).astype(np.float32)

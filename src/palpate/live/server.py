@@ -180,7 +180,7 @@ class Live:
 
     @staticmethod
     def _unwelcome(origin: str | None, host: str | None) -> str | None:
-        """A browser says where its page came from; it must be from here. What is no address is from elsewhere."""
+        """Whether the page of a request came from another origin. A malformed origin counts as another."""
         if origin is None:
             return None
         try:
@@ -240,7 +240,7 @@ class Live:
                 await listener
 
     async def _listen(self, socket: Any, answers: deque[dict[str, Any]], fresh: asyncio.Event) -> None:
-        """What the page asks for: recording, on or off; a new zero. Anything else is counted and left."""
+        """Handle the page's requests: recording on or off, a new zero. Count and ignore anything else."""
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -269,7 +269,7 @@ class Live:
             fresh.set()
 
     def _path(self) -> Path:
-        """Where the next recording goes; a name that is not taken yet."""
+        """The path of the next recording; never an existing one."""
         if self.folder is None:
             raise InvalidInput("recording from the page is off: start with --record-to FOLDER.")
         now = time.monotonic()
@@ -298,7 +298,7 @@ def is_local(host: str) -> bool:
 
 
 def address(live: Live, host: str, port: int) -> str:
-    """What to open in a browser."""
+    """The address to open in a browser."""
     query = f"?token={quote(live.token)}" if live.token else ""
     return f"http://{f'[{host}]' if ':' in host else host}:{port}/{query}"
 

@@ -236,7 +236,7 @@ class Session:
         return end
 
     def layout(self) -> dict[str, Any]:
-        """What does not change from packet to packet."""
+        """The part that is the same in all packets."""
         grid = self.skin.surface
         line = grid.dimensions == 1
         with self._lock:
@@ -260,7 +260,7 @@ class Session:
         }
 
     def state(self) -> dict[str, Any]:
-        """What a page must know even when no frame comes: how the stream is, and what became of it on the wire."""
+        """The state for a page without new frames: the stream and its losses."""
         listener = self._listener
         return {
             "failure": self.failure,
@@ -275,7 +275,7 @@ class Session:
         self.behind += 1
 
     def note(self, text: str) -> None:
-        """Say something among the events."""
+        """Add a remark to the events."""
         with self._lock:
             self._remember([text])
         self._notify()
@@ -305,7 +305,7 @@ class Session:
         return self.recording
 
     def rezero(self, frames: int = FRAMES_OF_ZERO) -> None:
-        """Take the zero anew from the next ``frames`` frames, in which nothing must touch; said among the events."""
+        """Take a new zero from the next ``frames`` frames, in which nothing may touch; record an event."""
         with self._lock:
             self._zero_from = frames
 
@@ -413,7 +413,7 @@ class Session:
         self._notify()
 
     def _doubt_the_zero(self, touch: Touch, time: float) -> None:
-        """Says once that readings stand far from 0, once for each zero that its frames moved, and where a contact is begun anew."""
+        """Note that readings stand far from 0: once for each zero that its frames moved, and when a contact begins again."""
         if STANDS in touch.notes and not self._stands:
             self._stands = True
             self.note(f"{time:.3f} s  {STANDS}")

@@ -1,4 +1,4 @@
-"""Where the taxels of a skin lie, for the page: outlines, names, and the edge of the array beyond which nothing is measured."""
+"""Positions of the taxels for the page: outlines, names, and the edge of the measured area."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ NOTHING = 0.85
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A pad that is known by a table: what every reading says when something of a known size presses at known places.
+    """A pad known by a table: every reading for presses of known size at known places.
 
     It goes where `HalfSpace` and `BondedLayers` go: no elastic model is taken, so that any shape of pad and any kind of sensor whose readings grow with
     the load serves. Between the places the response is interpolated, the indenter's size is taken out, and what the table does not tell is in the error bars
@@ -240,7 +240,7 @@ class Measured:
         return np.asarray(self.table.force[:, ["xyz".index(c) for c in self.table.components]])
 
     def _excess(self, found: Response) -> Floats:
-        """What presses that were left out are off by beyond the noise of the table, as a part of their readings."""
+        """Cross-validation error beyond the noise of the table, as a part of the readings."""
         readings = self.table.readings[:, :, self.table.working]
         size = np.sqrt((readings**2).mean(axis=(0, 2)))
         return np.asarray(np.sqrt(np.maximum(found.held_out**2 - (found.noise / size) ** 2, 0.0)))
@@ -263,7 +263,7 @@ class Measured:
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """What holds where a skin states nothing: no modulus, depth or thickness enters; each reading is off by what the table does not tell of it (gain).
+        """The default uncertainty: no modulus, depth or thickness enters; the gain is the error of each reading between places of the table.
 
         The error is that of presses as in the table at places between, with all readings taken together; `Uncertainty.scale` is how well the force of the
         presses was known.
@@ -298,7 +298,7 @@ class Measured:
 
     @property
     def thickness(self) -> float | None:
-        """None: a table knows no base."""
+        """None: a table has no base."""
         return None
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:

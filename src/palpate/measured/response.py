@@ -367,7 +367,7 @@ class _Fit:
     def held_out(
         self, length: float, channel: int, part: npt.NDArray[np.intp], parts: Sequence[_Normal], post: _Shared
     ) -> float:
-        """What presses that are left out are off by from what the others foretell, over their readings."""
+        """Cross-validation errors of presses, over their readings."""
         data = self.data
         left, size = 0.0, float((data.readings[:, channel] ** 2).sum())
         for p in range(FOLDS):

@@ -1,4 +1,4 @@
-"""A table of presses: where, how hard, what every reading said; checked, whatever it came from."""
+"""A table of presses (places, forces, readings), checked."""
 
 from __future__ import annotations
 

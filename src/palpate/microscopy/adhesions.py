@@ -85,7 +85,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """What the chains say of a field: ``samples``, standard deviation of the noise [m], vectors that were left out, and words."""
+    """Result of the chains: ``samples``, standard deviation of the noise [m], excluded vectors, and notes."""
 
     samples: list[Sample]
     response: Response
@@ -263,7 +263,7 @@ def _every(field: Field) -> Vectors:
 def _begun(
     walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
 ) -> Chain:
-    """Blobs where the first guess is largest, then where that of what they leave is."""
+    """Blobs at the maxima of the first guess, then at those of the residual."""
     pitch, rng = walk.places.pitch, walk.rng
     for number in range(ROUNDS):
         if number:
@@ -288,7 +288,7 @@ def _begun(
 
 
 def _left_out(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
-    """Outliers by what is left of all vectors, once traction is known; adhesions are no blobs, which is a part of what they move."""
+    """Outliers by the residuals of all vectors, given the traction; ``DETAIL`` allows for adhesions that are no blobs."""
     size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
     return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))
 
@@ -325,7 +325,7 @@ class Adhesions(Method):
     field: Field
 
     def prepare(self, problem: Problem) -> _Prepared:
-        """Nothing is left to be prepared."""
+        """Do nothing: everything is prepared."""
         self.check(problem)
         return _Prepared(problem, self.found, self.field)
 

@@ -249,12 +249,12 @@ class _Fine:
         return np.asarray(each / each.sum(axis=1, keepdims=True), dtype=np.float32)
 
     def _summed(self, image: Floats, weights: str) -> Floats:
-        """Weighted means about the vectors."""
+        """Weighted means round the vectors."""
         rows, columns = self.weights[weights]
         return np.asarray(rows @ image @ columns.T, dtype=np.float64)
 
     def round(self, known: Floats, *, last: bool) -> tuple[Floats, Floats, Floats]:
-        """Displacements, standard deviations [px] and how alike the windows are, from a field that is known already.
+        """Displacements, standard deviations [px] and correlations of the windows, from an estimate of the field.
 
         The ``last`` time displacements are means over their windows, with their weights and no others: what is known is weighed by them, and only what is
         left by the beads that happen to be there. Before, there are no standard deviations.

@@ -48,7 +48,7 @@ REMEDIES = {
 
 
 def in_these_words(note: str) -> str:
-    """A note with the remedy as it is said here."""
+    """A note with the remedy in the words of microscopy."""
     for theirs, ours in REMEDIES.items():
         note = note.replace(theirs, ours)
     return note
@@ -62,7 +62,7 @@ def doubts(
     masked: bool,
     done: Inverted,
 ) -> list[str]:
-    """What looks wrong."""
+    """Reasons to doubt a result."""
     said = []
 
     def own(q: Any) -> float:

@@ -109,7 +109,7 @@ class Field:
         self._sensible()
 
     def _sensible(self) -> None:
-        """Refuse what the wrong unit makes."""
+        """Refuse values that a wrong unit produces."""
         u = self.displacement - np.nanmedian(self.displacement, axis=(1, 2), keepdims=True)
         # single outliers are no wrong unit
         largest = float(np.nanquantile(np.hypot(*u), COMMON))

@@ -77,7 +77,7 @@ def _canvas(
 def _closer(
     field: Field, near: npt.NDArray[np.bool_], ends: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float]:
-    """What is near with room about it, where that is a small part of the view."""
+    """Zoom in with a margin if the object fills only a small part of the view."""
     sides = []
     for axis, (low, high) in ((0, (ends[0], ends[1])), (1, (ends[3], ends[2]))):
         at = field.start[axis] + field.step * np.flatnonzero(near.any(axis=axis))
@@ -247,7 +247,7 @@ def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float,
 
 
 def _assumed(forces: CellForces) -> str:
-    """What the picture rests on, in two lines."""
+    """The assumptions of the picture, in two lines."""
     field, pad = forces.field, forces.pad
     layers = getattr(pad, "layers", None)
     top = pad if layers is None else layers[-1]

@@ -1,4 +1,4 @@
-"""What a reader finds in a file, before anybody knows what a pixel is."""
+"""The contents of a file before the size of a pixel is known."""
 
 from __future__ import annotations
 

@@ -328,7 +328,7 @@ def write_labels_table(rows: list[dict[str, Any]], path: str | Path) -> None:
 
 
 def rows_of(labelled: list[LabelForce], *, file: str, frame: int) -> list[dict[str, Any]]:
-    """Rows of a table: where each label's force comes from, and what it is."""
+    """Rows of a table: the origin and the size of each label's force."""
     return [
         {
             "file": file,

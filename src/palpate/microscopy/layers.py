@@ -19,7 +19,7 @@ Layer = tuple[Any, dict[str, Any], str]
 
 
 def layer_reader(path: Any) -> Callable[[Any], list[Layer]] | None:
-    """What napari asks of a reader: a function of the path, or None where the file is not that of a cell.
+    """Reader for napari: a function of the path, or None if the file is not that of a cell.
 
     Examples
     --------

@@ -236,7 +236,7 @@ def _text_corners(path: Path, pixel: float | None) -> list[Any]:
 
 
 def _side(name: str) -> str:
-    """Whether a column holds "x" or "y" of an outline; "" where it holds neither."""
+    """ "x" or "y" if a column holds that coordinate of an outline, else ""."""
     short = re.sub(r"[_ ](px|pixels?|[uµμnm]?m)$", "", plain(name.lstrip("#% ")))
     return "x" if short in X_NAMES else "y" if short in Y_NAMES else ""
 

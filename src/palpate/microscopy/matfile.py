@@ -137,7 +137,7 @@ def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
 
 
 def _attributes(group: Any, parts: dict[str, Any]) -> dict[str, Any]:
-    """The parts of a group, with what HDF5 and netCDF keep beside a matrix: its units."""
+    """The parts of a group, with the units that HDF5 and netCDF store beside a matrix."""
     for key in list(parts):
         for name in UNIT_NAMES:
             unit = group[key].attrs.get(name) if isinstance(parts[key], np.ndarray) else None

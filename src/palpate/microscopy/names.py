@@ -60,7 +60,7 @@ def plain(name: str) -> str:
 
 
 def unit_in(name: str) -> str | None:
-    """The unit that a name holds in brackets: 'u [px/frame]' says "px", 'u (um)' says "um"; None where it holds none."""
+    """The unit in brackets of a name, or None: 'u [px/frame]' gives "px", 'u (um)' gives "um"."""
     found = _UNIT.search(name)
     if found is None:
         return None
@@ -68,7 +68,7 @@ def unit_in(name: str) -> str | None:
 
 
 def unit_of(text: str) -> str | None:
-    """A unit as it is written here: "pixels/frame" is "px", "microns" is "um"; None of nothing."""
+    """The canonical name of a unit: "px" for "pixels/frame", "um" for "microns"; None for no unit."""
     unit = re.sub(r"/\s*(frame|fr|pair)s?$", "", text.strip().strip("[]").strip(), flags=re.IGNORECASE)
     return _WRITTEN.get(unit.lower(), plain_unit(unit)) or None
 

@@ -39,7 +39,7 @@ class PixelSize:
 
 
 def pixel_size(path: str | Path) -> PixelSize | None:
-    """The size of a pixel by the file itself; None where it says none that can be meant.
+    """The size of a pixel stated in the file, or None without a plausible one.
 
     Examples
     --------

@@ -249,7 +249,7 @@ def _pages(path: Path) -> list[Any]:
 
 
 def _floats(path: Path) -> bool:
-    """Whether the pages of a TIFF file hold floats; nothing is unpacked."""
+    """Whether the pages of a TIFF file hold floats, without unpacking them."""
     try:
         import tifffile
     except ImportError as error:

@@ -166,7 +166,7 @@ class Chain:
         self.count, self.blobs, self.evidence = count, blobs, evidence
 
     def _without(self, k: int) -> tuple[npt.NDArray[np.intp], Floats, float]:
-        """What stays without blob ``k``, and its evidence."""
+        """The state without blob ``k``, and its evidence."""
         at = self.fixed + 2 * k
         stay = np.concatenate([np.arange(at), np.arange(at + 2, self.count)])
         blobs = np.delete(self.blobs, k, axis=0)
@@ -227,7 +227,7 @@ class Chain:
             self._leave(stay, blobs, evidence)
 
     def _hyper(self) -> None:
-        """The typical traction, and the noise where it is not known."""
+        """Sample the typical traction, and the noise if it is unknown."""
         rng, count = self.rng, len(self.blobs)
         if count:
             each = self.level + self._traction(self.blobs[:, 3], self.blobs[:, 2])
@@ -241,7 +241,7 @@ class Chain:
                 self.noise, self.evidence = noise, evidence
 
     def _doubts(self) -> None:
-        """Try one of the doubtful vectors as what it is not just now: an outlier, which has an offset of its own, or none."""
+        """Try to switch one of the doubtful vectors between an outlier, with an offset of its own, and a normal vector."""
         k = int(self.rng.integers(len(self.wrong)))
         before = self.scales[3 + 2 * k]
         now = 0.0 if self.wrong[k] else self.offset
@@ -296,7 +296,7 @@ class Chain:
             self._take(len(self.blobs), rows, gram, linear, blobs, evidence)
 
     def prune(self) -> None:
-        """Take out what is not worth it."""
+        """Remove blobs that do not raise the evidence."""
         for k in reversed(range(len(self.blobs))):
             stay, blobs, evidence = self._without(k)
             if evidence > self.evidence - WORTH:

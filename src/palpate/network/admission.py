@@ -273,7 +273,7 @@ def _times(shape: Sequence[int]) -> str:
 
 
 def _states(data: bytes) -> str:
-    """What the head of a frame says of its shape."""
+    """The shape that the header of a frame states."""
     try:
         magic, _, _, *shape = HEAD.unpack_from(data)
     except struct.error:

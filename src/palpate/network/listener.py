@@ -155,7 +155,7 @@ class FrameListener(FrameSource):
             await asyncio.sleep(0)  # what was aborted is closed one turn of the loop later
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Frames of one connection, until it leaves or sends what does not begin as a frame: then nothing tells where one begins."""
+        """Read frames from one connection until it closes or sends something that is no frame: no boundary of frames can be found after that."""
         sender = self._arrived(writer.transport)
         why = None
         try:
@@ -174,7 +174,7 @@ class FrameListener(FrameSource):
             writer.transport.abort()  # a peer that does not read
 
     async def _listen(self, sender: str, reader: asyncio.StreamReader) -> str | None:
-        """Why the connection is closed; None where it ended by itself."""
+        """Serve until the end; return why the connection must close, or None if the peer closed it."""
         wait, refuse = self._limits.hello, self._admission.refuse
         while True:
             try:

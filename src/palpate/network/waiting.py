@@ -71,7 +71,7 @@ class FrameSource:
             self._ready.notify_all()
 
     def _take(self, sender: str, data: bytes) -> str:
-        """What became of a message."""
+        """The outcome of a message."""
         if data[:4] == ZERO and self.zero is not None:
             return self._zeroed(sender, data, self.zero)
         result, found = self._admission.offer(sender, data, clock.monotonic())
@@ -92,7 +92,7 @@ class FrameSource:
         return "frames"
 
     def _put(self, frames: Sequence[tuple[int, float, Any]]) -> None:
-        """Frames that were taken."""
+        """Queue accepted frames."""
         if frames:
             with self._ready:
                 for frame in frames:

@@ -1,4 +1,4 @@
-"""What the paper says, in our words, and what we find, in numbers."""
+"""Claims of the paper in our words, with our numbers."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ __all__ = [
 
 
 class Equation(NamedTuple):
-    """One equation of the paper: its number, what it says in our words, and the dotted names of what computes it."""
+    """One equation of the paper: its number, its meaning in our words, and the dotted names of what computes it."""
 
     number: str
     content: str

@@ -75,7 +75,7 @@ def results() -> Results:
 
 
 def formula_rows(code: tuple[str, str] = ("`", "`")) -> list[dict[str, str]]:
-    """Every equation with what computes it."""
+    """Every equation with the function that computes it."""
     return [
         {
             "equation": e.number,

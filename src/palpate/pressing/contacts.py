@@ -1,4 +1,4 @@
-"""What a simulator tells of contacts."""
+"""Contacts as a simulator states them."""
 
 from __future__ import annotations
 

@@ -434,7 +434,7 @@ class _Pairs:
         return self.on(self.center[:, None] + away, weights, slips=slips)
 
     def on(self, points: Floats, weights: Floats, *, slips: bool = False) -> _Points:
-        """Forces at points (pair, point, 2): pressure by the weights, shear as the module says."""
+        """Forces at points (pair, point, 2): pressure by the weights, shear as the module describes."""
         n, k = weights.shape
         away = points - self.center[:, None]
         pressure = self.force[:, 2]

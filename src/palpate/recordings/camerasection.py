@@ -1,4 +1,4 @@
-"""What a skin.toml says of a camera: how pixels become metres, and what the camera does besides."""
+"""The section [camera] of a skin.toml: pixels to metres, and properties of the camera."""
 
 from __future__ import annotations
 

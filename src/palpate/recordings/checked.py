@@ -106,7 +106,7 @@ def _plain(value: Any) -> Any:
 
 
 def confirm(dataset: xarray.Dataset, expected: Any, path: str | Path, remedy: str = "") -> None:
-    """Refuse what is not what was written. ``expected`` None: the file says nothing (of another program, or a stream)."""
+    """Refuse data that differ from what was written. ``expected`` None: the file states no checksum (another program, or a stream)."""
     if expected is not None:
         agree(checksum(dataset), expected, path, remedy)
 
@@ -129,14 +129,14 @@ def recording_checksum(recording: Recording) -> int:
 
 
 def confirm_recording(recording: Recording, expected: Any, path: str | Path, remedy: str = "") -> Recording:
-    """The recording, if it is what was written."""
+    """The recording, confirmed by its checksum."""
     if expected is not None:
         confirm(recording_dataset(recording), expected, path, remedy)
     return recording
 
 
 def with_losses(recording: Recording, expected: Any, path: str | Path, losses: str) -> Recording:
-    """What was salvaged, with a word among its ``meta`` on what was lost: by the checksum of the whole, where there is one."""
+    """The salvaged data, with a note in ``meta`` on the losses, confirmed by a checksum of the whole if there is one."""
     if expected is not None:
         try:
             confirm_recording(recording, expected, path)

@@ -103,7 +103,7 @@ class Clock:
     source: str = ""
 
     def tell(self) -> None:
-        """Say the note."""
+        """Warn with the note."""
         if self.note:
             warnings.warn(f"{self.source}: {self.note}", UncheckedInput, stacklevel=3)
 
@@ -246,7 +246,7 @@ def stored_clock(values: Any, units: Any, source: str) -> Clock:
 
 
 def _recorder(recorded: Any) -> Floats | None:
-    """The recorder's clock, increasing; None where it tells nothing."""
+    """The recorder's clock, increasing, or None if it has no information."""
     values = np.array(recorded, dtype=np.float64)
     if len(values) > 1 and not (np.diff(values) > 0).any():
         return None
@@ -254,7 +254,7 @@ def _recorder(recorded: Any) -> Floats | None:
 
 
 def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: list[str]) -> Floats:
-    """Seconds of numbers; what had to be recognised is said."""
+    """Numbers in seconds; a guessed unit is noted."""
     known = values[np.isfinite(values)]
     typical = float(np.median(np.abs(known))) if len(known) else 0.0
     steps = np.diff(known)
@@ -296,7 +296,7 @@ def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: l
 
 
 def _plain(values: Floats, log: Floats | None) -> bool:
-    """Whether stamps can be taken as they are."""
+    """Whether stamps need no repair."""
     if not (np.isfinite(values).all() and (np.abs(values) <= LATEST).all()):
         return False
     steps = np.diff(values)

@@ -314,7 +314,7 @@ def _spooled(path: Path, held: Any) -> OpenRecording:
 
 
 class _Head:
-    """What the comments of a table say, and how its last line ends."""
+    """The comments of a table, and the ending of its last line."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._own, self._last = path, False, ""
@@ -323,7 +323,7 @@ class _Head:
         self.expected: str | None = None
 
     def takes(self, count: int, line: str) -> bool:
-        """Whether a line is a comment or empty, and what it says."""
+        """Parse a line that is a comment or empty; return whether it was."""
         where = f"{self._path}, line {count}"
         if count == 1:
             self._own = line.strip(" ,\n") == _TITLE

@@ -1,4 +1,4 @@
-"""What a recording says of the sensor that made it, in its ``meta``, beside what a skin says."""
+"""The sensor's description in the ``meta`` of a recording, compared with that of the skin."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def metres_said(text: str) -> Any:
 
 
 def check_described(recording: Recording, planes: Sequence[Array]) -> None:
-    """Refuse a plane whose pitch or depth is another than that which the recording says of itself; of several planes none is asked.
+    """Refuse a plane whose pitch or depth contradicts the recording; with several planes check none.
 
     Raises
     ------

@@ -76,7 +76,7 @@ def _moved(path: str | Path, target: Path, folder: Path, before: os.stat_result 
 
 
 def atomically(path: str | Path, write: Callable[[str], None], *, sole: bool = True) -> None:
-    """Call ``write`` with the name of an empty file beside ``path``, then move it there; leave nothing on failure (`in_place`)."""
+    """Call ``write`` with the name of an empty file beside ``path``, then move it there; remove it on failure (`in_place`)."""
     if os.path.isdir(path):  # that of Path raises where a name is too long
         raise InvalidInput(f"{path} is a folder; give a file name.")
     with in_place(path, sole=sole) as fresh:

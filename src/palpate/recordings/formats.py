@@ -94,7 +94,7 @@ class Format:
     text: ClassVar[bool] = False
 
     def recognises(self, path: Path) -> bool:
-        """Whether what is inside looks like this format. Only what begins alike is asked for, not that it is whole."""
+        """Whether the first bytes look like this format; the file need not be complete."""
         return False
 
     def own(self, path: Path) -> bool:
@@ -127,7 +127,7 @@ class Format:
         raise self._cannot("read_touch", path)
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
-        """Write a result; ``record`` is what it takes to make it again."""
+        """Write a result; ``record`` is its provenance."""
         raise self._cannot("write_touch", path)
 
     @contextmanager
@@ -167,7 +167,7 @@ class Format:
     def recorder(
         self, path: Path, channels: Sequence[str], *, positions: Any, meta: Mapping[str, Any] | None
     ) -> Recorder:
-        """What writes a stream while it happens."""
+        """A writer for a stream."""
         raise self._cannot("recorder", path)
 
     def can(self, task: str) -> bool:
@@ -175,7 +175,7 @@ class Format:
         return getattr(type(self), task) is not getattr(Format, task)
 
     def usable(self) -> Format:
-        """The format itself where its libraries are installed; else `Unsupported` says which extra brings them."""
+        """The format itself if its libraries are installed, else `Unsupported` names the extra."""
         require(f"{self.name} files", *self.libraries)
         return self
 
@@ -266,7 +266,7 @@ def file_format(path: str | Path, *, task: str | None = None) -> str:
 
 
 def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
-    """A file that is there, and its format: by its name, confirmed by what is inside; `InvalidInput` says what is wrong."""
+    """An existing file and its format: by its name, confirmed by its contents; `InvalidInput` says what is wrong."""
     found = Path(path)
     if not found.exists():
         find_format(found)  # a name that cannot be served is told first
@@ -443,7 +443,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
 
 def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:
-    """Write beside the name, in its format, and move it there when it is complete; nothing is left where that fails."""
+    """Write beside the name, in its format, and move the complete file there; remove it if that fails."""
     known = find_format(path, task=task)
     if known.folder:
         if Path(path).exists():

@@ -52,12 +52,12 @@ class HeldFile:
     # -- what HDF5 does ------------------------------------------------------------------------------------------------
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Where the next read or write is."""
+        """Set the position of the next read or write."""
         self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
         return self._at
 
     def tell(self) -> int:
-        """Where the next read or write is."""
+        """The position of the next read or write."""
         return self._at
 
     def read(self, size: int = -1) -> bytes:
@@ -86,7 +86,7 @@ class HeldFile:
         return count
 
     def write(self, data: Any) -> int:
-        """Hold ``data`` for here."""
+        """Hold ``data`` for the current position."""
         view = memoryview(data).cast("B")
         done = 0
         while done < len(view):
@@ -121,12 +121,12 @@ class HeldFile:
         return self._size
 
     def flush(self) -> None:
-        """Nothing: what is held goes to the disk when `commit` says so."""
+        """Do nothing: `commit` writes the held bytes to the disk."""
 
     # -- what we do ----------------------------------------------------------------------------------------------------
 
     def commit(self) -> bool:
-        """Bring what is held to the disk, and say whether anything was; `OSError` where that fails, and the disk is as it was."""
+        """Write the held bytes to the disk; return whether there were any. `OSError` if that fails; the disk then stays unchanged."""
         if self._failure is not None:
             raise self._failure
         if not (self._tail or self._pages or self._size < self._committed):
@@ -135,7 +135,7 @@ class HeldFile:
         return True
 
     def close(self) -> None:
-        """End; what was not committed is gone. `OSError` where the system could not keep what it had taken."""
+        """Close and discard what was not committed. `OSError` if the system could not store what it had accepted."""
         if not self._disk.closed:
             try:
                 if self._failure is None:

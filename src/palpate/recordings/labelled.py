@@ -79,7 +79,7 @@ def _declared(record: type, *, without: tuple[str, ...] = ()) -> dict[str, tuple
 
 
 def missing_value(name: str) -> Any:
-    """What a variable of `touch_dataset` holds for frames that do not have it."""
+    """The value of a variable of `touch_dataset` for frames without it."""
     found = {f.name: f.metadata["missing"] for f in fields(Touch) if f.metadata.get("per_frame")}
     return 0 if name in _TEXT else found.get(name, np.nan)
 
@@ -125,7 +125,7 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
 
 
 def recording_of(dataset: xarray.Dataset, name: str = "the data set") -> Recording:
-    """The recording that a Dataset holds; `InvalidInput` where it holds none. ``name`` is what messages call it."""
+    """The recording in a Dataset; `InvalidInput` if it holds none. Messages call it ``name``."""
     missing = [n for n in ("readings", "channel", "time") if n not in dataset.variables]
     if missing:
         held = ", ".join(map(str, dataset.variables)) or "nothing"
@@ -242,7 +242,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
 
 
 def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
-    """The result that a Dataset of `touch_dataset` holds; `InvalidInput` where it holds none."""
+    """The result in a Dataset of `touch_dataset`; `InvalidInput` if it holds none."""
     attrs = dataset.attrs
     missing = [n for n in ("traction", "component") if n not in dataset.variables]
     missing += [n for n in ("surface", "sought", "method") if n not in attrs]
@@ -298,7 +298,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
 
 
 def view_of(dataset: xarray.Dataset, name: str = "the data set") -> View | None:
-    """Where the picture of a camera's result lies; None where it is no camera's."""
+    """The position of the picture of a camera's result, or None for other sensors."""
     held = dataset["traction"].attrs.get("view")
     if held is None:
         return None

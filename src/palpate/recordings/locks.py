@@ -78,7 +78,7 @@ def sole_writer(path: str | Path, *, alone: bool = False) -> Iterator[None]:
 
 
 def _lock_file(target: str) -> str:
-    """Beside the target, under a name of few letters whatever the length of its own."""
+    """The lock file beside the target, with a short name for any target."""
     folder, name = os.path.split(target)
     return os.path.join(
         folder, f".palpate-{hashlib.sha1(os.fsencode(name), usedforsecurity=False).hexdigest()[:16]}.lock"
@@ -161,7 +161,7 @@ def _same(handle: int, name: str) -> bool:
 
 
 def _writer(handle: int) -> str:
-    """The number of the process that holds the lock, where its file says so."""
+    """The process that holds the lock, if the file states it."""
     with contextlib.suppress(OSError):
         os.lseek(handle, 0, os.SEEK_SET)
         number = os.read(handle, 20)

@@ -150,7 +150,7 @@ def _named(mapping: TableMapping) -> dict[str, Any]:
 
 
 def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[list[str], list[int]]:
-    """What columns are called among the taxels (in a wide table), and where they are."""
+    """Column names among the taxels (in a wide table), and their positions."""
     if isinstance(columns, str):
         places = titles.sliced(columns)
         if places is not None:
@@ -211,7 +211,7 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
 
 
 def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]]) -> float | None:
-    """Seconds in a 1 of the time: the mapping, or the title; None where nothing says it. Dates are seconds already."""
+    """Length of the time unit in seconds, from the mapping or the title; None if neither states it. Dates are in seconds already."""
     places = roles.get("time", [])
     titles = table.titles
     if table.dated & set(places):
@@ -402,7 +402,7 @@ def check_one_frame(path: Path, title: str, values: Floats) -> None:
 
 
 def _stamps(path: Path, mapping: TableMapping, numbers: Floats, time: Floats | None) -> Floats | None:
-    """The time of each frame as the table says it; NaN where it does not."""
+    """The time of each frame in the table, or NaN."""
     if time is None or mapping.frame is None:
         return numbers if mapping.frame is not None or mapping.time is not None else None
     with warnings.catch_warnings():
@@ -470,7 +470,7 @@ def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock)
 
 
 def _at_rest(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:
-    """Where markers are at rest (marker, axis), and readings (frame, channel, marker)."""
+    """Rest positions of markers (marker, axis), and readings (frame, channel, marker)."""
     places = frames.places
     if places is None:
         raise InvalidInput(f"{path}: there are no positions.")
@@ -573,7 +573,7 @@ def _check_order(path: Path, frames: _Frames, rest: Floats, moved: Floats) -> No
 
 
 def _check_counted(path: Path, frames: _Frames) -> None:
-    """Markers that are known by their number alone: none may be left out."""
+    """Refuse gaps among markers that have no names, only numbers."""
     if not frames.numbered:
         return
     whole = np.arange(frames.marker[0], frames.marker[0] + len(frames.marker))

@@ -120,7 +120,7 @@ class McapRecorder:
         self._add(kind, data, time)
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Write the result of one frame."""
         now = float(touch.time) if time is None else time  # type: ignore[arg-type]
         self._say_view(touch)
         for kind, data in self._encoder.touch(touch, now):
@@ -145,7 +145,7 @@ class McapRecorder:
         self.close()
 
     def _say_view(self, touch: Touch) -> None:
-        """Where the picture lies: once, and again where it changes."""
+        """Write the position of the picture: once, and again if it changes."""
         described = None if touch.view is None else touch.view.described()
         if self._open and described is not None and described != self._view:
             self._describe(VIEW, {"view": json.dumps(described)})

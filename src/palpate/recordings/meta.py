@@ -1,4 +1,4 @@
-"""What a recording says of itself: kept with its types in every format, as JSON."""
+"""Metadata of a recording: every format keeps its types, as JSON."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def frames(
 
 @dataclass
 class _Stamp:
-    """When a frame was taken: by its message, and by the recorder; and where its markers are at rest."""
+    """Stamps of a frame, by its message and by the recorder, and rest positions of its markers."""
 
     mapping: TopicMapping
     message: Any
@@ -242,7 +242,7 @@ def _clock(
 
 
 def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
-    """What a torn MCAP file held besides the frames that were taken."""
+    """The other contents of a torn MCAP file, besides the recovered frames."""
     count, torn = mcapfile.whole(path, READINGS if mapping is None else mapping.topic)
     words = []
     if torn:

@@ -138,7 +138,7 @@ class _BondedLayers(Strict):
 
 
 class _Other(BaseModel):
-    """A pad of another package: what its maker takes, as it stands in the file."""
+    """A pad of another package: the arguments of its maker, as in the file."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
     kind: str
@@ -627,7 +627,7 @@ KEYS = (
 
 
 def _meant(key: str, text: str) -> str:
-    """What a misspelt key may have been."""
+    """Likely keys for a misspelt one."""
     import difflib
 
     near = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.7)

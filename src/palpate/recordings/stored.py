@@ -51,7 +51,7 @@ def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage:
 
 
 def _times(held: Any, count: int, path: Path) -> tuple[Any, dict[str, str]]:
-    """Times of the first ``count`` frames, and what is to be said of them; those with a checksum are what was written."""
+    """Times of the first ``count`` frames, with a note; a checksum confirms them."""
     values = np.asarray(held["time"][:count])
     if held.attrs.get(CHECKSUM) is not None or not np.isfinite(values).all():
         return values, {}
@@ -61,7 +61,7 @@ def _times(held: Any, count: int, path: Path) -> tuple[Any, dict[str, str]]:
 
 
 class _Guarded:
-    """Readings in a file; what goes wrong while they are read is said of the file."""
+    """Readings in a file; exceptions while reading name the file."""
 
     def __init__(self, readings: Any, path: Path, readable: Callable[[Path], AbstractContextManager[None]]) -> None:
         self._readings, self._path, self._readable = readings, path, readable
@@ -90,7 +90,7 @@ def opened_recording(
 
 
 def touch_group(held: Any) -> str | None:
-    """The group that holds touches: the file itself, or one of its own beside the readings."""
+    """The group of touches: the file itself, or a group beside the readings."""
     return "touch" if "traction" not in held and "touch" in held else None
 
 

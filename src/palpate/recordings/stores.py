@@ -110,7 +110,7 @@ class _Recorder(abc.ABC):
         self._put("", {"time": as_second(time), "readings": data}, lambda: self._reading_layout(data))
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Write the result of one frame."""
         row: dict[str, Any] = {
             "time": as_second(touch.time if time is None else time),
             "traction": to_numpy(touch.values),
@@ -133,7 +133,7 @@ class _Recorder(abc.ABC):
         )
 
     def close(self) -> None:
-        """Write what is left and finish the file."""
+        """Write the rest and finish the file."""
         if self._open:
             for group in list(self._rows):
                 self._guarded(lambda group=group: self._flush(group))  # type: ignore[misc]
@@ -164,11 +164,11 @@ class _Recorder(abc.ABC):
 
     @abc.abstractmethod
     def _finish(self) -> None:
-        """What is left to do at the end."""
+        """Finish the file."""
 
     @abc.abstractmethod
     def _abandon(self) -> None:
-        """Let go of everything without another write."""
+        """Release everything without writing."""
 
     # -- layouts --------------------------------------------------------------------------------------------------------
 
@@ -260,7 +260,7 @@ class _Recorder(abc.ABC):
 
 
 def _removed(path: Path) -> None:
-    """Without what holds nothing yet."""
+    """Drop empty entries."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

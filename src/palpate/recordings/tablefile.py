@@ -1,4 +1,4 @@
-"""Tables of other programs: read only, by what a `TableMapping` says of their columns."""
+"""Tables of other programs: read only, with a `TableMapping` of their columns."""
 
 from __future__ import annotations
 

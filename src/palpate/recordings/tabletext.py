@@ -135,7 +135,7 @@ def _bare(title: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Numbers (row, column) of those columns that were asked for, the line in which each row stands, and which columns hold dates."""
+    """Numbers (row, column) of the requested columns, the line of each row, and which columns hold dates."""
 
     titles: Titles
     values: Floats

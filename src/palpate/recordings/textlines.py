@@ -42,7 +42,7 @@ def text_of(path: Path) -> tuple[list[str], bool]:
 
 
 def warn_of_a_cut(path: Path, last: str) -> None:
-    """Say that nothing tells whether the last number of a file is whole."""
+    """Warn that the last number of a file may be cut."""
     warnings.warn(
         f"{path}: the last line has no line break; if the file was cut, its last number {last.split(',')[-1][:40]!r} is wrong. "
         "Compare it with the source, then end the line with a line break.",
@@ -63,7 +63,7 @@ def cells(line: str, where: str) -> list[str]:
 
 
 def number(text: str, where: str) -> float:
-    """A number as it is written in files, or `InvalidInput`; nothing (or "nan") is missing."""
+    """A number in a file, or `InvalidInput`; empty text (or "nan") is missing."""
     if not text.strip() or text.strip().lower() == "nan":
         return float("nan")
     if _NUMBER.fullmatch(text) is None:

@@ -1,4 +1,4 @@
-"""Touches of a long recording into a file, piece by piece: at the end it holds what one result of all frames would hold."""
+"""Touches of a long recording into a file, piece by piece: the complete file equals that of one result of all frames."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Piece:
 
     @property
     def attrs(self) -> Mapping[str, Any]:
-        """What is said of them."""
+        """The attributes of the pieces."""
         return {str(k): v for k, v in self.dataset.attrs.items()}
 
     def touch(self) -> Touch:
@@ -52,7 +52,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Written:
-    """A piece whose numbers another process has written where they belong: what is left to say of it.
+    """A piece whose numbers another process has written; only its attributes are missing.
 
     ``crcs`` are `palpate.recordings.checked.block_crc` of each variable along time.
     """
@@ -84,7 +84,7 @@ def piece_of(touch: Touch) -> Piece:
 
 
 class Whole:
-    """What is said of all pieces together: the attributes of the result."""
+    """The attributes of all pieces together."""
 
     def __init__(self) -> None:
         self.first: dict[str, Any] = {}
@@ -127,7 +127,7 @@ class Whole:
 
     @property
     def notes(self) -> str:
-        """What was assumed and what became of the frames, in words."""
+        """Assumptions and outcomes of the frames in words."""
         found = notes_with(self._assumptions.words(), self._outcome)
         return "\n".join((*found, *([self._calibration] if self._calibration else [])))
 
@@ -153,7 +153,7 @@ class TouchStream(abc.ABC):
         self._written(lambda: self._add(start, piece) if isinstance(piece, Piece) else self._note(start, piece))
 
     def place(self) -> Any:
-        """Where another process may write a piece by itself (`palpate.recordings.zarrpieces.Place`); None where there is none, or not yet."""
+        """Where another process may write a piece (`palpate.recordings.zarrpieces.Place`), or None if it may not yet."""
         return None
 
     def finish(self) -> None:
@@ -172,7 +172,7 @@ class TouchStream(abc.ABC):
         raise InvalidInput(f"{self.path}: frames {start} to {stop - 1} are not there.")
 
     def abandon(self) -> None:
-        """Let go without another word."""
+        """Release everything without writing."""
         self._apart(self._abandon)
         self._apart.end()
 

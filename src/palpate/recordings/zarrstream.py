@@ -37,7 +37,7 @@ _JOURNAL = "pieces.jsonl"
 
 
 def partial(path: str | Path) -> Path:
-    """The folder beside a store in which it grows."""
+    """The folder beside a store for unfinished data."""
     target = Path(os.path.realpath(path))
     return target.with_name(f"{target.name}.partial")
 
@@ -79,7 +79,7 @@ def _growing(
 
 
 def begun(path: Path) -> dict[str, Any]:
-    """What the run was begun with that was broken off on the way to ``path``; empty where there is none."""
+    """The arguments of the interrupted run that was writing to ``path``; empty without one."""
     try:
         with (partial(path) / _JOURNAL).open(encoding="utf-8") as lines:
             return dict(json.loads(lines.readline()))

@@ -1,4 +1,4 @@
-"""ROS 2's own client library, or what to do where it is not there."""
+"""ROS 2's client library, or a remedy if it is missing."""
 
 from __future__ import annotations
 

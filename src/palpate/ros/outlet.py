@@ -89,7 +89,7 @@ class Outlet:
         """Readings came from a topic: they are not sent again."""
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Publish the result of one frame."""
         header = self._header()
         self.status = Status.SOLVED if touch.status is None else Status.coded(int(touch.status))
         force, moment = spatial(to_numpy(touch.force), to_numpy(touch.moment))

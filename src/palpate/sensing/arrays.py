@@ -111,7 +111,7 @@ def _check_apart(positions: Floats) -> None:
 
 
 class _Common:
-    """What every array has; the concrete classes add where the taxels lie."""
+    """Common part of all arrays; the concrete classes add the positions of the taxels."""
 
     channels: Sequence[str]
     depth: Any  # metres, or "base" until the array is put into a skin
@@ -154,7 +154,7 @@ class _Common:
 
     @property
     def valid(self) -> Mask:
-        """True where a taxel works."""
+        """True for working taxels."""
         return np.ones(self.shape, dtype=np.bool_) if self.mask is None else np.asarray(self.mask)
 
     def at_base(self: Self, thickness: float | None) -> Self:

@@ -158,7 +158,7 @@ def _pieces(contact: Contact, widths: Sequence[float]) -> tuple[list[Floats], Fl
 
 
 def _spread(contact: Contact, grid: Grid) -> Floats | None:
-    """Traction (component, *cell) with the contact's moments, for what is far from it; None where the grid does not reach round it."""
+    """Traction (component, *cell) with the contact's moments, for distant readings; None if the grid does not reach round it."""
     edges, traction = _pieces(contact, [dx / PIECES for dx in grid.spacings])
     for axis, (e, x, dx) in enumerate(zip(edges, grid.axes, grid.spacings)):
         share = _shares((e - x[0]) / dx + 0.5, len(x))

@@ -1,4 +1,4 @@
-"""Where traction is sought: uniform, cell-centred grids on the surface."""
+"""Grids of the traction: uniform, cell-centred, on the surface."""
 
 from __future__ import annotations
 

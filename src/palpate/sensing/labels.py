@@ -83,7 +83,7 @@ def labelled_time(x: Any) -> Floats | None:
 
 
 def _bare(x: Any) -> Any:
-    """Values without labels; what carries a unit of its own is kept as it is, to be refused."""
+    """Values without labels; values with units are kept, to be refused later."""
     data = x.data
     return data if hasattr(data, "magnitude") else x.values
 
@@ -145,7 +145,7 @@ def _factors(x: Any, units: Sequence[str]) -> Floats | None:
 
 
 def _metres(x: Any, name: str) -> Floats | None:
-    """A coordinate in metres, or None where it is not there."""
+    """A coordinate in metres, or None if it is missing."""
     if name not in getattr(x, "coords", {}):
         return None
     found = x.coords[name]

@@ -55,7 +55,7 @@ class Surface(Pad, Protocol):
 
 
 class Correction:
-    """What is left of a layered pad's response once the damped half-space of its first material is taken out.
+    """The difference between the response of a layered pad and the damped half-space of its first material.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Ends of the range of a channel: a reading that lies at one is at least, or at most, what it says (it is censored)."""
+"""Ends of the range of a channel: a reading at an end is censored."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RESTING = 0.05
 
 
 class _Ranged(Protocol):
-    """What the ends of a range are asked of: a plane of taxels."""
+    """A plane of taxels, as the ends of a range need it."""
 
     @property
     def channels(self) -> Sequence[str]: ...
@@ -52,7 +52,7 @@ def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -
 
 
 def _meant(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
-    """The ends, a copy; None where none of the forms is meant."""
+    """The ends as a copy, or None if the value has none of the accepted forms."""
     try:
         found = np.array(limits, dtype=np.float64)
     except (TypeError, ValueError):

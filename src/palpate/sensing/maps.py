@@ -98,7 +98,7 @@ class Body(Protocol):
 
 
 def body_of(pad: object) -> Body | None:
-    """The pad, where it makes its maps itself."""
+    """The pad, if it makes its maps itself."""
     return pad if isinstance(pad, Body) else None
 
 

@@ -514,7 +514,7 @@ class Operator:
         return out.transpose(2, 0, 1)
 
     def observed(self, readings: Sequence[Any]) -> list[Any]:
-        """What the operator can explain of readings: missing taxels silenced and floating means taken out."""
+        """Readings as the operator can explain them: missing taxels set to zero, floating means subtracted."""
         return [self._project(i, r) for i, r in enumerate(readings)]
 
     def _project(self, i: int, readings: Any) -> Any:

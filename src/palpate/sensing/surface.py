@@ -90,7 +90,7 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
 
 
 def surface_of(pad: Pad, planes: Sequence[Array], *, depths: float = DEPTHS) -> Grid:
-    """Where traction is sought on a pad: the patch that it says can be touched, or `default_surface` of one that goes on for ever."""
+    """The surface of the traction: the patch of a pad that can be touched, or `default_surface` of an endless one."""
     body = body_of(pad)
     if body is not None:
         return body.patch(planes)
@@ -111,7 +111,7 @@ def check_thickness(planes: Sequence[Array], thickness: float | None) -> None:
 
 
 def check_depth(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse a large surface that is due to a depth beyond proportion: of what lies so deep next to nothing is told."""
+    """Refuse a large surface that is due to an excessive depth: readings at such a depth hold almost no information."""
     unknowns = len(surface.components) * math.prod(surface.shape)
     for array in planes:
         extent = float(np.ptp(array.points, axis=0).max())

@@ -89,7 +89,7 @@ def as_second(time: Any, what: str = "time") -> float:
 
 
 def epoch_unit(value: float) -> tuple[str, float] | None:
-    """The unit (its name, in seconds) in which a number is a date since 1970; None where it is none, or seconds.
+    """The unit (name, seconds) in which a number is a date since 1970; None for other numbers and for seconds.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def epoch_unit(value: float) -> tuple[str, float] | None:
 
 
 def _dated(time: Any, what: str) -> Floats | None:
-    """Seconds of dates and of differences of times; None where these are numbers."""
+    """Seconds of dates and time differences, or None for numbers."""
     found = time if isinstance(time, np.ndarray | np.generic) else None
     if found is None:
         first = time

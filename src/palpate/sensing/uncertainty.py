@@ -93,7 +93,7 @@ class Uncertainty:
 
     @property
     def modulus(self) -> float:
-        """That of the modulus, as stated or as taken where nothing is said.
+        """The uncertainty of the modulus, stated or assumed.
 
         Examples
         --------
@@ -105,7 +105,7 @@ class Uncertainty:
 
     @property
     def assumed_gain(self) -> float:
-        """What gains are known to where nothing is said of them; 0 where they are stated.
+        """The assumed uncertainty of gains if none is stated, else 0.
 
         Examples
         --------
@@ -117,7 +117,7 @@ class Uncertainty:
 
     @property
     def stated_gain(self) -> float:
-        """What gains are stated to be known to, 0 where nothing is said.
+        """The stated uncertainty of gains, or 0.
 
         Examples
         --------

@@ -24,7 +24,7 @@ __all__ = ["Lens", "View", "eight_bit", "grey", "opencv"]
 
 
 def opencv() -> Any:
-    """The module cv2, or what to install."""
+    """The module cv2; a missing one names the extra to install."""
     try:
         import cv2
     except ImportError as error:
@@ -129,11 +129,11 @@ class Lens:
         object.__setattr__(self, "distortion", distortion)
 
     def described(self) -> dict[str, Any]:
-        """What makes it again, as files hold it."""
+        """The arguments that recreate it, as files store them."""
         return {"matrix": self.matrix.tolist(), "distortion": self.distortion.tolist(), "error": self.error}
 
     def undistorted(self, pixels: npt.ArrayLike) -> Floats:
-        """Where the same points would lie without distortion."""
+        """Positions of the same points without distortion."""
         given = _pairs(pixels, "pixels")
         flat = np.ascontiguousarray(given.reshape(-1, 1, 2))
         if not flat.size:
@@ -149,7 +149,7 @@ class Lens:
         return np.asarray(found).reshape(given.shape)
 
     def distorted(self, pixels: npt.ArrayLike) -> Floats:
-        """Where the lens puts undistorted points."""
+        """Where the lens projects undistorted points."""
         given = _pairs(pixels, "pixels")
         flat = given.reshape(-1, 2)
         if not flat.size:

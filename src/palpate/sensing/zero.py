@@ -307,7 +307,7 @@ class Levels:
 
 
 def _mean_square(values: Floats) -> Floats:
-    """Over the last axis, of what is there; NaN where nothing is."""
+    """Mean square over the last axis, without missing values; NaN if all are missing."""
     there = np.isfinite(values)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return np.asarray((np.where(there, values, 0.0) ** 2).sum(axis=-1) / there.sum(axis=-1))

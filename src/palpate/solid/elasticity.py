@@ -117,7 +117,7 @@ class Solid:
         return Factor(self.stiffness[self.free][:, self.free])
 
     def solve(self, loads: Floats, moved: Floats | None = None) -> Floats:
-        """Displacement (unknown, k) for loads (unknown, k) [N], where what is held is ``moved`` (unknown, k) [m], by default not at all."""
+        """Displacement (unknown, k) for loads (unknown, k) [N] with the prescribed displacement ``moved`` (unknown, k) [m], by default zero."""
         out = np.zeros(loads.shape) if moved is None else moved.copy()
         if moved is not None:
             loads = loads - self.stiffness @ moved
@@ -162,7 +162,7 @@ class Solid:
 
     @cached_property
     def places(self) -> Places:
-        """What finds points in the mesh."""
+        """The search for points in the mesh."""
         return Places(self.mesh, self.hexahedra)
 
     def at(self, points: Floats, axes: Floats | None = None) -> tuple[Index, LocalFields]:

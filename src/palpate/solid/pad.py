@@ -368,7 +368,7 @@ class SolidPad:
         return BondedLayers([layer])
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
-        """Fields of one wavevector in the `endless` layer, which tell what can be observed."""
+        """Fields of one wavevector in the `endless` layer, which decide what can be observed."""
         return self.endless.states(wavenumber, direction, depth)
 
     def compliance(self, depth: float) -> Floats:
@@ -424,7 +424,7 @@ class SolidPad:
         return PlaneChart(outline=self.outline) if self.chart is None else self.chart
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
-        """The map of an array, from traction on the cells of a surface; what lies beside the pad reads nothing."""
+        """The map of an array, from traction on the cells of a surface; taxels beside the pad read zero."""
         self._check([array])
         if getattr(surface, "chart", None) != self.chart:
             raise InvalidInput(

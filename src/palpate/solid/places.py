@@ -79,7 +79,7 @@ class Places:
         return cells, local, best
 
     def _inverted(self, points: Floats, cells: Index) -> Floats:
-        """Places (axis, n) in elements, by Newton's method; infinite where it finds none."""
+        """Places (axis, n) in elements, by Newton's method; infinite if it does not converge."""
         out = np.full(points.shape, 0.5 if self.hexahedra else 0.25)
         todo = np.arange(points.shape[1])
         for _ in range(STEPS):

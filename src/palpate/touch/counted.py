@@ -41,7 +41,7 @@ class Counted:
         self._frames = 0
 
     def add(self, notes: Iterable[str], frames: int) -> None:
-        """Those of another part of so many frames."""
+        """Add the counts of another part."""
         self._frames += frames
         for note in notes:
             count = _COUNT.search(note)

@@ -27,7 +27,7 @@ __all__ = ["Fields", "pulling"]
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """What a frame or a batch of frames is made of; `palpate.Touch` says what each field is."""
+    """The fields of a frame or a batch of frames; `palpate.Touch` documents each."""
 
     values: Any = field(metadata=per_frame("component", "*"))
     surface: Grid

@@ -32,7 +32,7 @@ OUTSIDE_FACTOR = -math.log(0.025) - 1.0
 
 
 def errors(touch: Numbers) -> Errors:
-    """The closed-form standard deviations; NaN where none are known (yet), or `Unsupported` where the method gives none."""
+    """The closed-form standard deviations; NaN if unknown, `Unsupported` if the method gives none."""
     if touch.errors is not None:
         return touch.errors
     if not _unknown(touch):
@@ -87,7 +87,7 @@ def _each_method(touch: Numbers, function: Callable[[Constants], tuple[Floats, .
 
 
 def calibration_note(touch: Numbers) -> str:
-    """Whose constants are used, where the case has none of its own."""
+    """A note on which constants are used if the case has none of its own."""
     if touch.errors is None:
         return ""
     for method in dict.fromkeys(touch.methods.ravel().tolist()):
@@ -306,7 +306,7 @@ def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
 
 
 def _beyond(touch: Numbers) -> Floats:
-    """What may come to a net force, away from zero, in an interval of 95 %: contact that goes on beyond the outermost taxels, and more of what was found there.
+    """Extra half-width of the 95 % interval of a net force, away from zero: contact beyond the outermost taxels, and a larger load than found there.
 
     Where a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, and pads end there: what was found is known by
     its sign and its size alone. Only what is more is added: on four real skins (`benchmarks/real.py`) all forces outside their intervals lay above them.

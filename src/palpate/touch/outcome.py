@@ -1,4 +1,4 @@
-"""What became of many frames, counted, so that parts of a recording add up to what is said of the whole."""
+"""Counted outcomes of frames, so that parts of a recording add up to the whole."""
 
 from __future__ import annotations
 
@@ -294,7 +294,7 @@ _SMALL = ("small contact:", "small contact in ")
 
 
 def notes_with(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
-    """The notes among what was said of frames and what became of them: without assumptions, and without the reason for a wide interval where none is wide."""
+    """The notes of remarks and outcomes, without assumptions, and without the reason for a wide interval if none is wide."""
     words = () if outcome is None else outcome.words()
     narrow = outcome is not None and not outcome.rough
     return tuple(
@@ -303,7 +303,7 @@ def notes_with(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
 
 
 def assumed(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
-    """What was assumed, among what was said of frames and what became of them."""
+    """The assumptions among the remarks and outcomes of frames."""
     words = () if outcome is None else outcome.words()
     return tuple(dict.fromkeys(n.removeprefix(ASSUMED) for n in (*said, *words) if n.startswith(ASSUMED)))
 
@@ -336,7 +336,7 @@ def _discrepancy(touch: Numbers) -> tuple[int, float]:
 
 
 def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
-    """How far the 95 % interval of the net force reaches to its longer side, worst component, in parts of the load (frame,); zero where nothing touches or nothing is known."""
+    """The longer side of the 95 % interval of the net force, worst component, in parts of the load (frame,); zero without contact or interval."""
     if touch.errors is None:
         return np.zeros(0)
     surface = touch.surface
@@ -352,7 +352,7 @@ def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
 
 
 def _nuisances(touch: Numbers) -> tuple[Nuisance, ...]:
-    """What readings hold besides contact, in their units."""
+    """The nuisances of readings, with units."""
     if touch.nuisance is None or touch.nuisance_std is None:
         return ()
     counted = []

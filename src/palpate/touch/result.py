@@ -33,7 +33,7 @@ __all__ = ["Touch"]
 
 
 class Identifier(Protocol):
-    """A skin that can say what presses."""
+    """A skin that identifies objects."""
 
     def identify(self, readings: Any, touch: Touch, **options: Any) -> Any:
         """See `palpate.Skin.identify`."""
@@ -42,7 +42,7 @@ class Identifier(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Touch(Numbers):
-    """What touches the pad.
+    """A reconstructed contact.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ class Touch(Numbers):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to look at: what could not be seen, and what became of the frames that it holds, in words; `assumed` says what was assumed.
+        """Notes to act on: what the sensor could not see, and the outcome of the frames; `assumed` lists the assumptions.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Numbers and their intervals as they are said: rounded alike, to what the interval supports."""
+"""Numbers and their intervals in words, rounded to what the interval supports."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def columns(touch: Numbers, *, friction: float | None = None, level: float = 0.9
 
 
 def _bounds(touch: Numbers, level: float, of: str, shape: tuple[int, ...], **given: Any) -> tuple[Floats, Floats]:
-    """The interval of each frame (frame, number); NaN where there is none."""
+    """The interval of each frame (frame, number), or NaN."""
     try:
         low, high = interval(touch, level, of, given.get("friction"))
     except Unsupported:  # a method without error bars
@@ -155,7 +155,7 @@ class Forces:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, what was said of single frames, with how many of them, and what became of the frames."""
+        """Assumptions, notes on single frames with their counts, and the outcomes of the frames."""
         many = f" of {len(self)} frames)"
         said = [n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.values()]
         return notes_with(said, self._outcome)

@@ -137,12 +137,12 @@ class Verdict:
 
     @property
     def silent(self) -> bool:
-        """Whether it says nothing."""
+        """Whether the result carries no note."""
         return not self.words
 
     @property
     def betrays(self) -> bool:
-        """Wrong without a word: wrong, or the truth far outside, and nothing said; where it says that it may be wrong, far outside alone."""
+        """Wrong without a note: wrong, or the truth far outside the interval. With a note of possible error, only far outside counts."""
         return self.silent and (self.far or (self.wrong and not self.rough))
 
 
@@ -291,7 +291,7 @@ def _unanswered(
 
 
 def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Verdict:
-    """What a touch is worth, beside that of a clean frame of the same sensor."""
+    """The verdict on a touch, beside that on a clean frame of the same sensor."""
     grid = touch.surface
     truth, typical = cell_means(frame.load, grid), cell_means(frame.typical, grid)
     values = to_numpy(touch.values)
@@ -372,7 +372,7 @@ def _kind(frame: Frame) -> str:
 
 
 def _beyond(value: float, low: float, high: float) -> float:
-    """How far a value lies outside an interval; NaN, which is beyond nothing, where there is none."""
+    """How far a value lies outside an interval; NaN without an interval."""
     return float(np.maximum(low - value, value - high))
 
 
@@ -386,7 +386,7 @@ def _known(touch: Touch) -> int:
 
 
 def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
-    """The 95 % interval, NaN where the touch has none."""
+    """The 95 % interval, or NaN without an interval."""
     if touch.errors is None:
         nothing = np.full(length, np.nan) if length else np.nan
         return nothing, np.copy(nothing)

@@ -300,7 +300,7 @@ def frozen_patch(rng: np.random.Generator) -> Case:
 
 
 def zeros_after_press(rng: np.random.Generator) -> Case:
-    """A sensor that writes exactly 0 where it feels nothing, for up to two seconds after a press; at rest 0, rounded or noise."""
+    """A sensor that writes exactly 0 without contact, for up to two seconds after a press; at rest 0, rounded or noise."""
     # cameras that see depth do so
     case = _pressed(rng, _sees_depth if rng.random() < 0.5 else _small)
     after, ramp = int(rng.integers(5, 61)), int(rng.integers(2, 7))

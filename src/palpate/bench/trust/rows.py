@@ -29,7 +29,7 @@ CLEAN, USUAL = (1e-4, 0.2), (1e-3, 0.05)
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame, what the library is told of its sensor, and the truth.
+    """One frame, the description of its sensor, and the truth.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Frame:
 
     @cached_property
     def skin(self) -> Skin:
-        """What a user would make."""
+        """The skin that a user would make."""
         return self.described.skin(self.noise, uncertainty=self.uncertainty, limits=self.limits)
 
     @property

@@ -88,7 +88,7 @@ class Sensor:
 
     @property
     def thickness(self) -> float:
-        """Down to the rigid base [m]; infinite where there is none."""
+        """Depth of the rigid base [m]; infinite without a base."""
         return sum(t for t, _ in self.layers) if self.layers else math.inf
 
     @property
@@ -108,8 +108,7 @@ class Sensor:
         uncertainty: Mapping[str, float] | None = None,
         limits: float | None = None,
     ) -> Skin:
-        """The skin of this description; ``uncertainty``: what it states of itself, as `palpate.Uncertainty` takes it; ``limits``: the largest
-        reading that it gives."""
+        """The skin of this description; ``uncertainty``: as `palpate.Uncertainty` accepts it; ``limits``: the largest reading."""
         array: LineArray | AreaArray
         if len(self.shape) == 1:
             array = LineArray(

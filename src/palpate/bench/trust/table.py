@@ -1,4 +1,4 @@
-"""All rows, and what is counted in them."""
+"""All rows and their counts."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _percentile(values: Iterable[float], part: float) -> float:
 
 
 def lines(found: Sequence[Verdict]) -> list[Line]:
-    """What is counted in each row."""
+    """The counts of each row."""
     out = []
     for row in dict.fromkeys(v.row for v in found):
         some = [v for v in found if v.row == row]
@@ -180,7 +180,7 @@ def by_sensor(found: Sequence[Verdict]) -> list[tuple[str, int, int]]:
 
 
 def sentence(v: Verdict) -> str:
-    """What became of one frame, and what it was."""
+    """One sentence on a frame and its outcome."""
     if not v.answered:
         return f"{v.frame}: {v.status}"
     names = ("x", "z") if len(v.true) == 2 else ("x", "y", "z")

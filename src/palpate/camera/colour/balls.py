@@ -30,7 +30,9 @@ class Circle:
 
 
 def find_circle(change: Floats, noise: float) -> Circle | None:
-    """The circle where a ball touches, in changes of colour (row, column, channel) with noise of this standard deviation; None where nothing round stands out."""
+    """The circle where a ball touches, in changes of colour (row, column, channel) with noise of this standard deviation; None without a significant
+    circle.
+    """
     from scipy.ndimage import binary_fill_holes, gaussian_filter, label
     from scipy.signal import fftconvolve
 

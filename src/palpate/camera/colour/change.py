@@ -1,4 +1,4 @@
-"""From pictures to relative changes of colour against the gel at rest, and the pixels that tell nothing."""
+"""From pictures to relative changes of colour against the gel at rest, and the pixels without information."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def dark_spots(image: Floats) -> npt.NDArray[np.bool_]:
 
 
 def changed_places(change: Floats, rest: Floats, lost: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Blocks (row, column) where colours changed by more than noise and drift of the light: nothing where nothing touches."""
+    """Blocks (row, column) whose colours change by more than noise and drift of the light."""
     from scipy.ndimage import binary_fill_holes, gaussian_filter, label
 
     weight = gaussian_filter((~lost).astype(np.float64), JUDGED)

@@ -1,4 +1,4 @@
-"""calibrated.toml with a section [colour], and what colours mean beside it: numbers alone (.npz), nothing that runs."""
+"""calibrated.toml with a section [colour], and the learnt coefficients beside it as numbers only (.npz), without executable content."""
 
 from __future__ import annotations
 

@@ -332,7 +332,7 @@ class SlopeModel:
 
 
 def _filled(slopes: Floats, known: npt.NDArray[np.bool_]) -> Floats:
-    """Slopes of pixels that tell nothing, from those about them."""
+    """Fill in slopes of pixels without information from their neighbours."""
     from scipy.ndimage import gaussian_filter
 
     if known.all():
@@ -374,7 +374,7 @@ def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
 
 
 def _wander(depth: Floats, window: Floats, places: Floats) -> float:
-    """Standard deviation of depth beyond the contact, a plane taken out; 0 where nothing is left beyond."""
+    """Standard deviation of depth outside the contact after subtracting a plane; 0 without places outside."""
     beyond = (window == 0)[::2, ::2]
     if beyond.mean() < 0.1:
         return 0.0

@@ -389,7 +389,7 @@ def feel(
 
 
 class _Rest(Pictures):
-    """What is left of a source of which some pictures were taken."""
+    """The remaining pictures of a source."""
 
     def __init__(self, source: Pictures, stream: Iterator[Picture]) -> None:
         self.name, self.count, self.timed, self.notes, self.size = (

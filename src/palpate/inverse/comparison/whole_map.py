@@ -114,7 +114,7 @@ class WholeMap(abc.ABC):
         """Traction for a parameter, and whether it converged."""
 
     def unit(self, p: Frame) -> float:
-        """A parameter that would leave nothing of the traction."""
+        """The parameter that would shrink the traction to zero."""
         return float(np.abs(p.linear).max())
 
     def frame(self, p: Frame, start: Floats, noise: float) -> Found:
@@ -166,7 +166,7 @@ class WholeMap(abc.ABC):
         )
 
     def _said(self, converged: Any, batch: tuple[int, ...]) -> tuple[str, ...]:
-        """What helps where the iteration did not end."""
+        """A remedy if the iteration did not converge."""
         if converged.all():
             return ()
         where = f" in {np.count_nonzero(~converged)} of {len(converged)} frames" if batch else ""

@@ -40,7 +40,7 @@ class Cone:
 
     @property
     def free(self) -> bool:
-        """Whether nothing is constrained."""
+        """Whether there are no constraints."""
         return self.tension or "z" not in self.components
 
     @property

@@ -36,7 +36,7 @@ JITTERS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 
 
 class Factor(Protocol):
-    """What is asked of a factor of H on n free directions."""
+    """Interface of a factor of H on n free directions."""
 
     def solve(self, right: Floats) -> Floats:
         """H^-1 right, of (n,)."""

@@ -93,7 +93,7 @@ def interior(
 
 
 def _step(scaling: _Second | _Half, factor: Factor, dual: Floats, target: Floats) -> tuple[Floats, Floats]:
-    """The changes of x and s that take what H asks for (``dual`` is what it is short of) and their product to ``target``."""
+    """The changes of x and s that remove the residual of H (``dual``) and bring their product to ``target``."""
     right = scaling.face.rotate(scaling.back(target) - dual)
     moved = scaling.face.unrotate(factor.solve(right.ravel()).reshape(right.shape))
     return moved, scaling.back(target - scaling.back(moved))
@@ -142,7 +142,7 @@ class _Second:
         return self._times(v, -1.0)
 
     def corrected(self, ahead: Floats, beside: Floats, centre: float) -> Floats:
-        """What the second step aims at: the products' second order taken off, and their mean ``centre``."""
+        """The target of the second step: minus the second order of the products, plus their mean ``centre``."""
         right = -_arrow(self.point, self.point) - _arrow(self.back(ahead), self._times(beside))
         right[-1] += centre
         # the arrow product's inverse

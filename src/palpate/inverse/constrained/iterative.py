@@ -29,7 +29,7 @@ SAMPLES, FEW = 16, 8
 
 
 class Multiplied(Protocol):
-    """A normal matrix of which products alone are known; `palpate.inverse.constrained.products.Products` is one."""
+    """A normal matrix known by its products only; `palpate.inverse.constrained.products.Products` is one."""
 
     @property
     def matrix(self) -> Any: ...

@@ -150,7 +150,7 @@ class Rounds(threading.local):
 
 
 class Columns:
-    """Whitened columns of cells, to which others are added, and their normal matrix where that is asked for.
+    """Whitened columns of cells that can grow, and their normal matrix at first use.
 
     The rounds of a frame solve nearly the same cells at other noise. They are kept as rows (cell, component, reading), with room for more: what is
     added copies nothing, and what is taken is copied row by row.
@@ -190,13 +190,13 @@ class Columns:
         return np.flatnonzero(gone[self.observed])
 
     def scale_of(self, noise: Floats, observed: Flags) -> float | None:
-        """What the columns are to be multiplied by for another noise, where that is another for all readings alike."""
+        """The factor of the columns for another noise level, or None if the noise ratios of the readings change."""
         ratio = self.noise[observed] / noise[observed]
         first = float(ratio[0]) if len(ratio) else 1.0
         return first if bool((np.abs(ratio - first) <= 1e-13 * abs(first)).all()) else None
 
     def places(self, cells: Index) -> Index | None:
-        """Places of cells among those that are kept, to which the missing are added; None where these would be too many."""
+        """Places of cells among the cached ones, with the missing cells added; None if these are too many."""
         new = cells[self.place[cells] < 0]
         if len(new) and self.components * (self.count + len(new)) > MAX_CACHED_UNKNOWNS:
             return None
@@ -282,9 +282,7 @@ class Picked:
 
 
 class Later:
-    """Columns of ``readings`` that ``make`` gives where they are asked for, or those in the places ``picks`` of them: where the normal matrix is known few
-    problems ask for more.
-    """
+    """Lazy columns of ``readings``: ``make`` computes them at first use, restricted to ``picks``. With a known normal matrix few problems need them."""
 
     def __init__(self, make: Callable[[], Floats], readings: int, picks: Index | None = None) -> None:
         self._make, self.readings, self._picks = make, readings, picks
@@ -329,7 +327,7 @@ class Normal:
 
     @cached_property
     def gram(self) -> Floats:
-        """The normal matrix, worked out when it is first asked for."""
+        """The normal matrix, computed at first use."""
         if self.known is not None:
             return self.known
         return self.given.gram() if isinstance(self.given, Picked | Later) else self.matrix.T @ self.matrix
@@ -355,7 +353,7 @@ class Normal:
         return Normal(self.level, self.cells, rows.T, self.linear)
 
     def along(self, ray: Floats) -> Normal:
-        """The same for traction that is ``ray`` (component,) times what is sought (1, cell)."""
+        """The same for traction ``ray`` (component,) times the unknowns (1, cell)."""
         n = self.linear.shape[1]
         if isinstance(self.given, Applied):
             few = n <= FEW_ALONG and self.linear.size * len(self.given.weight) <= ENTRIES_ALONG

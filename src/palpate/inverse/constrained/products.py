@@ -118,7 +118,7 @@ class Boxes:
         self._correlated: OrderedDict[tuple[int, ...], Correlated | None] = OrderedDict()
 
     def around(self, cells: Index) -> Box:
-        """The one that holds some cells."""
+        """The block that holds some cells."""
         place = box_of(cells, self.operator.surface.shape)
         key = tuple((s.start, s.stop) for s in place)
         found = self._kept.get(key)
@@ -178,7 +178,7 @@ class Box:
 
     @cached_property
     def correlated(self) -> Correlated | None:
-        """What two cells share, see `what_cells_share`."""
+        """The correlation of two cells, see `what_cells_share`."""
         return self._of_shape(self)
 
     @cached_property
@@ -307,7 +307,7 @@ class Applied:
         return out
 
     def along(self, ray: Floats) -> Applied:
-        """Of traction that is ``ray`` (component,) times what is sought."""
+        """Products for traction ``ray`` (component,) times the unknowns."""
         out = self._copy()
         out.ray = np.asarray(ray)
         return out

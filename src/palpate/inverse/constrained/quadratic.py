@@ -70,7 +70,7 @@ class Quadratic(Protocol):
 
 
 class Formed:
-    """A matrix that is kept as one."""
+    """A quadratic form with an explicit matrix."""
 
     by_products = False
 
@@ -80,7 +80,7 @@ class Formed:
         self._shear: tuple[Floats, Floats, Floats] | None = None
 
     def _beside(self, pressing: Index, shear: int) -> Dense:
-        """The factor in which all shear is free, and pressure in some cells: shear is eliminated once, and what is left is small."""
+        """The factor with all shear free, and pressure free in some cells: it eliminates shear once, and the rest is small."""
         from scipy.linalg import blas
 
         if self._shear is None:
@@ -340,7 +340,7 @@ def formed_or_not(
 
 
 def work_of_few(unknowns: int, readings: int, reach: int) -> float:
-    """Multiplications that a factor of `Unformed` takes, where the penalty ties unknowns ``reach`` apart."""
+    """Multiplications of a factor of `Unformed` if the penalty couples unknowns ``reach`` apart."""
     wide = max(reach, BLOCK)
     return unknowns * wide * (2.4 * wide + 2.0 * readings) + unknowns * readings**2 + readings**3 / 3.0
 

@@ -1,4 +1,4 @@
-"""What traction on the surface gives in the readings, and what readings say of each cell: a matrix where that is small, transforms else."""
+"""Readings of a surface traction, and the adjoint: a matrix if that is small, else transforms."""
 
 from __future__ import annotations
 

@@ -117,9 +117,7 @@ def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats
 
 
 def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats:
-    """Posterior variance of sparse rows' x over (component, cell), what is shared with other unknowns included; where samples tell it,
-    ``few`` are enough.
-    """
+    """Posterior variance of sparse rows' x over (component, cell), with correlations; if samples give it, ``few`` are enough."""
     face, factor = face_of(model.solution)
     local = face.rows(rows)
     out = factor.variances(local, few=few) if isinstance(factor, Iterative) else factor.variances(local)
@@ -129,7 +127,7 @@ def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats
 
 
 def owed_of(model: ContactModel, rows: Rows) -> Floats:
-    """Variance of sparse rows' x over (component, cell) that is owed to what is not known exactly of the pad (`ContactModel.stated`)."""
+    """Variance of sparse rows' x over (component, cell) due to the uncertainty of the pad (`ContactModel.stated`)."""
     if model.stated is None:
         return np.zeros(rows.count)
     return np.asarray((face_of(model.solution)[0].rows(rows).times(model.stated) ** 2).sum(axis=1))

@@ -155,9 +155,7 @@ def _independent(patterns: Floats) -> tuple[Floats, float]:
 
 
 def _restricted(weights: Floats, c: Floats, patterns: Floats, logs: Floats | None = None) -> tuple[Floats, Floats]:
-    """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised; ``logs`` are the sums of their logarithms,
-    where these are known.
-    """
+    """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised; ``logs``: sums of their logarithms, if known."""
     if len(patterns) > MAX_EIGEN_PATTERNS:
         taken, more = np.array([_by_factor(patterns * np.sqrt(w), np.sqrt(w) * c) for w in weights]).T
     else:
@@ -185,7 +183,7 @@ def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
 
 
 def _by_factor(patterns: Floats, c: Floats) -> tuple[float, float]:
-    """The same of weighted patterns and coefficients, by a Cholesky factor where all is seen."""
+    """The same of weighted patterns and coefficients, by a Cholesky factor if all patterns are independent."""
     from scipy.linalg import lapack
 
     gram, right = patterns @ patterns.T, patterns @ c

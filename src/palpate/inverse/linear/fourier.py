@@ -76,12 +76,12 @@ class FourierSpectrum:
 
     @cached_property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter asks of it whatever the readings."""
+        """What the choice of Tikhonov's parameter needs besides the readings."""
         return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self._forward.nbytes + self._back.nbytes
 
     def _prepared(self, like: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What a spectrum takes, known before any work: memory, and refusals that name what serves the same taxels."""
+"""Memory of a spectrum, estimated before any work, and refusals that name an alternative for the same taxels."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def spectrum_fits(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int)
 
 
 def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
-    """Refuse what the dense spectrum cannot serve, with what serves these very taxels instead."""
+    """Refuse a problem too large for the dense spectrum, and name an alternative for the same taxels."""
     size, peak, free = block_size(pad, planes, surface), spectrum_memory(pad, planes, surface, sought), available()
     if size <= LARGEST_BLOCK and spectrum_fits(pad, planes, surface, sought):
         return

@@ -240,7 +240,7 @@ class Curves(Protocol):
 
 
 class Tried:
-    """What the rules ask of a spectrum at the parameters ``grid`` whatever the frames; each is made when it is asked for."""
+    """What the rules need of a spectrum at the parameters ``grid`` for any frames, computed at first use."""
 
     _weights: tuple[Floats, Floats] | None = None
 
@@ -282,7 +282,7 @@ class Tried:
 
 
 def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
-    """What the choice of Tikhonov's parameter asks of a spectrum, on bins where it is long."""
+    """What the choice of Tikhonov's parameter needs of a spectrum; long ones are binned."""
     grid = candidates(eigenvalues)
     if len(eigenvalues) < LONG:
         return Tried(tikhonov, grid, eigenvalues, multiplicity)
@@ -290,7 +290,7 @@ def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
 
 
 class Binned(Tried):
-    """A long spectrum, shared out to bins of log s^2 by cubic interpolation: the curves are smooth in it, and right to some 1e-6 of what is summed up.
+    """A long spectrum in bins of log s^2, by cubic interpolation: the curves are smooth in it, and sums are accurate to about 1e-6.
 
     What lies below the bins leaves nothing of itself in the traction, whatever the candidate.
     """

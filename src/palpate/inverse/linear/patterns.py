@@ -122,7 +122,7 @@ class Patterns:
         return Weighed.of(members, np.einsum("in,gn,jn->gij", rows, weights, rows, optimize=True))
 
     def removed(self, coefficients: Any, floor: Floats | None) -> Removed | None:
-        """What is left of ``coefficients`` (frame, n); None where there is nothing to weigh. ``floor``: as in `amplitude`."""
+        """The residual of ``coefficients`` (frame, n), or None without patterns. ``floor``: as in `amplitude`."""
         if not self.sets:
             return None
         c = np.asarray(coefficients, dtype=np.float64)
@@ -205,7 +205,7 @@ class Patterns:
         )
 
     def words(self, found: Removed, batch: tuple[int, ...]) -> list[str]:
-        """What was found and what could not be told from traction, one sentence each."""
+        """What was found and what cannot be separated from traction, one sentence each."""
         said = []
         for i, pattern in enumerate(self.all):
             size, deviation = found.sizes[:, i], found.deviations[:, i]

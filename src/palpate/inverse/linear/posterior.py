@@ -107,7 +107,7 @@ class Variances:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return sum(part.nbytes for part in self.__dict__.get("cells", ()))
 
     @cached_property
@@ -153,7 +153,7 @@ class Variances:
 
     @property
     def mean_seen(self) -> Any:
-        """Whether the mean of each component sought leaves a trace."""
+        """Whether the readings depend on the mean of each component sought."""
         if isinstance(self.spectrum, FourierSpectrum):
             return self.spectrum.mean_seen
         return np.ones(len(self.columns), dtype=bool)
@@ -184,13 +184,13 @@ class Uncertainty:
 
 
 class LinearErrors(Deferred, Errors):
-    """`Errors` of linear estimates, each field worked out when it is first asked for."""
+    """`Errors` of linear estimates; each field is computed at first use."""
 
     _made_of: Source
 
     @classmethod
     def of(cls, variances: Variances, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
-        """Of a ``traction`` (*batch, component, *surface) and what is known of each frame."""
+        """From ``traction`` (*batch, component, *surface) and the known properties of each frame."""
         return cls.made_of(Source(variances, filter_factors, traction, known))
 
     @classmethod
@@ -227,7 +227,7 @@ class LinearErrors(Deferred, Errors):
         return self._made_of.draws(count, rng)
 
     def inputs(self) -> Iterator[tuple[str, Any]]:
-        """What the fields are made of."""
+        """The inputs of the fields."""
         source = self._made_of
         yield "parameter", source.known.parameter
 
@@ -420,7 +420,7 @@ class Source:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """A context in which what several fields are made of is kept: as much memory as the traction."""
+        """A context that caches what several fields share: as much memory as the traction."""
         self.__dict__["_kept"] = []
         try:
             yield
@@ -467,7 +467,7 @@ class Source:
 
     @cached_property
     def _patterns(self) -> Floats | None:
-        """What the estimate makes of the patterns (frame, direction, component sought, *surface)."""
+        """The estimate's response to the patterns (frame, direction, component sought, *surface)."""
         if self.known.patterns is None:
             return None
         rows = self.known.patterns.reshape(self._count, -1, self.known.patterns.shape[-1])
@@ -479,7 +479,7 @@ class Source:
 
     @cached_property
     def _sizes(self) -> tuple[Floats, Floats]:
-        """Prior amplitude and noise variance (frame,); NaN where readings that are zero throughout tell nothing."""
+        """Prior amplitude and noise variance (frame,); NaN if all readings are zero."""
         known = self.known
         if known.amplitude is not None and known.noise is not None:
             return np.reshape(known.amplitude, -1), np.reshape(known.noise, -1)

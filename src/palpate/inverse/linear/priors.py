@@ -1,4 +1,4 @@
-"""What a regulariser says about a traction before it is measured: a covariance, applied fast."""
+"""Regularisers as prior covariances of traction, applied fast."""
 
 from __future__ import annotations
 

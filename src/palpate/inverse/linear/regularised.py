@@ -51,7 +51,7 @@ class Decomposition:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self.spectrum.nbytes + self.variances.nbytes
 
 

@@ -62,7 +62,7 @@ class Spectrum(Protocol):
 
     @property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter asks of it whatever the readings."""
+        """What the choice of Tikhonov's parameter needs besides the readings."""
         ...
 
     def project(self, readings: Sequence[Any]) -> Any:
@@ -83,7 +83,7 @@ class Spectrum(Protocol):
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         ...
 
 
@@ -154,7 +154,7 @@ class _Products:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return sum(p.nbytes for _, each in self.blocks for p in each)
 
 
@@ -209,17 +209,17 @@ class DataSpectrum:
 
     @cached_property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter asks of it whatever the readings: 5 MB of 32 x 32 x 3."""
+        """What the choice of Tikhonov's parameter needs besides the readings: 5 MB for 32 x 32 x 3."""
         return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         modes = 0 if self._modes is None else self._modes.nbytes
         return modes + sum(b.vectors.nbytes for b in self.blocks)
 
     def _recalled(self, symmetric: bool) -> list[_Block] | None:
-        """The blocks that an earlier run worked out."""
+        """The blocks computed by an earlier run."""
         operator = self.operator
         if operator.recall is None:
             return None

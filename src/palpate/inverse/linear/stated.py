@@ -40,7 +40,7 @@ OFFSET_FRACTION = 0.25
 
 
 class InDoubt:
-    """A linear method whose estimates say what they owe to a `palpate.Uncertainty`, and to offsets of a ``hidden`` part of the largest reading."""
+    """A linear method whose errors include a `palpate.Uncertainty`, and offsets of a ``hidden`` part of the largest reading."""
 
     def __init__(
         self, linear: Regularised | MatrixFree, problem: Problem, known: Uncertainty, hidden: float = 0.0

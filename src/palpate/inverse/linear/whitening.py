@@ -76,7 +76,7 @@ class Readings:
         )
 
     def planes(self, data: Floats) -> list[Floats]:
-        """Inverse of `flat`; zero where taxels are missing."""
+        """Inverse of `flat`; zero for missing taxels."""
         out: list[Floats] = []
         start = 0
         for array, n in zip(self.arrays, self.sizes):
@@ -89,7 +89,7 @@ class Readings:
 
     @property
     def each_alone(self) -> bool:
-        """Whether whitening leaves every reading as it is."""
+        """Whether whitening leaves every reading unchanged."""
         return self.independent and self.patterns is None
 
     def white(self, scaled: Floats, observed: Flags) -> Floats:

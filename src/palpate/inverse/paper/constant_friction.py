@@ -145,8 +145,8 @@ class ConstantFrictionEstimator:
 
     @cached_property
     def _under_half_of_the_plane(self) -> CubicSpline | None:
-        """Reading under unit shear from the left up to here, to a constant, for pads whose kernel takes long: the search for the contact asks
-        for a thousand widths and middles. None where it is not smooth enough or too long.
+        """Reading under unit shear from the left up to here, up to a constant, for pads with a slow kernel: the search for the contact needs a
+        thousand widths and middles. None if it is not smooth enough or too long.
         """
         from scipy.interpolate import CubicSpline
 

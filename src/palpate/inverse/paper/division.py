@@ -89,7 +89,7 @@ class DivisionEstimator:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a result should say."""
+        """The notes of a result."""
         if self.condition > 1e8:
             return (f"division amplifies noise up to {self.condition:.1e} times",)
         return ()

@@ -1,4 +1,4 @@
-"""The linear system that the founding paper's division stands for, solved as it is."""
+"""The linear system behind the founding paper's division, solved directly."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class LinearAtSize:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self.system.nbytes
 
     def project(self, rows: Sequence[Any]) -> Floats:

@@ -35,7 +35,7 @@ MAX_USED_FRACTION = 0.999
 
 
 class Freedom:
-    """Degrees of freedom and log determinant of a system, for any parameter; what was worked out is kept."""
+    """Degrees of freedom and log determinant of a system, for any parameter, with a cache."""
 
     def __init__(self, normal: Normal, space: Space) -> None:
         self.normal, self.space = normal, space
@@ -50,12 +50,12 @@ class Freedom:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         rows = sum(r.nbytes + p.nbytes for r, p in zip(self._rows, self._powers))
         return int(rows + self.weights.data.nbytes + self.weights.indices.nbytes)
 
     def table(self) -> Floats:
-        """What was worked out so far (place, 4)."""
+        """The values computed so far (place, 4)."""
         return np.array([[float(place), *known] for place, known in sorted(self._found.items())]).reshape(-1, 4)
 
     def take(self, known: tuple[Floats, ...] | None) -> None:
@@ -77,7 +77,7 @@ class Freedom:
         return self.curve(parameter)
 
     def curve(self, parameter: Floats) -> Floats:
-        """The same from what is known so far: exact near parameters that `of` was asked for."""
+        """The same, interpolated from the values so far: exact near the parameters of earlier calls of `of`."""
         n = float(self.normal.count)
         part = np.clip(self.approximate(parameter) / n, MIN_FRACTION, 1.0 - MIN_FRACTION)
         if not self._found:

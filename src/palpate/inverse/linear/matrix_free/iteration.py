@@ -43,7 +43,7 @@ class Deflated(Protocol):
     """An inverse that knows it exactly on part of the space; see `palpate.inverse.linear.matrix_free.preconditioner.BalancedInverse`."""
 
     def begin(self, rows: Any, which: Any) -> tuple[Any, Any]:
-        """The exact part of the solution for rows, and what is left of them."""
+        """The exact part of the solution for rows, and the residual."""
         ...
 
     def within(self, rows: Any, which: Any) -> Any:

@@ -81,7 +81,7 @@ class _Common(abc.ABC):
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         kept = sum(m.nbytes for matrices, _ in self._kept.values() for m in matrices)
         return int(sum(g.values.nbytes + g.vectors.nbytes for g in self.lattices) + 2 * self.eigenvalues.nbytes + kept)
 
@@ -166,7 +166,7 @@ class _Common(abc.ABC):
         return found
 
     def _gaps(self, parameter: Floats, kind: Any) -> list[Gaps]:
-        """What is missing on each lattice, where anything is."""
+        """The missing readings of each lattice with any."""
         normal = self.normal
         if normal.valid is None:
             return []
@@ -206,7 +206,7 @@ class _Common(abc.ABC):
 
     @abc.abstractmethod
     def _counts(self, lattice: _Lattice) -> Floats:
-        """How many modes each eigenvalue stands for."""
+        """The multiplicity of each eigenvalue."""
 
     @abc.abstractmethod
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:

@@ -52,7 +52,7 @@ def linear_method(
 def _alone(
     problem: Problem, priors: Sequence[Prior], filter_factors: Filter, parameter: float | str, absolute: bool
 ) -> Regularised | MatrixFree:
-    """The method, of a pad that is taken as it is described."""
+    """The method for a pad that is known exactly."""
     if matrix_free(problem, filter_factors, priors):
         check_system(problem.pad, problem.planes, problem.surface, len(problem.columns))
         key = ("matrix-free system", False, problem.columns, tuple(p.key for p in priors))

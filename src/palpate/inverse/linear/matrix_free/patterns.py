@@ -47,7 +47,7 @@ class SolvedPatterns(Patterns):
         self._solved: dict[int, Floats] = {}
 
     def taken_out(self, rows: Floats, floor: Floats | None) -> tuple[Removed, Floats, Floats] | None:
-        """What is left of rows (frame, n), and parameters and solutions of it to start from; None where there is nothing to weigh."""
+        """The residual of rows (frame, n), with start parameters and solutions for it, or None without patterns."""
         if not self.members:
             return None
         each = [self._of_frame(row[None], None if floor is None else floor[i : i + 1]) for i, row in enumerate(rows)]

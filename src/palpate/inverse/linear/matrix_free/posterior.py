@@ -71,7 +71,7 @@ class SampledVariances(Variances):
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return sum(a.nbytes + b.nbytes for a, b in self._maps.values())
 
     @property
@@ -165,7 +165,7 @@ class SampledVariances(Variances):
         return np.maximum(left - parameter[:, None] * size, 0.0), size
 
     def _each(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
-        """The same for a few parameters, each by itself; the last ones are kept."""
+        """The same for a few parameters one by one; the last ones are cached."""
         found = []
         for lam in parameter:
             key = (name, float(lam))

@@ -116,7 +116,7 @@ class Balanced:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return int(self.moved.nbytes)
 
     def at(self, parameter: Floats) -> BalancedInverse:

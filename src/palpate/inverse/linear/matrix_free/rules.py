@@ -52,7 +52,7 @@ class Corrected:
 
     @classmethod
     def of(cls, system: System, rows: Floats) -> Corrected:
-        """Nothing solved yet."""
+        """Curves without any solutions."""
         freedom = system.freedom
         power = (freedom.weights @ freedom.space.powers(rows).T).T
         grid = candidates(np.array([freedom.top]))
@@ -62,7 +62,7 @@ class Corrected:
     def add(
         self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solved: Solved, again: Solved | None
     ) -> None:
-        """What solutions u (frame, n) of ``rows`` say at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, where it is known."""
+        """Add solutions u (frame, n) of ``rows`` at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, if known."""
         from scipy.interpolate import CubicSpline
 
         form, square = self.system.space.forms(rows, parameter, solved)
@@ -172,7 +172,7 @@ class Corrected:
 
 
 class Found(NamedTuple):
-    """Parameter (frame,), where the rule had nothing to go by or did not settle, the curves, and solutions near by (frame, n)."""
+    """Parameter (frame,), frames where the rule had no information or did not converge, the curves, and solutions near by (frame, n)."""
 
     parameter: Floats
     without: npt.NDArray[np.bool_]
@@ -188,7 +188,7 @@ class Search:
         self.system, self.rule, self.floor = system, rule, floor
 
     def find(self, rows: Floats, parameter: Floats | None = None, start: Floats | None = None) -> Found:
-        """The parameter of each row, from a ``parameter`` and solutions near it where they are known."""
+        """The parameter of each row, from a ``parameter`` and solutions near it, if known."""
         curves = Corrected.of(self.system, rows)
         solutions = np.zeros_like(rows) if start is None else np.array(start)
         found = pick(self.rule, curves, self.floor)

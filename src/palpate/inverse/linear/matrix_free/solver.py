@@ -171,7 +171,7 @@ class MatrixFree:
         return np.asarray((MODEL_ERROR * largest) ** 2)
 
     def _said(self, found: dict[str, Any], batch: tuple[int, ...]) -> tuple[str, ...]:
-        """What is to be said of the frames."""
+        """The notes on the frames."""
         said: list[str] = []
         if self.patterns is not None and found["sizes"] is not None:
             empty = np.zeros((len(found["sizes"]), 0))

@@ -68,7 +68,7 @@ class Space(Protocol):
         ...
 
     def traction(self, solved: Solved) -> Floats:
-        """W H^T u of what was solved: (frame, component sought, *surface)."""
+        """W H^T u: (frame, component sought, *surface)."""
         ...
 
     def estimate(
@@ -209,7 +209,7 @@ class OnArray:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self.approximate.nbytes + self._balanced.nbytes
 
 
@@ -245,7 +245,7 @@ class OnSurface:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return 2 * self.eigenvalues.nbytes + self._balanced.nbytes
 
     def powers(self, rows: Floats) -> Floats:
