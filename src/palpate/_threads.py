@@ -75,7 +75,7 @@ class Lock:
 
     @classmethod
     def renew(cls) -> None:
-        """Make new locks in a child process."""
+        """Replace all locks in a child process."""
         for lock in list(cls._all):
             lock._lock = threading.Lock()
 
@@ -129,7 +129,7 @@ def spare() -> int | None:
 
 
 class _Beside(threading.local):
-    """Check between steps whether more urgent work waits."""
+    """The check for more urgent work, one for each thread."""
 
     wait: Callable[[], None] | None = None
 
@@ -153,7 +153,7 @@ def give_way() -> None:
 
 @functools.cache
 def _libraries() -> tuple[Any, Lock]:
-    """The loaded libraries of linear algebra (None if threadpoolctl is missing), and the lock on their threads."""
+    """The controller of the loaded libraries of linear algebra (None without threadpoolctl), and its lock."""
     import scipy.linalg.blas  # noqa: F401
 
     try:

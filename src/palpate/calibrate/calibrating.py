@@ -448,7 +448,7 @@ def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], 
 
 
 def _as_planes(run: Run, flat: Floats, at: npt.NDArray[np.intp]) -> Any:
-    """The zero in the shape of the readings; missing taxels get 0."""
+    """The zero in the shape of the readings; 0 (no subtraction) if taxels are missing."""
     zero = (run.flat - flat)[0]
     shape = run.readings.shape[1:]
     return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0

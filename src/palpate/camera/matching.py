@@ -241,7 +241,7 @@ def _strain(near: Neighbours, displacement: Floats) -> Floats:
 
 
 def strained(near: Neighbours, displacement: Floats) -> float:
-    """The strain of the displacements (n, 2), as of an evenly stretched print; NaN for dots without any."""
+    """Strain energy of displacements (n, 2), with a penalty for each lost dot (NaN)."""
     lost = np.count_nonzero(np.isnan(displacement[:, 0]))
     return float(0.5 * _strain(near, displacement).sum() + UNMATCHED * lost)
 

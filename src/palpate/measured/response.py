@@ -367,7 +367,7 @@ class _Fit:
     def held_out(
         self, length: float, channel: int, part: npt.NDArray[np.intp], parts: Sequence[_Normal], post: _Shared
     ) -> float:
-        """Cross-validation errors of presses, over their readings."""
+        """Cross-validation error of the presses, relative to their readings."""
         data = self.data
         left, size = 0.0, float((data.readings[:, channel] ** 2).sum())
         for p in range(FOLDS):

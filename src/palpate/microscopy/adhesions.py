@@ -325,7 +325,7 @@ class Adhesions(Method):
     field: Field
 
     def prepare(self, problem: Problem) -> _Prepared:
-        """Do nothing: everything is prepared."""
+        """Check the problem; the field is prepared already."""
         self.check(problem)
         return _Prepared(problem, self.found, self.field)
 

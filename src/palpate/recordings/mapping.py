@@ -187,7 +187,7 @@ def _list(value: Any) -> bool:
 
 
 def _there(message: Any) -> str:
-    """The contents of a message in words."""
+    """The fields of a message in words."""
     names = [n for n in getattr(message, "__dataclass_fields__", {}) if n != "__msgtype__"]
     if not names and hasattr(message, "DESCRIPTOR"):
         names = [f.name for f in message.DESCRIPTOR.fields]

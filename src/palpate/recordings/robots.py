@@ -242,7 +242,7 @@ def _clock(
 
 
 def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
-    """The other contents of a torn MCAP file, besides the recovered frames."""
+    """The losses of a torn MCAP file, in words."""
     count, torn = mcapfile.whole(path, READINGS if mapping is None else mapping.topic)
     words = []
     if torn:

@@ -260,7 +260,7 @@ class _Recorder(abc.ABC):
 
 
 def _removed(path: Path) -> None:
-    """Drop empty entries."""
+    """Remove a file or a folder."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

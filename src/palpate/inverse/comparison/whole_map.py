@@ -114,7 +114,7 @@ class WholeMap(abc.ABC):
         """Traction for a parameter, and whether it converged."""
 
     def unit(self, p: Frame) -> float:
-        """The parameter that would shrink the traction to zero."""
+        """The parameter at which the traction becomes zero."""
         return float(np.abs(p.linear).max())
 
     def frame(self, p: Frame, start: Floats, noise: float) -> Found:
