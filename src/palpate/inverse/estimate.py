@@ -58,9 +58,9 @@ class Errors:
 
 @dataclass(frozen=True)
 class Stated:
-    """Standard deviations that an estimate owes to a pad and sensors that are not known exactly (`palpate.Uncertainty`).
+    """Standard deviations due to the uncertainty of pad and sensors (`palpate.Uncertainty`).
 
-    Shapes and units as in `Errors`; 0 in frames where nothing touches. No constant of the method scales them.
+    Shapes and units as in `Errors`; 0 in frames without contact. No constant of the method scales them.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Stated:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What an inversion returns: the traction and how it was chosen.
+    """The result of an inversion: the traction and how the method found it.
 
     ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
     square misfit in the same units) have the batch shape, the noise of the

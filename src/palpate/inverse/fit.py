@@ -1,4 +1,4 @@
-"""Does the model explain the readings? A misfit probability from the size and the whiteness of what is left."""
+"""Misfit probability from the size and the whiteness of the residual."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ POOR_FIT = 0.01
 #: Misfit probability from which on it is taken as shown that noise is all there is. One quiet frame in ten has less, and wider intervals for it; so had
 #: three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09), and a ball that two of 252 readings felt, over noise that was given (0.012).
 PROVEN = 0.1
-#: What a pad's model leaves of the readings before a frame says more (root mean square). Published recordings of six real skins with a force sensor beside
-#: them leave 2 to 30 % (`benchmarks/real.py`).
+#: Default residual of a pad's model, as a part of the readings (root mean square). Published recordings of six real skins with a force sensor have 2
+#: to 30 % (`benchmarks/real.py`).
 DISCREPANCY = 0.15
 #: Fewer pairs of neighbours, or degrees of freedom, are no evidence.
 MIN_DEGREES = 6
@@ -65,7 +65,7 @@ def misfit_probability(
     detail: float = 0.0,
     others: Sequence[float] = (),
 ) -> float:
-    """Probability of as much misfit as is left, or more, where the model is right; NaN where too few readings are left to tell.
+    """Probability of at least this misfit if the model is right; NaN with too few degrees of freedom.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ def misfit_probability(
 
     Notes
     -----
-    Whiteness is tested by the products of neighbours, whose signs are as often plus as minus where what is left is noise:
-    z = sum r_i r_j / sqrt(sum r_i^2 r_j^2) is then standard normal for any size and tails of the noise (a sign-flip form of Moran's I; P.
-    A. P. Moran, Biometrika 37, 1950, 17-23). What contact takes up makes it smaller, never larger.
+    Whiteness is tested by the products of neighbours: if the residual is noise, their signs are random, and z = sum r_i r_j / sqrt(sum r_i^2 r_j^2)
+    is standard normal for any size and tails of the noise (a sign-flip form of Moran's I; P.
+    A. P. Moran, Biometrika 37, 1950, 17-23). The degrees of freedom of the contact make z smaller, never larger.
     """
     import scipy.special
 

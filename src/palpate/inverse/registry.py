@@ -144,7 +144,7 @@ def method_named(name: str, given: Mapping[str, Any]) -> Method:
 
 
 def unnamed(given: Iterable[str]) -> str:
-    """The method meant where only options are given: the automatic one, or the linear one where an option is its own."""
+    """The default method for the options: the automatic one, or the linear one if an option belongs to it."""
     return Tikhonov.name if {"order", "parameter", "rule"} & set(given) else Automatic.name
 
 
@@ -177,8 +177,7 @@ def method_from_text(name: str | None, given: Mapping[str, str]) -> Method:
 
     Raises
     ------
-    InvalidInput, Unsupported
-        As for `method_named`; options that cannot be said in text are among what is not taken.
+    InvalidInput, Unsupported As for `method_named`; options without a text form are refused.
     """
     chosen = unnamed(given) if name is None else name
     known = methods()
@@ -194,5 +193,5 @@ def method_from_text(name: str | None, given: Mapping[str, str]) -> Method:
         try:
             said[option] = text if read is None else read(text)
         except ValueError:
-            said[option] = text  # what it should have been is said by the option's own check
+            said[option] = text  # the option's own check says what is accepted
     return method_named(chosen, said)

@@ -15,7 +15,7 @@ from palpate.sensing.uncertainty import MODULUS, scale_free
 
 __all__ = ["ASSUMED", "notes", "surface_strain"]
 
-#: How a sentence begins that says what was assumed: a summary joins these in one line, and they are no notes.
+#: Prefix of sentences about assumptions: a summary joins these in one line, and they are not notes.
 ASSUMED = "assumed: "
 
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}

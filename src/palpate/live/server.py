@@ -180,7 +180,7 @@ class Live:
 
     @staticmethod
     def _unwelcome(origin: str | None, host: str | None) -> str | None:
-        """"origin" if the page of a request came from another origin, else None. A malformed origin counts as another."""
+        """ "origin" if the page of a request came from another origin, else None. A malformed origin counts as another."""
         if origin is None:
             return None
         try:

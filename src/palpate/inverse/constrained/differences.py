@@ -74,7 +74,7 @@ class Differences:
         return scipy.sparse.csr_array(total)
 
     def even(self, order: int, weights: Sequence[float]) -> list[Sparse]:
-        """weight * int |D^order t|^2, as a matrix for each weight. All share the places of their entries."""
+        """weight * int |D^order t|^2 as a matrix for each weight. All share one sparsity pattern."""
         power = self.laplacian if order == 1 else self.squared
         return [_with_entries(power, power.data * (weight * self.grid.cell)) for weight in weights]
 

@@ -45,7 +45,7 @@ Index = npt.NDArray[np.intp]
 MAX_CACHED_UNKNOWNS = 4096
 #: Largest number of readings to remove from a cached matrix.
 MAX_DOWNDATES = 16
-#: Room for so many times the cells is made where some are added.
+#: Growth factor of the memory for cells when some are added.
 ROOM = 1.25
 
 
@@ -66,7 +66,7 @@ class Level:
         self.grid = operator.surface
         self.differences = Differences(self.grid)
         self.boxes = Boxes(operator, columns)
-        #: What `sharp` asked for last: of which readings, and columns of all cells, as they are and orthogonal to each other.
+        #: Cache of `sharp`: the readings, and columns of all cells, as they are and orthogonalised.
         self.orthogonal: tuple[bytes, tuple[Floats, Floats]] | None = None
 
     def matrix(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
@@ -143,7 +143,7 @@ class Rounds(threading.local):
         return out
 
     def of(self, linear: LinearAtSize) -> FrameAtSize:
-        """What a matrix-free linear model makes of the frame."""
+        """The frame as a matrix-free linear model."""
         if self.linear is None or self.linear.linear is not linear:
             self.linear = linear.frame()
         return self.linear
@@ -152,8 +152,8 @@ class Rounds(threading.local):
 class Columns:
     """Whitened columns of cells that can grow, and their normal matrix at first use.
 
-    The rounds of a frame solve nearly the same cells at other noise. They are kept as rows (cell, component, reading), with room for more: what is
-    added copies nothing, and what is taken is copied row by row.
+    The rounds of a frame solve nearly the same cells at other noise. Rows (cell, component, reading) have spare room: adding cells copies nothing,
+    and selecting cells copies row by row.
     """
 
     def __init__(self, level: Level, cells: Index, noise: Floats, observed: Flags) -> None:
@@ -305,8 +305,8 @@ class Later:
 class Normal:
     """Whitened columns of some cells of a level, and the right-hand side (component, cell) of their normal equations.
 
-    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked` or `Later`, from which it is made when it is asked for; ``known`` the
-    normal matrix where that is known.
+    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked` or `Later`, which make it at first use; ``known`` is the
+    normal matrix, if available.
     """
 
     level: Level
@@ -346,7 +346,7 @@ class Normal:
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
     def as_matrix(self) -> Normal:
-        """The same, with a matrix where there are products."""
+        """The same with an explicit matrix instead of products."""
         if not isinstance(self.given, Applied):
             return self
         rows = self.level.rows(self.cells, 1.0 / self.given.weight, self.given.observed)
@@ -401,11 +401,11 @@ class Normal:
 class ContactModel:
     """One model of a frame: a solution on some cells of a level.
 
-    ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
-    now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
-    is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` and
-    ``penalty`` are then those of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once;
-    ``stated`` (free, unknown) how what is not known exactly of the pad changes the traction, which no constant of the method scales. ``compact``: it is sought on a few cells alone.
+    ``contact``, if given, is the same on the cells that are surely in contact; the errors come from it. Cells where noise sometimes presses, mostly
+    beyond the array, are as free as any other on the face of the constraints, and would count in full. ``ray`` is the traction over the pressure if
+    that is equal for all cells, and ``changes`` (change, component) its possible changes; ``hessian`` and ``penalty`` are then those of the pressure.
+    ``shared`` (free, unknown) is the error due to unknowns that act on many readings; ``stated`` (free, unknown) the change of traction due to the
+    uncertainty of the pad, which no constant of the method scales. ``compact``: only a few cells are sought.
     """
 
     data: Normal
@@ -419,7 +419,7 @@ class ContactModel:
     shared: Floats | None = None
     stated: Floats | None = None
     compact: bool = False
-    #: The factor that `variances.taken_by` was asked for, and its answer.
+    #: Cache of `variances.taken_by`: the factor and the result.
     taken: tuple[Factor, float] | None = None
 
     @property
@@ -432,7 +432,7 @@ class ContactModel:
 
     @property
     def squares(self) -> float:
-        """Squares of what is left of the readings, less those of the readings themselves, in units of the noise."""
+        """Squares of the residuals, minus those of the readings, in units of the noise."""
         t = self.solution.traction
         if self.data.formed:
             explained = float(t.ravel() @ (self.data.gram @ t.ravel()))

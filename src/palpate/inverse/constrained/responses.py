@@ -13,7 +13,7 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["Responses"]
 
-#: Entries of an operator that is kept as a matrix: beyond, transforms take no longer.
+#: Largest number of entries of an operator as a matrix: above, transforms are as fast.
 SMALL = 200_000
 
 

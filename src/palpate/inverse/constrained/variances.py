@@ -97,10 +97,9 @@ def taken_of_each(model: ContactModel) -> Floats:
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
     """K (free, unknown): what a model owes to unknowns that act on many readings at once, so that K K' adds to its covariance.
 
-    ``columns`` (reading, unknown) is what each does to the readings, whitened; ``prior`` (unknown,) its standard deviation. With
-    X = H^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -X c. Where the deviation is infinite
-    the readings themselves must tell: (B'B - B'A W X)^-1. Where it is finite it is taken as it is: what the penalty alone says of it (how
-    large the traction may be was learned from these very readings) is no knowledge.
+    ``columns`` (reading, unknown) is the effect of each unknown on the readings, whitened; ``prior`` (unknown,) its standard deviation. With
+    X = H^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -X c. An infinite deviation is determined by the
+    readings: (B'B - B'A W X)^-1. A finite one is not reduced: the penalty's amplitude was learnt from these readings and adds no information.
     """
     rows = columns.T @ model.data.matrix
     x = carried(model.solution, rows)
@@ -110,7 +109,7 @@ def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats
         b, found = columns[:, observed], x[:, observed]
         precision = b.T @ b - face_of(model.solution)[0].columns(rows[observed]) @ found
         values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-        # what the readings do not tell at all stays as wide as the readings themselves allow
+        # directions that the readings do not determine stay as wide as the readings allow
         floor = 1e-6 * max(float(np.trace(b.T @ b)), 1e-300)
         out[:, observed] = found @ (vectors / np.sqrt(np.maximum(values, floor)))
     return np.asarray(out)

@@ -63,9 +63,8 @@ def linear_evidence(
 ) -> LinearEvidence:
     """Of one frame of readings, with the parameter given or by evidence.
 
-    ``known`` fixes the noise scale (in units of the whitening) where it is not the arrays' own; ``patterns`` (pattern, coefficient) are
-    those that readings may hold besides contact, projected like the readings; ``projected`` are the readings in the basis of the spectrum, where
-    they are known.
+    ``known`` fixes the noise scale (in units of the whitening), by default that of the arrays; ``patterns`` (pattern, coefficient) are nuisances of
+    the readings, projected like the readings; ``projected`` are the readings in the basis of the spectrum, if available.
     """
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
@@ -172,8 +171,8 @@ def _restricted(weights: Floats, c: Floats, patterns: Floats, logs: Floats | Non
 
 
 def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
-    """right' gram^-1 right and log det gram of (*batch, pattern, pattern). Patterns that the weights no longer tell apart, or see at all,
-    count as one, or as none.
+    """right' gram^-1 right and log det gram of (*batch, pattern, pattern). Patterns that the weighted data cannot separate count as one; patterns
+    without effect count as none.
     """
     values, vectors = np.linalg.eigh(gram)
     seen = values > MIN_EIGENVALUE * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)

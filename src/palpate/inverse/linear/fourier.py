@@ -68,7 +68,7 @@ class FourierSpectrum:
         blind = values[zero] == 0
         half[zero] = np.where(blind, 0.0, half[zero])
         seen = (np.abs(self._back[(slice(None), ~blind, *self._zero)]) ** 2).sum(axis=-1)
-        #: Whether the mean of each component sought can be known.
+        #: Whether the readings determine the mean of each component sought.
         self.mean_seen = seen > 0.5 * root[self._zero] ** 2
         self._root = np.ascontiguousarray(np.moveaxis(root, -1, 0))  # (component, *k)
         self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()

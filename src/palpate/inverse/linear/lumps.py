@@ -20,7 +20,7 @@ PER_DECADE = 24
 def lumps(eigenvalues: Floats) -> tuple[Floats, Any]:
     """Nodes (m,) and weights (m, n), sparse, with sum_i f(s_i^2) x_i = sum_j f(node_j) (weights x)_j for functions smooth in log s^2.
 
-    Cubic interpolation between nodes evenly spaced in log s^2. Eigenvalues of 0 have no weight: nothing is seen by them.
+    Cubic interpolation between nodes evenly spaced in log s^2. Eigenvalues of 0 have no weight: no reading depends on them.
     """
     n = len(eigenvalues)
     places = np.flatnonzero(eigenvalues > 0)

@@ -35,9 +35,9 @@ __all__ = ["Patterns", "Removed", "Weighed"]
 SIZES = (0.3, 3.0, 30.0, 300.0, 3000.0)
 #: Every how many candidates of the parameter are tried: four to a decade.
 COARSE = 3
-#: Models less probable than this add nothing to the error bars.
+#: Less probable models add nothing to the error bars.
 IMPROBABLE = 1e-3
-#: Patterns are said to be there from so many of their standard deviations on.
+#: Note a pattern if it is at least this many standard deviations.
 SURE = 2.0
 #: Directions of the estimate's error that patterns add, at the most: the largest.
 DIRECTIONS = 6
@@ -73,7 +73,7 @@ class Weighed:
 class Patterns:
     """The patterns of an operator in the basis of a spectrum.
 
-    ``kinds`` are those that are there; None: none, but for an image of a half-space, which always drifts.
+    ``kinds`` are the nuisances; None: none, except for an image of a half-space, which always drifts.
     """
 
     def __init__(

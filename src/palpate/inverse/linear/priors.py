@@ -134,7 +134,7 @@ class DifferencePrior:
         return self._variance if self.order else np.full(self.grid.shape, self._variance)
 
     def symbol(self, size: tuple[int, ...]) -> Floats:
-        """The penalty's own spectrum, that of differences; the edge, where t = 0, keeps the mean from being free."""
+        """The penalty's own spectrum, that of differences; t = 0 at the edge determines the mean."""
         total: Floats = np.zeros(1)
         for axis, (n, big, dx) in enumerate(zip(self.grid.shape, size, self.grid.spacings)):
             part = np.fft.rfftfreq(big) if axis == self.grid.dimensions - 1 else np.fft.fftfreq(big)

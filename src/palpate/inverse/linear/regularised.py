@@ -26,7 +26,7 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["BLIND", "Decomposition", "Regularised", "decompose"]
 
-#: How the note of `Regularised.solve` begins that says so.
+#: The beginning of the note of `Regularised.solve` about it.
 BLIND = "noise cannot be separated from traction"
 
 
@@ -58,7 +58,7 @@ class Decomposition:
 def decompose(
     operator: Operator, priors: Sequence[Prior], columns: Sequence[int], shared: Shared | None = None
 ) -> Decomposition:
-    """The spectrum of ``operator`` for the components ``columns``, with one prior each; ``shared`` keeps what other strengths share."""
+    """The spectrum of ``operator`` for the components ``columns``, with one prior each; ``shared`` caches what other strengths share."""
     if operator.boundary == "free":
         check_spectrum(operator.pad, operator.planes_of, operator.surface, len(columns))
     else:
@@ -76,7 +76,7 @@ def decompose(
 class Regularised:
     """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for each frame.
 
-    ``absolute`` says that prior and noise are known as they are, not up to a factor; ``nuisance`` what readings hold besides contact
+    ``absolute``: prior and noise are absolute, not only up to a factor; ``nuisance``: the nuisances of the readings
     (`palpate.inverse.problem.Problem`).
     """
 
@@ -178,7 +178,9 @@ class Regularised:
         )
 
     def again(self, readings: Sequence[Floats], parameter: Floats) -> Floats:
-        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane, with a parameter (frame,) each and nothing taken out."""
+        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane with given parameters (frame,), without subtracting
+        nuisances.
+        """
         coefficients, values = self.spectrum.project(readings), self.spectrum.eigenvalues
         phi = self.filter(values[None, :], parameter[:, None])
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
@@ -208,5 +210,5 @@ def _squares(coefficients: npt.NDArray[Any]) -> Floats:
 
 
 def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or nothing for a single frame."""
+    """ " in 3 of 70 frames", or "" for a single frame."""
     return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

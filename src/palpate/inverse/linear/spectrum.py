@@ -158,7 +158,7 @@ class _Products:
         return sum(p.nbytes for _, each in self.blocks for p in each)
 
 
-#: Finds what is kept under a key, or makes it.
+#: Return the cached value under a key, or make it.
 Shared: TypeAlias = Callable[[Hashable, Callable[[], _Products]], _Products]
 
 
@@ -394,7 +394,7 @@ class DataSpectrum:
         return powers, np.maximum(whole - powers.sum(axis=1), 0.0)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """V_ik^2 of every cell k, eigenvalues near each other put together where there are many, and what no eigenvector sees."""
+        """V_ik^2 of every cell k, with close eigenvalues lumped if there are many, and the part outside all eigenvectors."""
         shape = (len(self.columns), *self.operator.surface.shape)
         nodes, weights = lumps(self.eigenvalues)
         powers, total = np.zeros((len(nodes), *shape)), np.zeros(shape)
@@ -545,7 +545,7 @@ def _svd(h: Floats) -> tuple[Floats, Floats]:
     if u.shape[1] < len(h):  # more readings than unknowns: the rest of the data space has eigenvalue 0
         u = np.linalg.qr(u, mode="complete")[0]
         s = np.concatenate([s, np.zeros(len(h) - len(s))])
-    # what is below rounding is a direction that nothing reaches, such as the mean of readings that have no zero
+    # below rounding is a direction without any effect, such as the mean of readings without a zero
     s = np.where(s > np.finfo(np.float64).eps * max(h.shape) * s[0], s, 0.0)
     return np.asarray(s**2), np.asarray(u)
 
@@ -567,7 +567,7 @@ def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
 
 def mirrored(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
     """Whether pad, arrays and surface are mirror images of themselves about one centre."""
-    if body_of(pad) is not None:  # what its maps are alike in is not known
+    if body_of(pad) is not None:  # the symmetry of its maps is unknown
         return False
     for array in planes:
         if isinstance(array, ScatteredArray) or array.mask is not None:

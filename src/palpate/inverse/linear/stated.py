@@ -1,11 +1,10 @@
-"""What linear methods owe to a pad, depths and gains that are not known exactly, by the delta method.
+"""Errors of linear methods due to uncertain pads, depths and gains, by the delta method.
 
-An estimate t = K y of fixed parameter, with readings y = A(theta) t: where theta is off by d, it is off by K (dA/dtheta t) d to first order. What all
-readings share (modulus, depth, thickness) is one direction each; gains, of each reading by itself, are as many directions as there are readings, or
-`SKETCHES` sums of them with random signs, whose squares add up to the same on average. What
-all results are proportional to (the scale; the modulus where every reading follows it) is no matter of the method: `palpate.Touch.common_std`.
+An estimate t = K y has a fixed parameter, and the readings are y = A(theta) t. An error d of theta gives an error K (dA/dtheta t) d to first order.
+Modulus, depth and thickness are one direction each; the gains of n readings are n directions, or `SKETCHES` sums of them with random signs, whose
+squares have the same mean. `palpate.Touch.common_std` covers factors of all results (the scale; the modulus if every reading depends on it).
 
-This stands beside the closed-form errors and not in them: the constants of a method correct what its prior makes of noise, and know nothing of the pad.
+They are separate from the closed-form errors: the constants of a method correct its prior, which does not depend on the uncertainty of the pad.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ class InDoubt:
         )
 
     def _again(self, parameter: float) -> Callable[[list[Floats]], Floats]:
-        """What the method makes of readings (row, channel, *array) per plane."""
+        """The method's result for readings (row, channel, *array) per plane."""
         return lambda rows: self.linear.again(rows, np.full(len(rows[0]), parameter))
 
     def directions(self, readings: list[Floats], traction: Floats, again: Callable[[list[Floats]], Floats]) -> Floats:

@@ -29,7 +29,7 @@ def inverse_root(points: Floats, length: float) -> Floats:
 
 
 def axis_roots(array: Array) -> list[Floats] | None:
-    """R^{-1/2} of each axis of a regular array, whose product is that of the whole; None where noise is independent.
+    """R^{-1/2} of each axis of a regular array, whose product is that of the whole; None for independent noise.
 
     Being symmetric and stationary they commute with the array's mirror symmetry.
     """

@@ -62,7 +62,7 @@ class LinearSystemEstimator:
                 'method="dft", or boundary="periodic" with method="tikhonov".'
             )
         readings = sum(math.prod(a.shape) * len(a.channels) for a in planes)
-        # the map of all components twice, then what is sought of it: twice, its factors, and three more where it is not square
+        # twice the map of all components, then of the components sought: twice, its factors, and three more if it is not square
         require(
             8.0 * math.prod(self.grid.shape) * readings * (2.0 * len(self.grid.components) + 6.0 * len(self.columns)),
             f'method="linear": {readings} readings and {unknowns} unknowns',

@@ -52,7 +52,7 @@ class LinearAtSize:
         return self.system.normal.rows([np.asarray(r)[None] for r in rows])[0]
 
     def freedom(self, parameter: float) -> float:
-        """Degrees of freedom of the traction that the data tell."""
+        """Degrees of freedom of the traction that the data determine."""
         return float(self.system.freedom.curve(np.array([parameter]))[0])
 
     def frame(self) -> FrameAtSize:
@@ -107,7 +107,7 @@ class _Scaled:
         self.free, self.logdet = curves.free, curves.logdet
 
     def at(self, parameter: float) -> tuple[float, float, float, float]:
-        """explained, residual, log determinant and freedom left at a parameter."""
+        """explained, residual, log determinant and remaining degrees of freedom at a parameter."""
         log, place = np.log(self.grid)[::-1], math.log(parameter)
 
         def between(values: Floats, *, logarithm: bool = True) -> float:
@@ -209,5 +209,5 @@ class FrameAtSize:
     def noise(
         self, rows: Sequence[Floats], parameter: float | None, known: float
     ) -> tuple[LinearEvidence, float, float]:
-        """Evidence with a noise, the misfit that it leaves in units of the whitening, and the freedom left."""
+        """Evidence for a noise level, the misfit in units of the whitening, and the remaining degrees of freedom."""
         return self._found(self.linear.project(rows), parameter, known, None)

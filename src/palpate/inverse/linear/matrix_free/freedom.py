@@ -1,8 +1,8 @@
 """Effective degrees of freedom at any size: tr M (M + lambda)^{-1}, by a few random rows.
 
-M. F. Hutchinson, Commun. Stat. Simul. Comput. 19, 1990, 433-450: for rows z of independent signs, E z^T (M + lambda)^{-1} z is the trace. What
-the approximation in closed form says of the same rows is taken out, and its exact trace put in its place (a control variate), so that only
-the difference is left to chance. The log determinant is its integral: d log det(1 + M/lambda) = -tr M (M + lambda)^{-1} d log lambda.
+M. F. Hutchinson, Commun. Stat. Simul. Comput. 19, 1990, 433-450: for rows z of independent signs, E z^T (M + lambda)^{-1} z is the trace. The
+closed-form approximation is a control variate: its estimate on the same rows is replaced by its exact trace, so that only the difference is random.
+The log determinant is its integral: d log det(1 + M/lambda) = -tr M (M + lambda)^{-1} d log lambda.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from palpate.inverse.linear.matrix_free.spaces import Space
 
 __all__ = ["Freedom"]
 
-#: Random rows are added until the degrees of freedom are known to this part or there are so many: at least two at a time, and of few
-#: readings more, as rows cost little then.
+#: Random rows are added until the degrees of freedom have this relative error or there are so many rows: at least two at a time, and more for small
+#: systems, where rows cost little.
 KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 2, 32, 100_000
-#: Parameters at which it is worked out, to a decade, and what lies between is interpolated.
+#: Parameters per decade at which it is computed; values between are interpolated.
 PER_DECADE = 4
 #: A quadratic form of a solution is known to the square of its residual.
 TOLERANCE, MOST = 3e-3, 400
-#: Factor over which a slope is taken.
+#: Ratio of parameters for a numerical slope.
 SLOPE = 1.05
 #: Smallest part of the readings for the model and for the residual.
 MIN_FRACTION = 1e-12
@@ -106,7 +106,7 @@ class Freedom:
         ratio = lam / (self.nodes + lam)
         found: Floats = np.zeros((0, 2))
         error = math.inf
-        # what readings have that no eigenvalue stands for is left as it is
+        # parts of readings outside the eigenspace stay as they are
         rest = n - float(self.counts.sum())
         expected = np.array([ratio @ self.counts + rest, ratio**2 @ self.counts + rest])
         step = max(ROWS, min(MOST_ROWS // 2, READINGS // self.normal.count))

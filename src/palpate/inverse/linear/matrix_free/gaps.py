@@ -1,4 +1,4 @@
-"""Missing readings in an approximation that knows whole lattices.
+"""Corrects an approximation on whole lattices for missing readings.
 
 Of readings v that are there and m that are missing, the inverse of K = M + lambda over v alone is the Schur complement of the inverse B over the whole
 lattice (F. Zhang, The Schur Complement and Its Applications, 2005, section 0.2):
@@ -60,8 +60,8 @@ def gaps_of(
     parameters: int,
     kind: Any,
 ) -> Gaps | None:
-    """Of a lattice whose members miss the entries ``index`` of a row, with B_mm between two members for a parameter, ``block(parameter, member, member)``; None
-    where nothing is missing, or too much.
+    """Correction for a lattice whose members miss the entries ``index`` of a row; ``block(parameter, member, member)`` gives B_mm between two
+    members. None if nothing or too much is missing.
     """
     size = sum(map(len, index))
     if not 0 < size <= MAX_FACTORED_GAPS or size**2 * parameters > CACHE_NUMBERS:

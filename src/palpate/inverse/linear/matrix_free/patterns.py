@@ -76,7 +76,7 @@ class SolvedPatterns(Patterns):
             place = best
         weighed, explained, logdet, inner = tables
         removed = self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
-        # the solution is linear in the readings, and what it makes of patterns hardly depends on the parameter but for its size
+        # the solution is linear in the readings, and the solution of patterns depends on the parameter almost only through its size
         sizes = removed.sizes[0] / np.where(self.units > 0, self.units, 1.0)
         return removed, there, near - (sizes @ self._at(place) / there)[None]
 

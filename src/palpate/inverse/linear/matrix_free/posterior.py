@@ -30,11 +30,11 @@ __all__ = ["SampledVariances"]
 DRAWS = 32
 #: Draws solved at a time, and to which residual: over scattered beads it makes deviations 2 % too large, 6 % where it is five times as much.
 TOGETHER, LOOSE, MOST = 4, 1e-4, 200
-#: Maps are made for parameters so many to a decade, and a frame takes the nearest: within 10 % of its own.
+#: Maps are made for so many parameters per decade, and a frame uses the nearest: within 10 % of its own.
 MAPS_PER_DECADE = 12
 #: Maps that are cached.
 CACHE_SIZE = 16
-#: Tables of sums hold parameters so many to a decade.
+#: Tables of sums hold so many parameters per decade.
 SUMS_PER_DECADE = 4
 #: Up to this many parameters are computed one by one: a single frame is then exact; the table for more is accurate to 1e-4.
 MAX_EXACT_PARAMETERS = 4
@@ -60,7 +60,7 @@ class Solving(Protocol):
 
 
 class SampledVariances(Variances):
-    """What error bars of a system need that does not depend on the frame, made when it is first asked for."""
+    """Error bars of a system, the part that does not depend on the frame, computed at first use."""
 
     def __init__(self, system: Solving) -> None:
         self.operator, self.grid, self.columns = system.operator, system.operator.surface, system.columns
@@ -110,7 +110,7 @@ class SampledVariances(Variances):
         return self._even(first / DRAWS), self._even(second / DRAWS)
 
     def errors(self, lam: float, size: float, noise: float, count: int, rng: np.random.Generator) -> Floats:
-        """What an estimate errs by (draw, component sought, *surface) on traction of covariance ``size`` W and noise of variance ``noise``."""
+        """Errors of an estimate (draw, component sought, *surface) on traction of covariance ``size`` W and noise of variance ``noise``."""
         normal, out = self.system.normal, []
         for first in range(0, count, TOGETHER):
             some = min(TOGETHER, count - first)
@@ -124,7 +124,7 @@ class SampledVariances(Variances):
         return np.concatenate(out)
 
     def _even(self, variance: Floats) -> Floats:
-        """The mean over mirror images, where the layout has them."""
+        """The mean over mirror images, if the layout is symmetric."""
         operator = self.system.operator
         if mirrored(operator.pad, operator.planes_of, self.grid):
             for axis in range(1, variance.ndim):
@@ -141,7 +141,7 @@ class SampledVariances(Variances):
     def sums(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
         """(frame, row) of w^T D_1 w and w^T D_2 w for ``rows`` w (row, component sought, *surface) that go by a name."""
         there = np.any(rows.reshape(len(rows), -1) != 0, axis=1)
-        if not there.all():  # such as the moment of a pressure that is not sought
+        if not there.all():  # such as the moment of pressure if only shear is sought
             out = np.zeros((2, len(parameter), len(rows)))
             if there.any():
                 out[:, :, there] = self.sums(name, rows[there], parameter)

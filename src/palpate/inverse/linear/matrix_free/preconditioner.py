@@ -102,7 +102,7 @@ class Balanced:
         self, product: Callable[[Floats], Floats], longest: Longest, smooth: Callable[[Floats], Inverse]
     ) -> None:
         self._smooth, self.longest = smooth, longest
-        # single precision is enough for what only makes the iteration shorter
+        # single precision suffices for a preconditioner
         rows = longest.rows(np.eye(longest.count, dtype=np.float32))
         self.moved = product(rows)
         own, inner = longest.of(rows), longest.of(self.moved)
@@ -153,7 +153,7 @@ class BalancedInverse:
         return solution, left
 
     def within(self, rows: Any, which: Any) -> Any:
-        """Of rows that Z^T makes zero, but for rounding."""
+        """On rows for which Z^T is zero, except for rounding."""
         out = self._smooth(rows, which)
         out -= self._long(self._inner(out, which) - self._of.longest.of(rows), which, rows.dtype)
         return out

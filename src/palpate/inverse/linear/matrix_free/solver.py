@@ -25,8 +25,8 @@ __all__ = ["MatrixFree"]
 
 #: The iteration goes on to this residual, as a part of the readings, in double and in single precision.
 TOLERANCE = {8: 1e-8, 4: 1e-5}
-#: Where the parameter is learned, known to a percent or two, the residual is that part of what the estimate leaves of the readings, and no more than
-#: this part of them: as if their noise were larger by so much, which moves the traction by 1e-6 to 3e-5 of its norm.
+#: If the parameter is learnt, to a percent or two, the residual tolerance is this part of the estimate's misfit, and at most this part of the
+#: readings: like a slightly larger noise, which moves the traction by 1e-6 to 3e-5 of its norm.
 LEARNED, LARGEST = 1e-4, 3e-5
 #: A frame with a smaller residual is solved; with a larger one its status is "not converged".
 SOLVED = 1e-4
@@ -152,7 +152,9 @@ class MatrixFree:
         }
 
     def again(self, readings: Sequence[Floats], parameter: Floats) -> Floats:
-        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane, with a parameter (frame,) each and nothing taken out."""
+        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane with given parameters (frame,), without subtracting
+        nuisances.
+        """
         out = np.zeros((len(parameter), len(self.grid.components), *self.grid.shape))
         together = max(1, TOGETHER // self.system.normal.total)
         for i in range(0, len(parameter), together):
@@ -201,5 +203,5 @@ class MatrixFree:
 
 
 def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or nothing for a single frame."""
+    """ " in 3 of 70 frames", or "" for a single frame."""
     return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""
