@@ -42,4 +42,4 @@ class Unsupported(PalpateError):
 
 
 class UncheckedInput(UserWarning):
-    """A file that may have been cut or changed without a trace: it is read, and the warning says what to compare."""
+    """A file that may have been cut or changed undetectably: it is read, and the warning says what to compare."""

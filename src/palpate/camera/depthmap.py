@@ -23,7 +23,7 @@ MIN_PLACES = 3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DepthMap:
-    """Depth of the gel's surface in every picture, where it is known: the displacement_z that dots in the plane do not tell.
+    """Depth of the gel's surface in every picture, where available: the displacement_z that dots in the plane cannot measure.
 
     With it pressure and shear are told apart by the readings, which narrows the interval of the normal force several times.
 
@@ -32,8 +32,8 @@ class DepthMap:
     positions : array (n, 2)
         Places (x, y) [m], in the axes of the `View` (x right, y up).
     depth : callable or array (picture, n)
-        Of a picture's number (a callable takes it): how far the surface is pressed in at each place [m], positive into the gel; NaN where it is not known, as it is
-        where nothing touches for many sensors.
+        Indentation of the surface at each place [m] by number of the picture, positive into the gel; NaN if unknown, as many sensors give it outside
+        the contact.
     std : float
         Standard deviation of each [m].
 
@@ -94,8 +94,8 @@ class DepthMap:
         return found
 
     def plane(self, index: int, dots: Floats, surface: Grid) -> tuple[Array, Floats] | None:
-        """The map of a picture as an array of displacement_z, and its readings (1, n): of each cell of the surface the place nearest to its middle, within the
-        extent of the ``dots`` (n, 2). None where too little is known.
+        """The map of a picture as an array of displacement_z, and its readings (1, n): for each cell of the surface the place nearest to its middle,
+        within the extent of the ``dots`` (n, 2). None with too few known depths.
         """
         places: Any = self.positions
         depth = self.of(index)

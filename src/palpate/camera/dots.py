@@ -30,13 +30,13 @@ FAINTEST, NOISES = 0.04, 6.0
 MAX_EXTREMA = 5000
 #: Dots of a known print are sought in pictures made smaller by up to the first, as long as the blur stays as wide as the second [their pixels].
 SMALLER, BLURRY = 4, 3.0
-#: Fewest dots that make a print, and so many that may tell one by how evenly they lie alone.
+#: Fewest dots of a print, and fewest with which an even spacing alone identifies one.
 FEWEST, GRID = 5, 9
 #: Of the spots that stand out, the part that has the print's size; or the distance to neighbours over that of places at random, where dirt lies between dots.
 ALIKE, EVEN = 0.8, 1.6
 #: Standard deviation of the distances to neighbours over their mean; of prints at random that keep a distance, and of speckle, it is up to 0.31.
 UNEVEN = 0.38
-#: Dots lie no further apart than so many radii.
+#: Largest distance of neighbouring dots, in radii.
 SPARSE = 25.0
 #: A dot lies this part of its radius inside the picture, or the region of the gel.
 INSIDE = 0.8
@@ -80,7 +80,7 @@ class Found:
 
 
 def fault_of(image: npt.NDArray[Any]) -> str:
-    """Why a grey picture shows nothing; "" for a good one.
+    """Why a grey picture is unusable, else "".
 
     Examples
     --------
@@ -174,10 +174,10 @@ def find_dots(
     ----------
     image : array (row, column) or (row, column, 3)
     print : Print, optional
-        Of an earlier picture of the same gel (`Found.print`): its size and brightness are taken as known, which is faster and finds what is left of
-        a print that is partly hidden.
+        Of an earlier picture of the same gel (`Found.print`): its size and brightness are reused, which is faster and finds the visible part of a
+        print that is partly hidden.
     level : array (row, column), optional
-        The picture over its light, where it is known already.
+        The picture over its light, if computed already.
     region : Region, optional
         Where the gel is in the picture.
 
@@ -213,7 +213,7 @@ def find_dots(
     if known is None or (step := _smaller(level.shape, known.blur)) == 1:
         found = _found(level, print)
     else:
-        # large dots lose nothing in a smaller picture
+        # large dots survive in a smaller picture
         size = (level.shape[1] // step, level.shape[0] // step)
         small = np.asarray(opencv().resize(level, size, interpolation=opencv().INTER_AREA))
         found = _found(small, Print(print.blur / step, print.sign, print.response))

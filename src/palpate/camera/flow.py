@@ -1,7 +1,7 @@
 """Texture followed from a reference picture: displacement on a regular grid, by dense optical flow, with its standard deviation.
 
-DIS optical flow (T. Kroeger, R. Timofte, D. Dai, L. Van Gool, ECCV 2016; OpenCV) of the picture, at most 160 pixels wide, says where each window is to within a
-pixel or so; windows of the picture itself (`palpate.camera.windows`) then tell the displacement, there and back, and how well the texture shows it.
+DIS optical flow (T. Kroeger, R. Timofte, D. Dai, L. Van Gool, ECCV 2016; OpenCV) of the picture, at most 160 pixels wide, places each window to about
+a pixel; windows of the picture itself (`palpate.camera.windows`) then give the displacement, there and back, and its standard deviation.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ DENSE, COMPARED = 160, 320
 WINDOW_FRACTION = 0.6
 #: Least distance between places [pixels of the pictures that are compared].
 CLOSEST = 6.0
-#: A place with less texture than this part of the typical one's (the weaker direction of its gradients) tells nothing.
+#: Exclude a place with less texture than this part of the typical one's (the weaker direction of its gradients).
 POOR = 0.05
 #: Least squares on few pixels underestimates the residual by 1 - this many pixels over half a window. Measured on windows of 13 to 41 pixels.
 SMALL_WINDOW_FACTOR = 3.0
@@ -60,21 +60,21 @@ class Flow(Followed):
     reference : array (row, column) or (row, column, 3), or sequence of these
         The gel at rest: one picture, or several, whose mean has less noise.
     spacing : float
-        Between places [pixels]. A window is a little wider, and shows nothing finer than itself.
+        Between places [pixels]. A window is a little wider, and averages finer detail.
     region : Region, optional
         Where the gel is in the picture.
-    positions : array (n, 2), optional
+    positions : array (n, 2)
+        , optional
         Places [pixels] in place of a whole grid.
 
     Attributes
     ----------
-    positions : array (n, 2)
-        Places at rest [pixels]; those without texture are left out.
+    positions : array (n, 2) Places at rest [pixels], without those lacking texture.
 
     Raises
     ------
     InvalidInput
-        Places nearer than what can be told, a picture with too little texture.
+        Places too near each other, a picture with too little texture.
 
     Examples
     --------
@@ -167,13 +167,13 @@ class Flow(Followed):
         return np.sqrt(np.maximum(power, 0.0)) / LEVEL
 
     def reset(self) -> None:
-        """Forget where the texture was in the last picture."""
+        """Forget the positions of the texture in the last picture."""
         self._last: npt.NDArray[np.float32] | None = None
 
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every place in a picture.
 
-        A picture that tells nothing (None, black, saturated, blurred, of another size) gives no displacement, and says why; the next one goes on.
+        An unusable picture (None, black, saturated, blurred, of another size) gives no displacement but a reason; the next one continues.
 
         Parameters
         ----------
@@ -217,7 +217,7 @@ class Flow(Followed):
         return np.asarray(opencv().resize(level, self._small, interpolation=opencv().INTER_AREA))
 
     def _reduced(self, plain: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """A large picture, the mean of so many pixels each way."""
+        """A large picture, averaged over so many pixels each way."""
         if self._step == 1:
             return plain
         rows, columns = (n // self._step * self._step for n in plain.shape)

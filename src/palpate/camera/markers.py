@@ -66,7 +66,7 @@ class Markers(Followed):
     Raises
     ------
     InvalidInput
-        No dots, or a picture that shows nothing.
+        No dots, or an unusable picture.
 
     Examples
     --------
@@ -102,21 +102,21 @@ class Markers(Followed):
             near=near,
             reach=radius,
             rest=[grey(image) for image in pictures_of(reference)],
-            # its rim tells how a dot moved
+            # the rim of a dot determines its motion
             spread=(radius / near.pitch) ** 2,
             known=max(1.0 - SMALL_DOT_FACTOR / radius, 0.3),
         )
         self.reset()
 
     def reset(self) -> None:
-        """Forget where the dots were in the last picture."""
+        """Forget the positions of the dots in the last picture."""
         self._last = np.zeros_like(self.positions)
         self._strained = 0.0
 
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every dot in a picture.
 
-        A picture that tells nothing (None, black, saturated, blurred, of another size) gives no displacement, and says why; the next one goes on.
+        An unusable picture (None, black, saturated, blurred, of another size) gives no displacement but a reason; the next one continues.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Markers(Followed):
         """Displacement of each dot to within a pixel, from dots found and matched; of others, as their neighbours move."""
         best = self._matched(found, np.where(np.isfinite(self._last), self._last, 0.0))
         if np.isnan(best[:, 0]).mean() > 0.5:
-            # the stage jumped: by how much, the whole picture says
+            # the stage jumped: the whole picture gives the distance
             cv2 = opencv()
             (column, row), _ = cv2.phaseCorrelate(self._level.astype(np.float32), level.astype(np.float32))
             other = self._matched(found, np.zeros_like(best) + np.array([column, row]))

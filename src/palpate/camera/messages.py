@@ -129,7 +129,7 @@ def picture_frames(
 ) -> tuple[str, Iterator[tuple[float | None, Image | None, str]]]:
     """The topic, and (time [s], picture or None, why not) of its messages: at the times of their headers, where these are 0 when they were recorded.
 
-    What ends them early goes to ``notes``.
+    An early end is explained in ``notes``.
 
     Raises
     ------

@@ -34,10 +34,11 @@ CHANNELS = ("displacement_x", "displacement_y")
 MAX_LOST_FRACTION = 0.5
 #: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
 NOISE_STEP, KEPT = 1.3, 6
-#: A dot tells what presses within so many distances of dots; where more than the second part of the traction lies where those are lost, it is said.
+#: Radius (in dot distances) that a dot covers; note a result if more than the second part of the traction lies round lost dots.
 BLIND, FEW_LOST = 1.0, 0.05
 LOST = "dots are lost where this presses, hidden or moved too far: the intervals allow for as much again as was found there"
-#: Passes over perspective in a frame that is solved by itself, at most; and what a pass must change, as a part of the readings' standard deviation.
+#: Largest number of passes for perspective in a frame solved alone; and the change below which a pass is the last, over the readings' standard
+#: deviation.
 PASSES, MATTERS = 3, 0.5
 
 
@@ -100,7 +101,7 @@ def _check(skin: Skin) -> None:
 
 
 def camera_of(skin: Skin | str | Path, view: View | None) -> CameraSettings | None:
-    """The section [camera] of a skin.toml; `InvalidInput` where neither it nor ``view`` says how pixels become metres."""
+    """The section [camera] of a skin.toml; `InvalidInput` if neither it nor ``view`` states how pixels become metres."""
     from palpate.recordings import read_camera
 
     settings = None if isinstance(skin, Skin) else read_camera(skin)
@@ -118,11 +119,11 @@ class Touches:
     Attributes
     ----------
     skin : Skin
-        With the dots where they were found.
+        With taxels at the dots.
     readings : Displacements
-        Where the pictures come from: `Displacements.view`, `Displacements.faults`.
+        The source of the readings: `Displacements.view`, `Displacements.faults`.
     tracker : Tracker or None
-        Where frames are tracked; None where each is solved by itself.
+        The tracker, or None if each frame is solved alone.
     """
 
     def __init__(
@@ -337,7 +338,7 @@ def follow(
     roi: npt.ArrayLike | None = None,
     **options: Any,
 ) -> Touches:
-    """What touches a gel, from pictures of the dots in it.
+    """Reconstruct what touches a gel, from pictures of the dots in it.
 
     Parameters
     ----------
@@ -346,23 +347,25 @@ def follow(
     skin : path of a skin.toml, or Skin
         Pad, depth of the dots, channels displacement_x and displacement_y. Positions come from the pictures.
     view : View, optional
-        How pixels become metres; by default the section [camera] of the skin.toml says it.
+        How pixels become metres; by default from the section [camera] of the skin.toml.
     reference, rate, stage : optional
         As for `Displacements`.
     distance : float, optional
-        From the camera's centre to the dots [m] (default: that of [camera]). Without one, dots are taken to move across the view only: right for a camera far away.
+        From the camera's centre to the dots [m] (default: that of [camera]). Without one, perspective is ignored: right for a camera far away.
     track : bool, optional
-        True: follow frame by frame with `Skin.track`, at the rate of a camera; its normal force is off by up to a third where the dots only move sideways, and
-        its touches say so. False: `Skin.reconstruct` for each frame by itself, seconds each. Default: False where pressure is not told from shear by the channels alone.
+        True: follow frame by frame with `Skin.track`, at the rate of a camera; its normal force has errors of up to a third if the dots only move
+        sideways, and its touches say so. False: `Skin.reconstruct` for each frame alone, seconds each. Default: False if the channels alone do not
+        separate pressure from shear.
     every : int
-        Of frames that are solved by themselves only every so manyeth.
+        With track=False, solve every so manyeth frame.
     depth_map : DepthMap, optional
-        How far the surface is pressed in, where that is known from elsewhere: then pressure is told from shear, and the normal force several times better. Of frames
-        that are solved by themselves.
+        Indentation of the surface from another source: it separates pressure from shear, and the normal force becomes several times better. With
+        track=False.
     texture : float, optional
-        Of a gel with a texture and no dots: between the places where displacement is read [m]; default: what [camera] says, else dots are looked for.
+        For a gel with a texture and no dots: distance between the places of the readings [m]; default: that of [camera], else a search for dots.
     roi : array (n, 2), optional
-        Corners (column, row) of the gel in the pictures [pixels], as for `Displacements`; default: those of [camera], where it tells the view too, or the gel's rim.
+        Corners (column, row) of the gel in the pictures [pixels], as for `Displacements`; default: those of [camera], if it also gives the view, or
+        the gel's rim.
     **options
         Those of `Skin.track` (friction, ...) or `Skin.reconstruct` (friction, method, ...).
 

@@ -1,7 +1,7 @@
 """Windows of a picture followed from the reference: by how much each moved, and how well that is known.
 
-Lucas-Kanade (OpenCV) tells the displacement to a part of a pixel, there and back, and is refined with windows that are stretched as those around them say. The
-standard deviation is that of least squares: with the gradients g over a window W and what is left r = I(x + d) - I_0(x),
+Lucas-Kanade (OpenCV) gives the displacement to a part of a pixel, there and back, and windows stretched like their neighbours refine it. The standard
+deviation is that of least squares: with the gradients g over a window W and the residual r = I(x + d) - I_0(x),
 
     cov = (sum_W g h')^-1 (sum_{W, W, near} g r r' g') (sum_W g h')^-1
 
@@ -40,7 +40,7 @@ BACK, ALIKE = 0.3, 0.6
 #: A picture with less than this part of the reference's sharpness is blurred.
 BLUR = 0.4
 BLURRED = "the picture is blurred: it is out of focus, or the gel moved during the exposure"
-#: Part of a window that may become white, where it was not at rest: beyond, glare lies on it.
+#: Part of a window that may become white; with more, glare lies on it.
 GLARED = 0.01
 #: Smallest standard deviation of a displacement [pixels]: Lucas-Kanade interpolates with 1/32 of a pixel, and pictures have eight bits.
 MIN_STD = 1e-3
@@ -48,7 +48,7 @@ MIN_STD = 1e-3
 STEPS = 2
 #: How well the neighbours tell the motion of a window's whole against that of its middle, as a part of it.
 SPREAD = 0.75
-#: Rows of a picture that OpenCV takes in one call.
+#: Largest number of rows of a picture in one call of OpenCV.
 ROWS = 32000
 #: Grey level of the ground in the levelled pictures that are compared.
 LEVEL = 150.0
@@ -56,7 +56,7 @@ LEVEL = 150.0
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """What became of the dots in one picture.
+    """Displacements of the dots in one picture.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Moved:
     alike : array (n,)
         Correlation of each dot's window with that of the reference.
     fault : str
-        Why the whole picture tells nothing; "" where it does.
+        Why the whole picture is unusable, else "".
     """
 
     displacement: Floats
@@ -93,13 +93,14 @@ class Followed:
     half : int
         Half their side.
     reach : float
-        How near [pixels] to the picture's edge a place may come.
+        Smallest distance [pixels] of a place from the picture's edge.
     spread : float
-        A window moves as its parts do on average, beside a contact not as its middle: by this much of what a place and its neighbours' plane differ.
+        A window moves by its mean, which beside a contact differs from its middle by this part of the difference between a place and its neighbours'
+        plane.
     rest : sequence of array (row, column)
-        The pictures that the reference is the mean of: what is white in one of them is no new glare.
+        The pictures averaged in the reference: white pixels of one of them are no new glare.
     known : float
-        Part of what is left that least squares on few pixels still show.
+        Part of the residual that remains after least squares on few pixels.
     """
 
     def __init__(
@@ -168,8 +169,8 @@ class Followed:
     def _stretched(self, level: npt.NDArray[np.uint8], displacement: Floats) -> tuple[Floats, npt.NDArray[np.float32]]:
         """Displacement against windows that are stretched and turned as the print is there, and these windows.
 
-        Beside a contact a window does not only move. How its surroundings are stretched, the neighbours say; what is left over is then noise and not the
-        stretch, and Gauss-Newton steps of the displacement alone (Baker and Matthews 2004) take what the plain window made of it.
+        Beside a contact a window also stretches. The neighbours give the stretch, so that the residual is noise; Gauss-Newton steps of the
+        displacement alone (Baker and Matthews 2004) correct the result of the plain window.
         """
         n = len(displacement)
         known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(displacement).all(axis=1))
@@ -327,7 +328,7 @@ def _errors(
     power_a, power_b = (da**2).sum(axis=(1, 2)), (db**2).sum(axis=(1, 2))
     alike = (da * db).sum(axis=(1, 2)) / np.sqrt(np.maximum(power_a.astype(np.float64) * power_b, 1e-12))
     left = b - a
-    # one picture's gradients with the other's: noise, which both have of their own, does not add to what they tell
+    # product of the gradients of both pictures: their independent noise averages out
     normal = np.einsum("niyx,njyx->nij", gradient, other).astype(np.float64)
     normal = 0.5 * (normal + normal.transpose(0, 2, 1))
     score = gradient * left[:, None]
@@ -338,7 +339,7 @@ def _errors(
     middle, falling = (
         np.einsum("niyx,njyx->nij", score, near @ score @ near).astype(np.float64) for near in (flat, sloped)
     )
-    # where they share nothing, nothing is known
+    # without common gradients there is no information
     power = np.einsum("niyx,niyx->n", gradient, gradient)
     ridge = (1e-3 * power + 1e-12)[:, None, None] * np.eye(2)
     inverse = np.linalg.inv(normal + ridge)

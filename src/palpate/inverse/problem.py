@@ -220,7 +220,8 @@ class Problem:
 
         Raises
         ------
-        Unsupported A pad of the user's own class: it has no digest.
+        Unsupported
+            A pad of the user's own class: it has no digest.
         """
         parts = {
             "pad": self.pad,

@@ -177,7 +177,8 @@ def method_from_text(name: str | None, given: Mapping[str, str]) -> Method:
 
     Raises
     ------
-    InvalidInput, Unsupported As for `method_named`; options without a text form are refused.
+    InvalidInput, Unsupported
+        As for `method_named`; options without a text form are refused.
     """
     chosen = unnamed(given) if name is None else name
     known = methods()

@@ -23,8 +23,8 @@ MAX_SPACING_RATIO = 20.0
 Mask = npt.NDArray[np.bool_]
 #: No unit makes noise smaller than this, nor larger than its inverse; squares of such numbers overflow.
 SMALLEST = 1e-60
-#: Noise that is alike over so many times the array's extent is an offset: on 6 x 6 x 3 the force is right up to 2000 times, and nonsense at 2e5 times.
-#: A taxel that averages over so many times the array's extent tells nothing of where contact is.
+#: Noise with a correlation length of so many times the array's extent is an offset: on 6 x 6 x 3 the force is right up to 2000 times, and nonsense at
+#: 2e5 times. A taxel with an aperture of so many times the array's extent does not locate contacts.
 LONGEST_CORRELATION, WIDEST_APERTURE = 1e3, 4.0
 Noise = float | Sequence[float] | None
 
@@ -117,7 +117,7 @@ class _Common:
     depth: Any  # metres, or "base" until the array is put into a skin
     noise: Noise
     noise_correlation: float
-    limits: Any  # (channel, 2) or (channel, 2, *shape): low and high end, None where there are none
+    limits: Any  # (channel, 2) or (channel, 2, *shape): low and high end, or None
     mask: Any
     aperture: Any
     if TYPE_CHECKING:
@@ -139,7 +139,7 @@ class _Common:
 
     @property
     def noise_std(self) -> tuple[float, ...] | None:
-        """Standard deviation of the noise of each channel, or None where it was not given."""
+        """Standard deviation of the noise of each channel, or None if not given."""
         return _check_noise(self.noise, tuple(self.channels))
 
     def sample_noise(self, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Floats:
@@ -166,7 +166,7 @@ class _Common:
         return replace(self, depth=thickness)  # type: ignore[type-var]
 
     def rezeroed(self: Self, zero: Any) -> Self:
-        """The same array for readings from which a zero (channel, *shape) has been taken: its limits are as much lower.
+        """The same array for readings minus a zero (channel, *shape): its limits shift by the zero.
 
         Examples
         --------
@@ -208,12 +208,13 @@ class LineArray(_Common):
     noise : float or sequence of float, optional
         Standard deviation of the noise in the unit of the channel, one for all channels or one each.
     noise_correlation : float
-        Length l [m] over which the noise of neighbouring taxels is alike, as where image windows overlap: its correlation is
+        Correlation length l [m] of the noise of neighbouring taxels, as for overlapping image windows: its correlation is
         exp(-(|dx| + |dy|)/l). 0 (default): independent.
     limits : float, (low, high), or one (low, high) per channel, optional
         Ends of the range of a reading, in the unit of the channel, as the readings are given; one number s means -s to s. A reading at an end
-        (within a thousandth of the range) counts as at least, or at most, what it says; an end at which readings rest, as 0 of a range that begins
-        there, is none (within 5 % of the range). What is not given is recognised only where several neighbours read the same largest value.
+        (within a thousandth of the range) is censored: the true one is at least, or at most, that. An end at which readings rest, as 0 of a range
+        that begins there, is ignored (within 5 % of the range). Without limits, saturation is found only if several neighbours read the same largest
+        value.
     center : float
         Position of the middle of the array [m].
     mask : boolean array (count,), optional
@@ -222,7 +223,7 @@ class LineArray(_Common):
     Raises
     ------
     InvalidInput
-        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+        An impossible count, length, noise, mask or channel; the message says what is accepted.
 
     Examples
     --------
@@ -324,7 +325,7 @@ class AreaArray(_Common):
     Raises
     ------
     InvalidInput
-        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+        An impossible count, length, noise, mask or channel; the message says what is accepted.
 
     Examples
     --------
@@ -415,7 +416,7 @@ class ScatteredArray(_Common):
     Raises
     ------
     InvalidInput
-        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+        An impossible count, length, noise, mask or channel; the message says what is accepted.
 
     Examples
     --------

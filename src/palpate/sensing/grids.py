@@ -106,7 +106,7 @@ class _Flat:
 
     @property
     def labels(self) -> dict[str, Any]:
-        """Coordinates of labelled results besides those of the axes: none."""
+        """Coordinates of labelled results besides the axes: none."""
         return {}
 
     def cell_forces(self, traction: Floats) -> Floats:

@@ -27,7 +27,7 @@ from palpate.elastic.quantities import transfer
 
 __all__ = ["Correction", "Surface"]
 
-#: exp(-DIGITS) is where spectra are cut.
+#: Spectra are cut at exp(-DIGITS).
 DIGITS = 34.0
 #: Highest angular order of a channel per traction.
 ORDERS = 3
@@ -60,7 +60,7 @@ class Correction:
     Attributes
     ----------
     half_space : Surface or None
-        The half-space that was taken out (None: nothing was).
+        The subtracted half-space, or None.
     damping : float
         The depth d of its high-pass 1 - exp(-k d) [m].
     """

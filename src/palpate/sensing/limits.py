@@ -76,7 +76,7 @@ def of_readings(array: _Ranged) -> tuple[Floats, Floats] | None:
 def check_creep(pad: Viscoelastic, planes: Sequence[_Ranged]) -> Pad:
     """The elastic pad of one that creeps.
 
-    Ends of a range are refused where creep is taken out of the readings first: what is then left of a reading at its end tells nothing of it.
+    Ends of a range are refused if creep is subtracted first: the rest of a saturated reading means nothing.
     """
     for array in planes:
         for i, channel in enumerate(array.channels):
@@ -104,8 +104,7 @@ def ends_of(planes: Sequence[_Ranged]) -> tuple[Floats, Floats] | None:
 def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | None = None) -> tuple[Flags, Flags]:
     """Which readings (..., reading) lie at the high end, and which at the low one; missing ones (NaN) at neither.
 
-    An end at which a reading rests, as a range that begins at zero has one, tells of no load beyond it: ``zeroed`` are the readings less their zero
-    (default: they have none).
+    An end at which a reading rests, such as the zero of a range, is ignored: ``zeroed`` are the readings minus their zero (default: they have none).
     """
     if ends is None:
         return np.zeros(data.shape, dtype=bool), np.zeros(data.shape, dtype=bool)

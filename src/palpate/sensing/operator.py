@@ -83,7 +83,7 @@ def _multiplied(matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d
     lead, waves = spectrum.shape[: -1 - d], spectrum.shape[-d:]
     step = columns[1] - columns[0] if len(columns) > 1 else 1
     taken: Any = slice(columns[0], columns[-1] + 1, step or 1)
-    if list(range(matrix.shape[1]))[taken] != list(columns):  # a copy, where they are in no order
+    if list(range(matrix.shape[1]))[taken] != list(columns):  # a copy if they are unordered
         taken = list(columns)
     if adjoint:  # conj(K) y = conj(K conj(y)): fewer entries than those of K
         np.conjugate(spectrum, out=spectrum)
@@ -149,7 +149,7 @@ class Convolution:
         self.rows, self.count = len(array.channels), len(grid.components)
         lags = [np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)]
         offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
-        # numbers held for each lag at the most, measured: the kernel, its padded copy, its transform and what the formulas need
+        # largest count of numbers for each lag, measured: the kernel, its padded copy, its transform and temporaries of the formulas
         held = (10 + 8 * self.rows) if isinstance(pad, HalfSpace) else (60 + 80 * self.rows)
         require(
             8.0 * held * math.prod(len(lag) for lag in lags),

@@ -1,4 +1,4 @@
-"""The surface grid that is used when none is given."""
+"""The default surface grid."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ THINNEST = 3e-3
 #: Deeper than so many times the array's extent a surface of more unknowns than this is refused: 6 x 6 x 3 taxels 10 extents deep take 5 s, 20 extents minutes.
 DEEPEST, LARGE = 3.0, 200_000
 
-#: Contact is sought this many depths past the array, where no surface is given.
+#: The default surface extends this many depths past the array.
 WIDE = 4.0
 
 
@@ -43,10 +43,10 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
 
     Detail finer than the depth is damped by more than exp(-2 pi) and cannot be recovered, so finer cells would only
     cost time. A cell's centre lies above each taxel of the first plane. The grid reaches past the arrays by ``depths``
-    times the greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; where displacement
-    is measured, also by 15 % of the array's width, because displacement reaches that far. Where all that is measured is displacement of markers
-    scattered in a pad of this ``thickness`` on a base (None: no base), cells are no finer than half the markers' typical distance, and the grid reaches a
-    thickness past them, or two of these distances.
+    times the greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; for displacement, also by 15 % of the
+    array's width, because displacement reaches that far. If all readings are displacements of markers scattered in a
+    pad of this ``thickness`` on a base (None: no base), cells are no finer than half the markers' typical distance, and the grid reaches a thickness
+    past them, or two of these distances.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     markers = isinstance(first, ScatteredArray) and first.dimensions == 2 and all(absolute) and thickness is not None
     finest = FINEST_MARKERS if markers else FINEST
     if markers:
-        depth = first.depth  # a map of the surface beside them needs no other cells
+        depth = first.depth  # a surface map beside them needs no other cells
     counts, spacings, centers = [], [], []
     points = [p.points for p in planes]
     for axis in range(first.dimensions):

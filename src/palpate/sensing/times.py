@@ -15,7 +15,7 @@ from palpate.units import convert_factor
 
 __all__ = ["EPOCH", "LATEST", "as_second", "as_seconds", "epoch_unit"]
 
-#: Times beyond this [s] cannot tell microseconds apart in double precision; milliseconds since 1970 that are taken for seconds are beyond it.
+#: Larger times [s] do not resolve microseconds in double precision; milliseconds since 1970, mistaken for seconds, are larger.
 LATEST = 2.0**33
 #: Seconds since 1970 between which a clock that tells the date stands: from 2001 to 2100.
 EPOCH = 9.8e8, 4.1e9

@@ -73,7 +73,7 @@ def write_slopes(path: str | Path, skin_file: str | Path, model: SlopeModel) -> 
 
 
 def read_slopes(skin_file: str | Path) -> SlopeModel | None:
-    """What the colours of a gel mean, of the file that a skin.toml names; None where it has no section [colour].
+    """The learnt slopes of a gel, from the file that a skin.toml names; None without a section [colour].
 
     Raises
     ------
@@ -94,7 +94,7 @@ def read_slopes(skin_file: str | Path) -> SlopeModel | None:
     try:
         section = tomllib.loads(skin_text(source)).get("colour")
     except ValueError:
-        return None  # what reads the pad says what is wrong with it
+        return None  # the reader of the pad reports its errors
     if section is None:
         return None
     path = source.parent / str(section.get("file", ""))

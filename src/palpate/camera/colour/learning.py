@@ -32,7 +32,7 @@ RING_FRACTION = 1.0
 #: Degrees in slope, and ridges (of the mean square of a feature of rank 0), that are tried; each rank is held back four times as much, rank 0 hardly. Of fifteen
 #: polynomials of place and light, four ridges and four ways to normalise colour, on eight gels with 3 to 10 presses, this kind had the least error of slopes elsewhere.
 DEGREES, RIDGES, EACH_RANK, RANK_0 = (2, 3), (1e-5, 1e-4, 1e-3), 4.0, 0.01
-#: Rounds in which centres and the polynomial are improved in turn.
+#: Rounds of alternating fits of centres and the polynomial.
 ROUNDS = 4
 #: Largest contact radius over ball radius: a ball pressed deeper is probably another ball.
 MAX_CONTACT_RATIO = 0.9
@@ -57,7 +57,7 @@ def learn_slopes(
     rest: Any = None,
     baseline: int | None = None,
 ) -> SlopeModel:
-    """What the colours of a gel mean, from pictures of a ball of known size pressed into it.
+    """Learn how colours depend on slopes, from pictures of a ball of known size pressed into the gel.
 
     Within the contact the surface is that of the ball: the slope at distance r from the centre is r / sqrt(R^2 - r^2), whatever the gel is made of. Three presses do; ten all over the picture are
     better. The centre of each is found, the polynomial from slope and place to colour is fitted by least squares, and every press is left out once to measure the error.
@@ -71,9 +71,9 @@ def learn_slopes(
     ball_diameter : float
         [m], as a caliper reads it.
     rest : array (row, column, 3), optional
-        The gel at rest, where the pictures do not begin with it.
+        The gel at rest, if the pictures do not begin with it.
     baseline : int, optional
-        Pictures at the start that show the gel at rest. Default: the first, and others in which nothing touches.
+        Pictures at the start that show the gel at rest. Default: the first, and others without contact.
 
     Raises
     ------
@@ -280,7 +280,7 @@ class _Learner:
         return max(float(np.hypot(*self.inside(p, RING_FRACTION)[1].T).max(initial=0.0)) for p in presses)
 
     def _covariance(self, presses: list[_Press], without: list[Response], noise: float) -> Floats:
-        """Of colour about the model, on presses that were left out; at least the noise of pixels."""
+        """Covariance of colour round the model in cross-validation; at least the noise of pixels."""
         parts = []
         for press, other in zip(presses, without):
             chosen, slopes = self.inside(press, RING_FRACTION)

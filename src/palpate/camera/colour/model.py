@@ -22,7 +22,7 @@ __all__ = ["Relief", "SlopeModel", "grid_of"]
 OUTLYING = 25.0
 #: Standard deviations of the picture's own depth noise that a contact must stand out by.
 CLEAR = 6.0
-#: Parts of the contact from which on it is said: colours of another gel, slopes steeper than learnt, pixels that are hidden.
+#: Share of the contact above which a note follows: colours of another gel, slopes steeper than learnt, hidden pixels.
 FOREIGN, STEEP, HIDDEN = 0.25, 0.1, 0.2
 #: If the colour of the median pixel changes by more, the picture does not show this gel in these lights: the drift of the whole light is subtracted
 #: first, and a contact leaves half of the picture unchanged.
@@ -47,23 +47,24 @@ class Relief:
     Attributes
     ----------
     depth, std : array (row, column)
-        How far the surface is pressed in [m], positive into the gel, zero at the edge of the picture; and its standard deviation.
+        Indentation of the surface [m], positive into the gel, zero at the edge of the picture; and its standard deviation.
     slopes : array (2, row, column)
         du_z/dx and du_z/dy, x right and y up.
     places : array (2, row, column)
         (x, y) of each [m].
     known : array (row, column) of bool
-        False where a pixel told nothing: saturated, dust, a dot, another coat; depth is carried across from its neighbours there.
+        False for pixels without information (saturated, dust, a dot, another coat); their depth is interpolated.
     contact, near : array (row, column) of bool
-        Where colours changed beyond noise and drift; and that with the part of the gel about it in which slopes are used.
+        Where colours changed by more than noise and drift; and that plus the surroundings in which slopes are used.
     noise : float
         Standard deviation of the depth where nothing touches [m], from this picture.
     errors : array (cause, row, column)
-        What depth may be off by as a whole [m], one standard deviation each: by what each press of the calibration taught, by slopes that are hidden or steeper than those learnt.
+        Common error of the depth [m], one standard deviation each: due to each press of the calibration, and to slopes that are hidden or steeper
+        than the learnt ones.
     touching : bool
-        Whether anything stands out from the noise.
+        Whether anything exceeds the noise.
     said : tuple of str
-        What to know of this picture.
+        Notes on this picture.
     """
 
     depth: Floats
@@ -88,9 +89,9 @@ class SlopeModel:
     response : Response
         The polynomial from slope and place to colour.
     left_out : array (press, ...)
-        Its coefficients without one press after another: what they differ by is the standard error (the jackknife).
+        Its coefficients without each press: their spread is the standard error (the jackknife).
     covariance : array (channel, channel)
-        Of colour about the model, on presses that were left out.
+        Of colour round the model, in cross-validation.
     rest : array (row, column, 3)
         The gel at rest, from 0 to 1, in blocks.
     size : (int, int)
@@ -105,8 +106,7 @@ class SlopeModel:
         Root mean square error inside the contact of presses that were left out: of the slope, and of depth [m].
     table : tuple
         Of each press: its name, contact radius [m], gain, error of slope and of depth [m], left out.
-    said : tuple of str
-        What to know.
+    said : tuple of str Notes.
     """
 
     response: Response
@@ -156,7 +156,7 @@ class SlopeModel:
         return self._grid()[1]
 
     def prepared(self, image: npt.ArrayLike, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """A picture in blocks and where it is saturated or black; `InvalidInput` where it has another size."""
+        """A picture in blocks and its saturated or black pixels; `InvalidInput` for another size."""
         shape = np.shape(image)
         if len(shape) == 3 and (shape[1], shape[0]) != self.size:
             raise InvalidInput(
@@ -305,7 +305,7 @@ class SlopeModel:
         used: Floats,
         window: Floats,
     ) -> Floats:
-        """What depth may be off by: (cause, row, column)."""
+        """Common errors of the depth: (cause, row, column)."""
         shape = known.shape
         inverse = np.linalg.inv(self.covariance)
         value = self.response.change(slopes, base)
@@ -318,7 +318,7 @@ class SlopeModel:
             moved *= math.sqrt((count - 1) / count)
             limit = 0.5 * self.response.steepest
             causes.append(np.clip(moved, -limit, limit).T.reshape(2, *shape) * known * window)
-        # all slopes together: what presses that were left out were off by as a whole
+        # common error of the slopes, in cross-validation
         causes.append(self.gain_std * used)
         # hidden slopes, and those at the limit of what was learnt: half of the steepest more, downhill
         steep = np.hypot(*slopes.T).reshape(shape) > self.response.steepest
@@ -327,7 +327,7 @@ class SlopeModel:
         causes.append(0.5 * self.response.steepest * way * doubtful)
         field_of = np.stack(causes)
         out = integrate(field_of[:-1], weight, places)
-        # what is hidden is not held by its small weight here: it is the cause
+        # hidden pixels have a small weight, but are the cause of this error
         return np.concatenate([out, integrate(field_of[-1:], np.ones(shape), places)])
 
 
@@ -361,7 +361,9 @@ def _window(contact: npt.NDArray[np.bool_]) -> Floats:
 
 
 def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
-    """Depth (*more, row, column) less the plane of its rim, where the window ends: flanks whose slopes are not equally right leave a ramp that no contact makes. 0 beyond."""
+    """Depth (*more, row, column) minus the plane of its rim, where the window ends: unequal errors of the flanks' slopes leave a ramp that no contact
+    makes. 0 outside.
+    """
     rim = (window > 0) & (window < 1)
     if rim.sum() < 20:
         return depth
