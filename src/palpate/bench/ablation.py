@@ -86,7 +86,7 @@ Outcomes = dict[str, tuple[str, bool, list[Outcome]]]
 
 def _outcome(sample: Sample, method: Ablated) -> Outcome:
     skin, names = sample.layout.skin, list(sample.layout.components)
-    method.prepare(skin.problem(components=names))  # what is prepared is kept, and no part of the time
+    method.prepare(skin.problem(components=names))  # cached preparation is not part of the time
     started = time.process_time()
     touch = skin.reconstruct(sample.readings, method=method, components=names)
     seconds = time.process_time() - started

@@ -49,9 +49,9 @@ FINER, WIDER = {1: 10, 2: 6}, {1: 24, 2: 3}
 
 @dataclass
 class Layout:
-    """An array on a pad, the contacts it meets, and what is asked of it.
+    """An array on a pad, its contacts, and the quantities to estimate.
 
-    ``middle`` holds the same contacts in the middle of the array, for the yardstick, where they cross its edge.
+    ``middle`` holds the same contacts in the middle of the array, for comparison, if they cross its edge.
     """
 
     name: str

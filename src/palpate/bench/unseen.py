@@ -110,7 +110,7 @@ def unseen(rng: np.random.Generator, kind: str) -> Sample:
         readings, truth = np.zeros_like(readings), np.zeros_like(truth)
     readings = readings + largest * noise
     if not empty and rng.random() < 0.2:
-        # a taxel that nobody knows to be broken: stuck at nothing, or far out
+        # an undetected broken taxel: stuck at zero, or far out
         for _ in range(int(rng.integers(1, 3))):
             place = tuple(int(rng.integers(n)) for n in readings.shape)
             readings[place] = float(rng.choice([0.0, 1.3, -0.8])) * largest

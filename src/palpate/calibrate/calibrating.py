@@ -46,20 +46,21 @@ from palpate.sensing.times import as_seconds
 
 __all__ = ["calibrate", "flat_readings"]
 
-#: Part of the time that a weight stood which is left out at each end: it is laid down and taken off there.
+#: Part of the time of a weight that is dropped at each end, while it is laid down and taken off.
 ENDS = 0.15
 #: Forces below this part of the largest are at rest.
 REST_FRACTION = 0.005
-#: Frames of so little force are at rest from this count on, where their readings scatter by less than this part of all readings' root mean square.
+#: Frames below this force count as rest if there are at least so many and their readings scatter by less than this part of all readings' root mean
+#: square.
 FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
-#: Labels of one calibration by default: more cost time and tell little (docs/_generated/calibrate.md).
+#: Default number of labels in one calibration: more cost time and add little (docs/_generated/calibrate.md).
 USUAL_LABELS = 300
 SEED = 41
 #: Note if all labels come from one recording.
 ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
 #: Squares of larger numbers, and inverses of smaller ones, leave double precision (at 1e154).
 LARGEST = 1e100
-#: Frames at rest that are kept, and the noise where none is labelled, as a part of the root mean square of the readings (a convention).
+#: Largest number of stored rest frames, and the default noise without rest frames, as a part of the root mean square of the readings (a convention).
 REST_KEPT, ASSUMED_NOISE = 20, 0.01
 
 
@@ -95,29 +96,30 @@ def calibrate(
     constants: Sequence[str] = (),
     pad_models: Sequence[str] | None = None,
 ) -> SkinCalibration:
-    """The calibration of a skin by presses of which something is known; `Skin.calibrate` is the same and returns the skin.
+    """Calibrate a skin by labelled presses; `Skin.calibrate` does the same and returns the skin.
 
     Parameters
     ----------
     skin : Skin
-        With whatever is known of pad and array. Its numbers may be guesses: they only say which maps are likely.
+        With pad and array. Its numbers may be guesses: they only give the prior of the maps.
     presses : Recording, array (frame, channel, *array), or a list of them
         Readings in the sensor's own unit, of which each recording is a run.
     reference : array (frame,) or (frame, 3), or mapping of str to array
-        Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], "x", "y" [m] where the place of the press is known, and "ball_radius" [m] where a ball pressed. NaN where nothing is known. For a list of presses a
+        Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], "x", "y" [m] for the place of the press, and "ball_radius" [m] for a
+        ball. NaN if unknown. For a list of presses a
         list. With ``reference_time`` on a clock of its own.
     reference_time : array (sample,), optional
         Times of the reference [s]; the delay between the clocks is found (`find_delay`).
     weights : sequence of str or Weight
-        What stood on the pad and when, such as "200 g, 12 s to 20 s"; "0 g, ..." says that nothing did.
+        Weights on the pad with their times, such as "200 g, 12 s to 20 s"; "0 g, ..." for rest.
     time : array (frame,), optional
-        Times of an array of presses [s]; without them each frame is a press by itself.
+        Times of an array of presses [s]; without them each frame is a separate press.
     baseline : int, optional
-        Frames at the start of each run at which nothing touches, whose mean is the zero. Default: the frames that are labelled with no force, else none.
+        Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, else none.
     labels : int
-        At most so many frames are used.
+        Largest number of frames to use.
     before : SkinCalibration, optional
-        One of the same skin, from which this one starts: its labels are kept, and whether the sensor has aged since is said.
+        One of the same skin, from which this one starts: its labels are kept, and a note says whether the sensor has aged.
     constants : sequence of str
         Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
     pad_models : sequence of str, optional
@@ -126,7 +128,7 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        Nothing is known of any frame, labels of another length, clocks that do not fit, or labels without any force.
+        No labelled frame, labels of another length, clocks that do not match, or labels without any force.
 
     Examples
     --------
@@ -381,7 +383,7 @@ def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:
 
 
 def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
-    """Frames at which nothing touches: the force is 0, or three or more with hardly any force whose readings are alike.
+    """Frames without contact: zero force, or three or more with almost no force and similar readings.
 
     One small force beside others of either sign is no rest: its readings may be any.
     """

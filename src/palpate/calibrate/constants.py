@@ -38,7 +38,7 @@ UNKNOWN_STD, RADII, CUT_DEPTH, CUT_CONTACT = 0.7, 160, 25.0, 60.0
 UNTOLD, ODDS = 0.7, math.log(20.0)
 #: Two materials whose moduli are told apart by less are one: the richer model is then the plainer one of `PLAINER`. Standard deviation of the log of their ratio, and 95 %.
 ALIKE, PLAINER = 0.25, {"stack": "bonded", "soft base": "half-space"}
-#: Residuals of so many times the noise reject every model that was asked (a chi-square of 2 for each reading).
+#: Residuals above this many times the noise reject every candidate model (a chi-square of 2 for each reading).
 REJECTED = 1.4
 #: Fit at most this many labelled frames: half spread over time, half over force.
 MAX_PRESSES = 20
@@ -61,17 +61,17 @@ class PadConstants:
     names : tuple of str
         One for each constant; "gain 3" is the factor of reading 3.
     values : array (constant,)
-        In SI units; gains and pixel scale as factors of what the skin says; "unit" is what readings are divided by to be in SI units.
+        In SI units; gains and pixel scale as factors of those of the skin; "unit" divides readings to give SI units.
     covariance : array (constant, constant)
         Of the logarithms: the root of its diagonal is a relative standard deviation.
     before : array (constant,)
         Relative standard deviations before the presses.
     evidence : mapping of str to float
-        Logarithm of the evidence of each pad model that was asked; without a stack or soft base whose two materials are found alike, which is the plainer model.
+        Logarithm of the evidence of each candidate model, without a stack or soft base with two equal materials, which is the simpler model.
     misfit : float
-        Root mean square of the residuals over the noise; from `REJECTED` on no model is named and the standard deviations are wider by as much.
+        Root mean square of the residuals over the noise; above `REJECTED` no model is best, and the standard deviations are wider by this factor.
     said : tuple of str
-        What the data do not tell, in sentences.
+        What the data do not determine, in sentences.
     """
 
     model: str
@@ -110,7 +110,7 @@ class PadConstants:
 
     @classmethod
     def from_json(cls, text: str) -> PadConstants:
-        """The posterior of `json`; ValueError where it is damaged."""
+        """Restore the posterior from `json`; ValueError if it is damaged."""
         held = json.loads(text)
         values, covariance, before = (
             np.array(held.pop(n), dtype=np.float64) for n in ("values", "covariance", "before")
@@ -171,7 +171,7 @@ def fit_constants(
     ball_radius : float or array (press,), optional
         [m], NaN where unknown.
     places : array (press, 2), optional
-        Where each was pressed [m], NaN where unknown, known to ``place_std`` [m].
+        Place of each press [m] with standard deviation ``place_std`` [m]; NaN if unknown.
     models : sequence of str, optional
         Some of "half-space", "bonded", "stack", "soft base". Default: that of the skin's pad alone.
     before : PadConstants, optional
@@ -232,7 +232,7 @@ def fit_constants(
 def labelled_constants(
     skin: Any, data: Labelled, constants: Sequence[str], models: Sequence[str] | None, before: PadConstants | None
 ) -> PadConstants | None:
-    """The posterior of the constants that were asked for, from labelled frames; that of before where none was."""
+    """The posterior of the requested constants from labelled frames; without labels the earlier one."""
     if not constants:
         if models is not None:
             raise InvalidInput(
@@ -258,9 +258,9 @@ def labelled_constants(
 
 
 def with_constants(skin: Any, found: PadConstants | None) -> Any:
-    """The skin with what the presses told of modulus, thickness and depth, and their standard deviations as its `palpate.Uncertainty`.
+    """The skin with fitted modulus, thickness and depth, and their standard deviations as its `palpate.Uncertainty`.
 
-    Where another pad model than that of the skin was found, or the model was rejected, the skin stays as it is.
+    If the presses favour another pad model than that of the skin, or reject the model, the skin stays unchanged.
 
     Examples
     --------
@@ -486,7 +486,7 @@ class _Fit:
         first = self.contact_radius(self.pad({})[0], self.start["youngs_modulus"])
         first = np.where(np.isfinite(first), first, self.contact)
         own = np.column_stack([self.guess / self.length, first])
-        if "unit" in self.names and self.mean[self.names.index("unit")] == 0.0:  # any unit: begin where the sizes agree
+        if "unit" in self.names and self.mean[self.names.index("unit")] == 0.0:  # any unit: start with equal sizes
             made, _ = self.model_readings(np.concatenate([self.mean, own.ravel()]))
             self.mean[self.names.index("unit")] = 0.5 * math.log(float((self.readings**2).sum() / (made**2).sum()))
         start = np.concatenate([self.mean, own.ravel()])

@@ -37,9 +37,9 @@ MAX_ELASTIC_ERROR = 0.3
 MIN_PRESSES = 3
 #: Scale readings to this part of what the pad can bear before the elastic model solves them.
 PROBE_FRACTION = 0.01
-#: A reading is silent whose size is below this part of the median one; so many labels tell.
+#: A reading is silent if its size is below this part of the median one; and the smallest number of labels to test it.
 SILENT, ENOUGH = 0.01, 3
-#: Loading and unloading differ where their mean errors do by so many standard errors, and by this part of the force.
+#: Loading and unloading differ if their mean errors do by this many standard errors, and by this part of the force.
 DIFFERS, LAG = 3.0, 0.03
 #: Ageing: probability below which the new labels do not fit the old calibration.
 AGED = 0.01
@@ -258,7 +258,7 @@ def best_press(skin: Any, one: ForceMap) -> list[str]:
     theirs = float(np.sqrt((p.readings**2).mean() / (p.values**2).mean()))
     readings = drawn.readings * theirs / ours / drawn.force[:, 2:] * np.sqrt((p.values**2).mean())
     mean, std = one.predict(readings)
-    # the mean over the ten least certain says what they share
+    # the mean over the ten least certain is their common part
     worst = np.argsort(std / np.maximum(np.abs(mean), 0.1 * np.abs(mean).max()))[-10:]
     half = 0.5 * (extent[1] - extent[0])
     away = np.abs((drawn.center - extent.mean(axis=0)) / half).max(axis=1)

@@ -20,7 +20,7 @@ MAX_LABELS = 500
 TEMPER = 0.5
 #: Prior count of presses that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
 PRIOR_COUNT, LARGEST = 8.0, 25.0
-#: Degrees of freedom of an interval: so many, and one more for each so many presses.
+#: Degrees of freedom of an interval: this many, and one more per this many presses.
 FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
 #: Spread of gains from one run to the next before labels of several runs show it, and how many runs that counts for. Presses at the same places: 3 and 11 % between
 #: two streams of four barometers, 2 and 3 % between two runs of five magnetometers.
@@ -38,12 +38,12 @@ class ForceMap:
     Attributes
     ----------
     process : Process
-        Labels and what makes their covariance.
+        Labels and their covariance function.
     members : tuple of Fitted
     weights : array (member,)
         They add up to 1.
     inflation : float
-        Standard deviations are so many times those of the members, by how far off presses were that were left out.
+        Factor on the members' standard deviations, from cross-validation errors.
     """
 
     process: Process
@@ -119,7 +119,7 @@ class ForceMap:
 
     @property
     def run_share(self) -> float:
-        """Standard deviation of a new run's gain: the prior, and what each run shows when it is left out."""
+        """Standard deviation of a new run's gain: the prior, and the cross-validation of each run."""
         gains = np.asarray(sum(w * m.run_gains for w, m in zip(self.weights, self.members)))
         return float(np.sqrt((RUNS_OF_PRIOR * RUN**2 + (gains**2).sum()) / (RUNS_OF_PRIOR + len(gains))))
 

@@ -73,8 +73,8 @@ def reached(planes: Sequence[Array]) -> Floats:
 def likely_maps(pad: Pad, planes: Sequence[Array], surface: Grid, rng: np.random.Generator) -> Floats | None:
     """Second moment (quantity, reading, reading) of the best linear map from readings to Fx, Fy, Fz and the moments Fz x, Fz y.
 
-    For each drawn skin the best map is that of least squares over its presses; depth, thickness, gains and crosstalk differ from skin to skin. The scale
-    means nothing: it is left to the labels. None where this pad cannot be drawn from (lines; pads of others that cannot be stretched).
+    For each random skin the map is that of least squares over its presses; depth, thickness, gains and crosstalk differ from skin to skin. The labels
+    determine the scale. None if this pad cannot be varied (lines; pads of other packages without scaling).
     """
     if not isinstance(surface, AreaGrid):
         return None

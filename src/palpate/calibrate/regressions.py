@@ -14,7 +14,7 @@ __all__ = ["REGRESSIONS", "errors_left_out", "ridge"]
 
 #: Weights of the ridge that are tried, for readings of variance 1.
 RIDGES = np.logspace(-6.0, 4.0, 41)
-#: Groups of presses that are left out in turn.
+#: Number of groups of presses for cross-validation.
 FOLDS = 5
 
 

@@ -1,4 +1,4 @@
-"""Pictures of designs: trade-offs, and what one design sees."""
+"""Pictures of designs: trade-offs, and the resolution of one design."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def point_spread(
 
 
 def full_width(x: Floats, profile: Floats) -> float:
-    """Full width at half maximum [m] of an even profile from its middle; infinite where it does not fall so far."""
+    """Full width at half maximum [m] of an even profile from its middle; infinite if it does not fall so far."""
     below = np.flatnonzero(profile < 0.5)
     if not len(below):
         return math.inf
@@ -137,8 +137,9 @@ def separable_pair(
 ) -> float:
     """Smallest distance [m] of two tips that are told to be two, along the worse axis; infinite where that is more than ``farthest``.
 
-    Each tip has half of the force on half of the radius. Forces and places of both, their radius, how far they are drawn out along the axis (or one long
-    contact would be two), offsets and what is not known exactly of the skin are unknown. They are two where the distance is at least `RECOVERABLE_SIGMAS` of its own standard deviations (S. T. Smith, IEEE Trans. Signal Process. 53, 2005,
+    Each tip has half of the force on half of the radius. The unknowns are forces and places of both, their radius, their elongation along the axis
+    (or one long contact would count as two), offsets and the uncertain properties of the skin. The tips are resolved if the distance is at least
+    `RECOVERABLE_SIGMAS` of its own standard deviations (S. T. Smith, IEEE Trans. Signal Process. 53, 2005,
     1597-1609, with that factor).
     """
     low, high, count = PAIRS

@@ -19,7 +19,7 @@ __all__ = ["Responses", "array_middle", "pitch_of", "weights_of"]
 
 #: Cells to a depth and to a contact radius: at two, readings and their derivatives are within 1 % of exact ones.
 CELLS = 2.0
-#: The same where only the effect of a wrong depth or thickness is asked, which is a difference of two such operators.
+#: The same for the effect of a wrong depth or thickness, which is a difference of two such operators.
 COARSE_CELLS = 1.0
 #: Largest number of cells along an axis of the grid near the press; wider grids get coarser cells.
 MAX_CELLS = {1: 2000, 2: 121}

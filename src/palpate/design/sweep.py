@@ -1,4 +1,4 @@
-"""Many designs: every combination of what is varied, ranked."""
+"""Many designs: every combination of the variables, ranked."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ NUMBERS: dict[str, tuple[str, float, str]] = {
     "blind": ("blind part of the array", 1e2, "%"),
     "range": ("range", 1.0, "N"),
 }
-#: What the score weighs, each alike; a larger range is better, of all others the smaller number.
+#: Quantities of the score, with equal weights; a larger range is better, for all others a smaller number.
 SCORED = ("force", "shear", "center", "pair", "noticed", "range")
 #: More designs take an hour or longer.
 MAX_DESIGNS = 20_000
@@ -71,7 +71,7 @@ _GOALS = {
 
 @dataclass(frozen=True)
 class Sweep:
-    """Designs and what was varied.
+    """Designs and their variables.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Sweep:
         for name in SCORED:
             values = self.numbers(name)
             values = 1.0 / values if name == "range" else values
-            # what not all designs seek does not compare them; what a design does not tell makes it the last
+            # components that only some designs seek do not count; a design with an undetermined quantity comes last
             if np.isnan(values).any() or not np.isfinite(values).any() or not values.min() > 0:
                 continue
             logs.append(np.log(values / values.min()))
@@ -188,7 +188,7 @@ class Sweep:
         )
 
     def notes(self) -> list[str]:
-        """Where a goal ends to be met, in plain words; and what could not be built.
+        """The values at which a goal is no longer met, in plain words; and designs that could not be built.
 
         Examples
         --------
@@ -248,7 +248,7 @@ class Sweep:
         most: int | None = None,
         columns: Sequence[str] = ("force", "shear", "center", "pair", "width", "noticed", "range"),
     ) -> str:
-        """A table, one design a line, as the designs are ordered; columns in which no design has a number are left out.
+        """A table, one design a line, in order; columns without any number are left out.
 
         Examples
         --------
@@ -365,7 +365,7 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     Raises
     ------
     InvalidInput
-        Nothing to vary, an axis without values, or more combinations than can be worked out.
+        Nothing to vary, an axis without values, or too many combinations.
     """
     for name, given in values.items():
         if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) == 0:
@@ -449,15 +449,15 @@ def sweep(
     Parameters
     ----------
     skin : Skin
-        What is varied; its array needs noise.
+        The skin to vary; its array needs noise.
     press : Press, optional
-        What is pressed; 1 N over a radius of 2 mm where nothing is given.
+        The press; default: 1 N over a radius of 2 mm.
     keep : "taxels" or "area"
-        What a new pitch leaves as it is.
+        What stays constant when the pitch changes.
     goals : dict, optional
         Numbers that a design must not exceed, in SI units; of "range" must reach.
     jobs : int
-        Processes. A script that asks for more than one needs ``if __name__ == "__main__":``.
+        Processes. A script with more than one needs ``if __name__ == "__main__":``.
 
     Raises
     ------

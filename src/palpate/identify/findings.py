@@ -23,12 +23,12 @@ class Finding:
     Attributes
     ----------
     value : float
-        In SI units; NaN where it cannot be told.
+        In SI units; NaN if not determined.
     low, high : float
-        Ends of the 95 % interval. Where there is no value they may still bound it: "at least" has an infinite upper end.
+        Ends of the 95 % interval. They may bound a quantity without a value: "at least" has an infinite upper end.
     unit : str
     reason : str
-        Why it cannot be told, or what was assumed; "" where neither is.
+        Why it is not determined, or an assumption; else "".
 
     Examples
     --------
@@ -95,12 +95,12 @@ class Patch:
 
 @dataclass(frozen=True)
 class Identified:
-    """What presses the pad in one frame. Every `Finding` has a value with its interval, or says why it has none.
+    """What presses the pad in one frame. Every `Finding` has a value with its interval, or a reason why it has none.
 
     Attributes
     ----------
     shape : str
-        "ball", "flat" (a round flat punch), or "" where nothing tells one from the other: ``shape_reason`` then says why.
+        "ball", "flat" (a round flat punch), or "" if the readings do not decide: ``shape_reason`` then says why.
     patches : tuple of Patch
         The contacts, largest force first.
     count : Finding
@@ -118,7 +118,7 @@ class Identified:
     texture_wavelength : Finding
         Its wavelength [m].
     misfit : float
-        Misfit probability: how often noise alone would leave as much as the patches leave. Below 0.01 they do not explain the readings.
+        Misfit probability: the probability of a residual at least this large from noise. Below 0.01 the patches do not explain the readings.
 
     Examples
     --------
@@ -204,7 +204,7 @@ class IdentifiedPress:
 
     @property
     def forces(self) -> Floats:
-        """Normal force of all patches together in each frame [N]; 0 without contact, NaN where a patch has none."""
+        """Normal force of all patches together in each frame [N]; 0 without contact, NaN if the force of a patch is unknown."""
         return np.array([sum(p.force[2].value for p in f.patches) for f in self.frames], dtype=np.float64)
 
     def __str__(self) -> str:

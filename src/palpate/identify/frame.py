@@ -17,7 +17,7 @@ __all__ = ["Body", "Frame"]
 
 @dataclass(frozen=True)
 class Body:
-    """The pad, its arrays, and how well they are known."""
+    """The pad, its arrays, and their uncertainty."""
 
     pad: Pad
     planes: tuple[Array, ...]

@@ -1,4 +1,4 @@
-"""What presses: which round contacts explain the readings, and what follows for the object.
+"""Identification: which round contacts explain the readings, and what follows for the object.
 
 In: a skin, readings, and the touch that was found in them, which tells where contacts lie to begin with and how large the noise is. What is said of
 contacts comes from the readings: a map is blurred by its penalty, and its moments would be too.
@@ -39,7 +39,7 @@ __all__ = ["Skinlike", "identify"]
 REFUSED = 0.01
 #: Odds at which a ball is told from a flat: 100 to 1.
 ODDS = math.log(100.0)
-#: Patches at most that are sought, and share of the largest pressure that a further one must have.
+#: Largest number of patches, and smallest pressure of a further one over the largest.
 MOST, SHARE = 4, 0.15
 #: Level of all intervals.
 LEVEL = 0.95
@@ -47,7 +47,7 @@ LEVEL = 0.95
 ROUNDS = 6
 #: Error of the fitted contacts' readings over the largest one (tests/test_identify.py): no noise is taken to be less.
 MODEL = 3e-4
-#: What is said of a frame without contact.
+#: The reason in a frame without contact.
 NOTHING = "nothing touches"
 
 
@@ -305,7 +305,7 @@ def _with_wave(shapes: Shapes, data: Data, best: Fit) -> tuple[Fit, Data] | None
     """The contact with a wave in its pressure, if the two explain the frame."""
     now = best
     for _ in range(ROUNDS):
-        # of the residual that the contact leaves by itself
+        # of the residual of the contact alone
         wave = texture(shapes, data, fit_of(shapes, data, now), 1.0)
         if wave.columns is None:
             return None

@@ -16,9 +16,9 @@ from palpate.identify.shapes import BALL, FLAT
 
 __all__ = ["NORMAL", "Contact", "contact", "modulus_std", "said", "told_of"]
 
-#: Standard deviations to the end of an interval of 95 %, of what is not known of pad and sensors.
+#: Half-width of a 95 % interval in standard deviations, for the uncertainty of pad and sensors.
 NORMAL = 1.96
-#: Words for a quantity that nothing but the indentation tells.
+#: The reason for a quantity that needs the indentation.
 NO_DEPTH = "pressure alone cannot tell a soft object from a hard one of another radius: give indentation=, how far it has moved into the pad"
 RIGID = "the object is taken to be much stiffer than the pad"
 
@@ -108,7 +108,7 @@ def _best(frame: Frame) -> Fit:
 
 @dataclass(frozen=True)
 class Contact:
-    """One round contact with what is not known of it.
+    """One round contact with its uncertainty.
 
     ``radius`` [m], ``force`` [N]; ``ends`` pairs of both at either end of the interval (None where there is none); ``shifts`` both with a pad that is
     described otherwise, and the standard deviation of that over the change; ``std`` of log radius and log force by noise alone; ``quantile`` of it.
@@ -168,7 +168,7 @@ def _radius(found: Contact) -> Finding:
         return _sized(found, lambda a, f: a)
     if math.isfinite(found.depth):
         return _sized(found, lambda a, f: 1.0 / _curvature(found, a, f))
-    # of stress the force is told without the modulus; of strain and displacement both follow it, and nothing is left
+    # stress gives the force without the modulus; with strain and displacement both depend on it, and the ratio is free of it
     shared = modulus_std(found)
     out = _sized(found, lambda a, f: 1.0 / max(_curvature(found, a, f), 1e-12), more=shared)
     return Finding(out.value, out.low, out.high, out.unit, out.reason or RIGID)
@@ -232,7 +232,7 @@ def _moduli(found: Contact) -> tuple[Finding, Finding]:
 
     value = effective(found.radius, found.force)
     shifted = sum((s * math.log(effective(a, f) / value)) ** 2 for a, f, s in found.shifts)
-    # the noise of radius and force, taken to be independent
+    # the noise of radius and force, assumed independent
     noise = (found.quantile / NORMAL) ** 2 * (found.std[0] ** 2 + found.std[1] ** 2)
     std = math.sqrt(shifted + noise + uncertainty.common(found.body.planes) ** 2)
     low, high = value * math.exp(-NORMAL * std), value * math.exp(NORMAL * std)

@@ -15,7 +15,7 @@ from palpate.identify.shapes import BALL, FLAT
 
 __all__ = ["joint_shape", "together"]
 
-#: Frames, and factor between the smallest and the largest force, from which a contact is said to grow or not.
+#: Number of frames, and ratio of the largest to the smallest force, for a fit of the growth of a contact.
 FEWEST, SPAN = 3, 2.0
 
 

@@ -17,7 +17,7 @@ from palpate.sensing.operator import Operator
 __all__ = ["BALL", "FLAT", "Shapes", "by_reading", "flat_readings"]
 
 BALL, FLAT = "ball", "flat"
-#: Cells to the depth of the taxels, and the part of the cells' waves that is kept whole: what is beyond is damped by exp(-pi FADES CELLS) = 5e-6.
+#: Cells per depth of the taxels, and the part of the cells' waves without damping: the rest is damped by exp(-pi FADES CELLS) = 5e-6.
 CELLS, FADES = 6.0, 0.65
 #: Largest number of cells along an axis.
 MAX_CELLS = 160
@@ -56,7 +56,7 @@ class Shapes:
 
     @property
     def smallest(self) -> float:
-        """A radius below which contacts are alike in the readings [m]."""
+        """Contacts of smaller radius give the same readings [m]."""
         return 0.1 * self.depth
 
     def step(self, radius: float) -> float:

@@ -1,4 +1,4 @@
-"""What a table of presses tells of the response at every place, as a Gaussian process, with the indenter's size taken out.
+"""The response at every place from a table of presses, as a Gaussian process, corrected for the indenter's size.
 
 The response G(x) of a reading, per newton on the point x of the surface, is
 
@@ -35,13 +35,13 @@ __all__ = ["SHAPES", "Response", "fitted", "spread"]
 SHAPES = ("hertz", "disc", "punch")
 #: Waves of a process along an axis, at most, and of all components together: their products are a second's work.
 ALONG, WAVES = 34, 1200
-#: Rows of presses times readings from which the shared response is found, drawn where there are more.
+#: Largest number of rows (presses times readings) for the shared response; of more, a random sample is used.
 ROWS = 20_000
 #: Rows of a block.
 BLOCK = 4000
 #: Lengths l that are tried, over the distance of neighbouring presses.
 LENGTHS = (0.25, 0.4, 0.6, 0.85, 1.2, 1.8, 2.7)
-#: Room beside the lags, in distances of neighbouring presses: without it a wave that leaves on one side enters on the other.
+#: Margin beside the lags, in distances of neighbouring presses: without it, waves wrap round.
 ROOM = 2.0
 #: Places between those that were pressed, at which the uncertainty is worked out.
 PLACES = 120
@@ -179,7 +179,7 @@ def fitted(
     channels: Sequence[str],
     components: Sequence[str],
 ) -> Response:
-    """The response that a table tells of.
+    """The response fitted to a table.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def fitted(
     low, high = both.min(axis=0), both.max(axis=0)
     lag = np.abs(presses[:, None] - taxels).max(axis=(0, 1)) + ROOM * near
     lags = Waves(np.zeros(2), lag, along)
-    # the processes of the readings' own are asked for only where presses are
+    # the readings' own processes are needed only near presses
     low, high = presses.min(axis=0), presses.max(axis=0)
     here = Waves(0.5 * (low + high), (high - low) + ROOM * near, along)
     fit = _Fit(data, lags, here, near)
@@ -320,7 +320,7 @@ class _Fit:
             out[here] = total.reshape(len(here), taxels)
         return out
 
-    # -- what each reading has of its own ------------------------------------------------------------------------------
+    # -- the individual part of each reading ----------------------------------------------------------------------------
 
     def seen(self, data: _Data, length: float) -> Floats:
         """Waves of the own responses, times the root of their variance, as presses see them (component, press, parity and wave)."""
@@ -451,13 +451,13 @@ class _Shared:
         return out
 
     def untold(self, rows: Floats) -> Floats:
-        """Variance of what it foretells, of rows of waves."""
+        """Predictive variance for rows of waves."""
         return np.asarray(((rows[:, self.kept] @ self.root) ** 2) @ self.scale)
 
 
 @dataclass(frozen=True)
 class _Own:
-    """Posterior of what each reading has of its own: ``weights`` (press, taxel) times ``variance`` times the covariance with the presses."""
+    """Posterior of the individual part of each reading: ``weights`` (press, taxel) times ``variance`` times the covariance with the presses."""
 
     variance: float
     noise: float

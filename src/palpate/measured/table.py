@@ -22,7 +22,7 @@ MIN_PLACES = 16
 MAX_PRESSES = 3000
 #: Larger places than this are no metres [m].
 LARGEST = 2.0
-#: A component is loaded where its largest force is at least this part of the largest of all.
+#: A component is loaded if its largest force is at least this part of the largest of all.
 LOADED = 1e-6
 #: A reading that changes by less than this part of what the others do is dead.
 DEAD = 1e-6

@@ -68,7 +68,7 @@ class Csv(Format):
         return b"\0" not in begin or begin[:2] in (
             b"\xff\xfe",
             b"\xfe\xff",
-        )  # UTF-16: refused where it is read, with what to do
+        )  # UTF-16: the reader refuses it with a remedy
 
     def own(self, path: Path) -> bool:
         return is_own(path)
@@ -190,7 +190,7 @@ class _Columns:
     shape: tuple[int, ...]
     index: tuple[Any, ...]
     factors: list[float]
-    unit: str  # of the time, where it is no date
+    unit: str  # of the time, unless it is a date
     clock: TimeCells
 
     @classmethod

@@ -33,7 +33,7 @@ _DATE = re.compile(rf"\s*(?:{_DAY})(?:(?:[T_ ]\s*|-|,\s*)(?:{_TIME}){_ZONE})?\s*
 _OF_DAY = re.compile(rf"\s*(?:(?P<days>\d+)\s*days?,?\s*)?(?:{_TIME.rsplit('|', 1)[0]})\s*", re.ASCII)
 
 
-#: What a date has and a number has not, besides colons.
+#: Characters of a date besides colons that no number has.
 _SIGNS = re.compile(r"[-/.].*[-/.]|[T_ ]")
 
 
@@ -65,8 +65,8 @@ class TimeCells:
     def __init__(self, source: str) -> None:
         self._source = source
         self.kind = ""
-        self._day_first = array("d")  # what dates such as 3/4/2017 are with the day first
-        self._orders = {"month", "day"}  # what may come first in all of them
+        self._day_first = array("d")  # parts of dates such as 3/4/2017, day first
+        self._orders = {"month", "day"}  # possible first parts in all of them
         self._count = 0
 
     def value(self, cell: str, where: str) -> float | None:

@@ -16,7 +16,7 @@ __all__ = ["check_described", "metres_said"]
 
 
 def metres_said(text: str) -> Any:
-    """Metres that ``meta`` says, a pair (y, x) where these differ: "0.002", "2 mm", "0.002, 0.001"; None: something else.
+    """A length in ``meta`` in metres, a pair (y, x) if these differ: "0.002", "2 mm", "0.002, 0.001"; None for anything else.
 
     Examples
     --------

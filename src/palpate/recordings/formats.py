@@ -1,4 +1,4 @@
-"""File formats: one class each, found by the ending of the name, and by what is inside where the ending does not tell.
+"""File formats: one class each, found by the ending of the name, or else by the contents.
 
 A new format is one file with a class that derives from `Format` and one line: in `BUILT_IN`, or as an entry point ``palpate.formats`` of
 another package. Everything else (errors, the command line, results and recordings) takes the formats from here.
@@ -82,7 +82,7 @@ class Format:
     True
     """
 
-    #: what messages call it
+    #: the name in messages
     name: ClassVar[str]
     #: endings of file names, in lower case, the usual one first
     extensions: ClassVar[tuple[str, ...]]
@@ -183,9 +183,9 @@ class Format:
         return InvalidInput(f"{path}: {_TASKS[task]} as {', '.join(endings(task))}; got {path.suffix.lower()!r}.")
 
 
-#: Endings of Python's own format, which runs what it holds: never read.
+#: Endings of pickle, which executes its contents: never read.
 PICKLES = (".pkl", ".pickle")
-#: What serves files that are not read here.
+#: Remedies for files that this library does not read.
 _ELSEWHERE = {
     ".mat": "; a displacement field is for palpate tfm",
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "; save the sheet as CSV"),
@@ -269,7 +269,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
     """An existing file and its format: by its name, confirmed by its contents; `InvalidInput` says what is wrong."""
     found = Path(path)
     if not found.exists():
-        find_format(found)  # a name that cannot be served is told first
+        find_format(found)  # report an impossible name first
         raise InvalidInput(f"{found}: no such file.")
     if found.is_dir():
         inside = next((f for f in _built_in() if f.folder and f.recognises(found)), None)
@@ -309,7 +309,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
 
 
 def _refuse_pickle(path: Path) -> None:
-    """What to do in place of reading a pickle."""
+    """Refuse a pickle, with an alternative."""
     ending, call = (".parquet", "to_parquet") if importlib.util.find_spec("pyarrow") else (".csv", "to_csv")
     table = f"pandas.DataFrame(pandas.read_pickle({str(path)!r})).rename(columns=str)"
     raise InvalidInput(
@@ -346,10 +346,10 @@ def read_recording(
     ----------
     path : str or Path
     mapping : TopicMapping or TableMapping, optional
-        Where the readings are in a robot's MCAP file or bag, or what the columns of a table of another program are (palpate's own need none).
+        The place of the readings in a robot's MCAP file or bag, or the columns of another program's table (palpate's own need none).
     salvage : bool
-        Read a torn file as far as it goes (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV). What was lost is said
-        in ``meta["salvaged"]``.
+        Read the intact part of a torn file (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV). ``meta["salvaged"]`` states the
+        losses.
 
     Returns
     -------
@@ -379,7 +379,7 @@ def read_recording(
             )
         return known.read_mapped(found, mapping)
     recording = known.read(found, mapping=mapping, salvage=salvage)
-    if salvage and SALVAGED not in recording.meta:  # a format that reads all or nothing
+    if salvage and SALVAGED not in recording.meta:  # a format without partial reading
         return replace(recording, meta={**recording.meta, SALVAGED: "nothing is lost"})
     return recording
 

@@ -1,6 +1,6 @@
-"""Recording and Touch to labelled arrays (xarray) and back: the one place where what is written gets its names, units and dimensions.
+"""Recording and Touch to labelled arrays (xarray) and back: the one place for names, units and dimensions in files.
 
-What becomes a Dataset here comes back equal. NetCDF, HDF5 and Zarr hold these data sets as they are.
+A Dataset made here converts back to an equal object. NetCDF, HDF5 and Zarr store these data sets as they are.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 CONVENTIONS = "palpate recording 1"
-#: What the codes of `Status` mean, as the CF conventions say it.
+#: Meanings of the codes of `Status`, as the CF conventions require.
 STATUS_FLAGS = {
     "flag_values": [int(s) for s in Status],
     "flag_meanings": " ".join(s.label.replace(" ", "_") for s in Status),
@@ -176,7 +176,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     ----------
     touch : Touch
     provenance : mapping of str to str, optional
-        What it takes to make the result again; each becomes an attribute.
+        Provenance of the result; each entry becomes an attribute.
 
     Returns
     -------
@@ -261,7 +261,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     errors = None
     if "errors_traction" in dataset:
         if "errors_beyond_force" not in dataset:
-            # written before contact beyond the outermost taxels was accounted for
+            # written before the error of contact beyond the outermost taxels existed
             dataset = dataset.assign(errors_beyond_force=0.0 * dataset["errors_force"])
         errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
     stated = None

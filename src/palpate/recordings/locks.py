@@ -24,7 +24,7 @@ _guard = threading.Lock()
 
 
 def claim(path: str | Path, *, alone: bool = False) -> Callable[[], None]:
-    """Take the lock of ``path`` and return what gives it back; in a process that holds it already it is counted.
+    """Take the lock of ``path`` and return the function that releases it; a process that holds it already counts it.
 
     The lock belongs to an open file beside ``path`` (hidden, ".palpate-....lock"), so that the system ends it with the process: after kill -9 the empty
     file may stay, and locks nothing.
@@ -32,7 +32,7 @@ def claim(path: str | Path, *, alone: bool = False) -> Callable[[], None]:
     Parameters
     ----------
     path : str or Path
-        What is to be written; a link is followed.
+        The file to write; a link is followed.
     alone : bool
         Refuse also where this process holds the lock.
 
@@ -119,22 +119,22 @@ def _unlocked(target: str, handle: int) -> None:
             os.unlink(name)
         import fcntl
 
-        # a process that was forked meanwhile holds the same open file
+        # a forked process holds the same open file
         with contextlib.suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_UN)
     os.close(handle)
-    if sys.platform == "win32":  # where what is open cannot be removed
+    if sys.platform == "win32":  # on systems where an open file cannot be removed
         with contextlib.suppress(OSError):
             os.unlink(name)
 
 
 def _taken(handle: int) -> bool:
-    """Whether nobody else holds the lock; it is ours now."""
+    """Take the lock; return whether that succeeded."""
     if sys.platform == "win32":
         import msvcrt
 
         try:
-            os.lseek(handle, 1 << 20, os.SEEK_SET)  # beyond what is written, which others may read
+            os.lseek(handle, 1 << 20, os.SEEK_SET)  # beyond the written part, which others may read
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         except OSError:
             return False

@@ -29,11 +29,11 @@ Bools = npt.NDArray[np.bool_]
 MAX_CELLS_PER_LINE = 4
 #: Positions that belong to displacements may differ from frame to frame by this part of the largest displacement (they are rounded).
 ROUNDED = 0.1
-#: Markers that pass their neighbours in one frame, as a part of all, from which on they are numbered anew.
+#: Share of markers that pass their neighbours in one frame above which the numbers are reassigned from frame to frame.
 RENUMBERED = 0.2
-#: Titles of columns that tell recordings apart.
+#: Column titles that identify recordings.
 _EPISODES = ("episode_index", "episode", "episode_id")
-#: Titles of columns that tell frames or times.
+#: Column titles that identify frames or times.
 _FRAMES = ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "time", "t", "timestamp")
 
 
@@ -128,8 +128,8 @@ def _chosen(path: Path, mapping: TableMapping, table: Table, roles: dict[str, li
 class _Frames:
     """Everything by frame and marker."""
 
-    number: Floats  # of each frame, as the table says it
-    stamps: Floats | None  # the time of each, as the table says it; None: they are counted
+    number: Floats  # of each frame, as in the table
+    stamps: Floats | None  # the time of each, as in the table; None: numbers
     marker: Floats  # number of each marker
     numbered: bool  # whether these are the table's own
     places: Floats | None  # (frame, marker, axis) [m]
@@ -165,7 +165,7 @@ def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[l
 
 
 def is_frame(title: str) -> bool:
-    """Whether a column by its title tells frames or times."""
+    """Whether a column by its title identifies frames or times."""
     return plain_name(title) in _FRAMES
 
 
@@ -378,7 +378,7 @@ def _counted(path: Path, mapping: TableMapping, markers: Floats, placeless: bool
 
 
 def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Floats, Ints]:
-    """Markers that are known by their places: in rows along x."""
+    """Markers identified by their places: in rows along x."""
     gone = ~np.isfinite(where).all(axis=1)
     if gone.any():
         raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmax(gone))])}: no position; take the line out.")
@@ -441,7 +441,7 @@ def _wide(
     return _Frames(numbers, stamps, markers, counted, where, readings)
 
 
-# -- what both become --------------------------------------------------------------------------------------------------
+# -- common part ---------------------------------------------------------------------------------------------------------
 
 
 def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock) -> Recording:

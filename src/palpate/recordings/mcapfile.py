@@ -39,7 +39,7 @@ __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 CHUNK = 64 * 1024
 #: Name of the metadata record before the first readings that says their shape, which a message of one row does not tell: ``shape``, JSON.
 SHAPE = "palpate.shape"
-#: Name of the metadata record that says where the picture of the touches after it lies: ``view``, JSON that `View.restored` takes.
+#: Name of the metadata record with the position of the picture of the following touches: ``view``, JSON for `View.restored`.
 VIEW = "palpate.view"
 
 
@@ -188,7 +188,7 @@ class McapRecorder:
         try:
             self._apart(act)
         except OSError as error:
-            # nothing more is tried: the chunks before are whole, and what follows would not be
+            # stop here: the chunks before are intact, later ones would be damaged
             self._open = False
             self._file.close()
             self._apart.end()
@@ -221,7 +221,7 @@ def write_mcap(recording: Recording, path: str | Path) -> None:
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-#: What damaged bytes raise in the parser; decompressors add their own.
+#: Exceptions of the parser on damaged bytes; decompressors add their own.
 _DAMAGE = (
     EOFError,
     OSError,
@@ -341,7 +341,7 @@ class _Decoder:
         self._protobuf: dict[int, Any] = {}
 
     def damage(self) -> tuple[type[Exception], ...]:
-        """What damaged messages and definitions raise in the libraries."""
+        """Exceptions of the libraries on damaged messages and definitions."""
         import rosbags.interfaces
         import rosbags.serde
 
@@ -403,7 +403,7 @@ def own(path: Path) -> dict[str, Any] | None:
                     return facts
         except PalpateError:
             raise
-        except _damage():  # the reading that follows says so
+        except _damage():  # the following read reports it
             return facts
     return facts
 

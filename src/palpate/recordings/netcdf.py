@@ -34,7 +34,7 @@ __all__ = ["NetCDF", "damage", "guard", "opened"]
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: How a global heap begins: its signature, version 1 and three zeros.
 _HEAP = b"GCOL\x01\0\0\0"
-#: What h5py and h5netcdf raise where a file is damaged: each layer translates the library's errors in its own way.
+#: Exceptions of h5py and h5netcdf on damaged files: each layer translates the library's errors in its own way.
 DAMAGE = (
     OSError,
     RuntimeError,

@@ -32,7 +32,7 @@ __all__ = ["Npz"]
 
 #: Keys of a recording of this library.
 REQUIRED_KEYS = ("readings", "channel", "time")
-#: What a damaged archive raises in zipfile, zlib and NumPy.
+#: Exceptions of zipfile, zlib and NumPy on a damaged archive.
 _DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
@@ -90,7 +90,7 @@ class Npz(Format):
             with zipfile.ZipFile(path) as archive:
                 return {f"{n}.npy" for n in REQUIRED_KEYS} <= set(archive.namelist())
         except _DAMAGE:
-            return False  # said where it is read
+            return False  # the reader reports it
 
     def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
         held = _whole(path)

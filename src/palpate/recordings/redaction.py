@@ -1,4 +1,4 @@
-"""Secrets that a command line holds never reach a file."""
+"""Keep secrets of a command line out of files."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _redacted(text: str) -> str:
         return text
     try:
         arguments = shlex.split(text)
-    except ValueError:  # a quote that does not close: what follows the option cannot be told from the secret
+    except ValueError:  # an unclosed quote: the rest after the option may all be secret
         first = min(text.index(option) + len(option) for option in SECRET if option in text)
         return f"{text[:first]} {PLACEHOLDER}"
     hidden = without_secrets(arguments)

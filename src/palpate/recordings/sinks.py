@@ -1,4 +1,4 @@
-"""What takes a stream while it happens: readings, touches and events."""
+"""Receivers of a stream: readings, touches and events."""
 
 from __future__ import annotations
 

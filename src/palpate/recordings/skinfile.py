@@ -13,7 +13,7 @@ depth = "2 mm"                   # of the taxels below the surface
 channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"              # optional
 noise = "50 Pa"                  # optional; or one per channel
-noise_correlation = "1 mm"       # optional; length over which the noise of neighbours is alike
+noise_correlation = "1 mm"       # optional; correlation length of the noise
 # positions = [["0 mm", "0 mm"], ...] of a scattered plane; or positions_file = "taxels.csv" with columns x and y; with positions_unit = "mm" for bare numbers
 limits = ["0 Pa", "30 kPa"]      # optional; ends of the range of a reading; "30 kPa" for -30 to 30; or one [low, high] per channel
 
@@ -24,7 +24,7 @@ spacing = "0.5 mm"
 [stream]                         # optional: how a robot's messages become readings
 topic = "/xServTopic"
 path = "sensors[0].taxels"       # where the taxels are in a message; "" for an image or a Grid
-fields = ["x", "y", "z"]         # what to take of each
+fields = ["x", "y", "z"]         # fields of each
 unit = "25 Pa"                   # what 1 in a message means; or one per channel; negative turns the sign
 
 [camera]                         # optional: how pictures become displacements (`palpate.recordings.camerasection`)

@@ -1,4 +1,4 @@
-"""Recordings and touches as named arrays with attributes: what is read alike from an HDF5 file and a Zarr store."""
+"""Recordings and touches as named arrays with attributes, for an HDF5 file and a Zarr store alike."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["confirmed_touch", "opened_recording", "stored_recording", "touch_gro
 def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage: bool) -> Recording:
     """The recording in a file or group with arrays "readings", "time" and perhaps "positions", and attributes.
 
-    Blocks that were not finished are left out: readings without times, and with ``salvage`` what reads as fill values.
+    Unfinished blocks are dropped: readings without times, and with ``salvage`` those with fill values.
     """
     counts = held["readings"].shape[0], held["time"].shape[0]
     count = min(counts)
@@ -74,7 +74,7 @@ class _Guarded:
 def opened_recording(
     held: Any, channels: Iterable[Any], path: Path, readable: Callable[[Path], AbstractContextManager[None]]
 ) -> OpenRecording:
-    """The same, read piece by piece as long as what holds it stays open; ``readable`` translates what the library raises."""
+    """The same, read piece by piece while its file stays open; ``readable`` translates exceptions of the library."""
     count = min(held["readings"].shape[0], held["time"].shape[0])
     meta = json_object(text(held.attrs.get("meta", "{}")), f"{path}: meta")
     found, told = _times(held, count, path)

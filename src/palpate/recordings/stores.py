@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HdfRecorder", "ZarrRecorder", "zarr_library"]
 
-#: Frames in a block: what a killed process can lose.
+#: Frames in a block: the most that a killed process loses.
 BLOCK = 32
 EVENT_KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force", "pull", "unexplained")
 _EVENTS = {
@@ -48,12 +48,11 @@ _EVENTS = {
 
 
 class _Variable:
-    """One array of a group: its dimensions (the first is time, where it grows) and what it is."""
+    """One array of a group: its dimensions (time first, if it grows) and its type."""
 
     def __init__(self, dims: tuple[str, ...], dtype: Any, attrs: Mapping[str, Any], data: Any = None) -> None:
         self.dims, self.dtype, self.attrs, self.data = dims, np.dtype(dtype), dict(attrs), data
-        #: What a place holds that was never written.
-        # what a block that was not written reads as; readers take it for missing, so no flag may have it
+        #: Fill value of unwritten places. Readers treat it as missing, so no flag may equal it.
         self.empty = {"f": np.nan, "i": np.iinfo(np.int8).min}.get(self.dtype.kind, 0)
 
 
@@ -148,7 +147,7 @@ class _Recorder(abc.ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # -- what the formats do --------------------------------------------------------------------------------------------
+    # -- the interface of the formats ------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def _create(self) -> None:
@@ -272,7 +271,7 @@ class HdfRecorder(_Recorder):
 
     On the disk the file is whole after every block, also where the process is killed or the disk is full (`HeldFile`).
 
-    Takes what `palpate.recordings.recorder` takes, and ``block``, the frames in a block.
+    Arguments of `palpate.recordings.recorder`, and ``block``, the frames in a block.
     """
 
     def _create(self) -> None:
@@ -281,7 +280,7 @@ class HdfRecorder(_Recorder):
         self._opened: list[Any] = []
         self._held = HeldFile(self.path)
         self._made = True
-        # what is still open when the process ends would call back when nothing can answer
+        # an object still open at the end of the process would call back too late
         self._left = weakref.finalize(self, _let_go, self._held, self._opened)
         with h5netcdf.File(self._held, "w") as file:
             file.attrs["meta"] = json.dumps(self._meta)
@@ -311,10 +310,10 @@ class HdfRecorder(_Recorder):
                 grows = variable.data is None
                 options: dict[str, Any] = {}
                 if grows:
-                    # what is not there says so, and what was damaged is told by its checksum
+                    # a missing file raises its own error, and a checksum finds damage
                     chunks = (self._block, *variable.attrs.get("shape", ()))
                     options = {"chunks": chunks, "fillvalue": variable.empty, "fletcher32": True}
-                # not compressed: that would hold up the stream
+                # uncompressed: compression would delay the stream
                 made = place.create_variable(name, variable.dims, dtype=variable.dtype, data=variable.data, **options)
                 for key, value in variable.attrs.items():
                     if key != "shape":
@@ -349,7 +348,7 @@ def _shut(opened: list[Any]) -> None:
 
 
 def _let_go(held: HeldFile, opened: list[Any]) -> None:
-    """Close HDF5's view of a file that is not written on: into memory, and the disk keeps what it has."""
+    """Close HDF5's view of a file without further writes: they go to memory, and the disk stays unchanged."""
     _shut(opened)
     held.close()
 
@@ -357,7 +356,7 @@ def _let_go(held: HeldFile, opened: list[Any]) -> None:
 class ZarrRecorder(_Recorder):
     """Writes a stream into a Zarr store (a folder, .zarr), which can be opened at any time.
 
-    Takes what `palpate.recordings.recorder` takes, and ``block``, the frames in a block.
+    Arguments of `palpate.recordings.recorder`, and ``block``, the frames in a block.
     """
 
     def _create(self) -> None:

@@ -30,7 +30,7 @@ class Table(Format):
         return b"\0" not in begin or begin[:2] in (
             b"\xff\xfe",
             b"\xfe\xff",
-        )  # UTF-16: refused where it is read, with what to do
+        )  # UTF-16: the reader refuses it with a remedy
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         raise InvalidInput(f"{path} is a table of another program. {explained(path)}")

@@ -35,14 +35,13 @@ def read_table(
     Parameters
     ----------
     columns : sequence of str
-        For a CSV table: the columns that hold x, y and then each channel. For HDF5: the data sets that hold positions and
-        vectors, shaped (2, n) or (n, 2).
+        For a CSV table: the columns that hold x, y and then each channel. For HDF5: the data sets of positions and vectors, shaped (2, n) or (n, 2).
     channels : sequence of str
-        What the reading columns are.
+        Channels of the reading columns.
     position_factor, reading_factor : float
         Multiply positions to metres and readings to SI units, e.g. 1e-6/1.3 for pixels of 1.3 per micrometre.
     follow : bool
-        Move each position by its own displacement (the vectors then belong to where the markers went).
+        Move each position by its own displacement (the vectors then belong to the moved markers).
 
     Raises
     ------
@@ -95,7 +94,7 @@ def read_table(
     )
 
 
-#: What the columns of a table of positions may be called.
+#: Accepted titles in a table of positions.
 _PLACES = {
     "number": (
         "taxel",

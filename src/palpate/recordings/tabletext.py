@@ -23,13 +23,13 @@ from palpate.units import UNITS, plain_unit
 
 __all__ = ["SLICE", "Table", "Titles", "first_titles", "read_table_text"]
 
-#: Separators in the order in which they are tried; None: blanks.
+#: Separators in the order of trial; None: blanks.
 SEPARATORS = ("\t", ";", ",", None)
 #: Some of a row of columns, as Python slices them.
 SLICE = re.compile(r"(?P<name>.*)\[(?P<slice>\d*:\d*(?::\d+)?)\]")
-#: A number of a column that holds several.
+#: A number in a list in a cell.
 _ENTRY = re.compile(r"(.+)\[(\d+)\]")
-#: Lines in which titles are looked for.
+#: Number of lines to search for titles.
 HEAD = 32
 _UNIT = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]$")
 _MISSING = ("", "nan", "na", "n/a", "null")
@@ -210,7 +210,7 @@ class _Tail:
 def _content(lines: Iterator[str]) -> Iterator[tuple[int, str]]:
     for count, line in enumerate(lines, 1):
         text = line.strip("\r\n")
-        # a first line "sep=;" is what a spreadsheet tells itself
+        # a first line "sep=;" is for spreadsheets
         if text.strip() and not (count == 1 and re.fullmatch(r"sep=.", text.strip())):
             yield count, text
 
@@ -220,7 +220,7 @@ def _split(line: str, separator: str | None) -> list[str]:
         return line.split()
     try:
         return [c.strip() for c in next(csv.reader([line], delimiter=separator, strict=True), [])]
-    except csv.Error:  # a quote within a cell: said where the line is read
+    except csv.Error:  # a quote within a cell: the reader of the line reports it
         return [c.strip() for c in line.split(separator)]
 
 
@@ -343,7 +343,7 @@ def _refused(path: Path, head: list[tuple[int, str]]) -> str:
     return ","
 
 
-#: What no separator is.
+#: Characters that are no separators.
 _NONE = ""
 #: The first column where it has no title: the index of a data frame.
 _INDEX = "index"
@@ -352,7 +352,7 @@ _NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", None: "blanks"}
 
 
 def _trimmed(row: list[str], count: int | None = None) -> list[str]:
-    """Without an empty cell behind a separator at the end of the line; ``count``: only where that many are left."""
+    """Drop an empty cell behind a separator at the end of the line, if ``count`` cells remain."""
     if len(row) > 1 and not row[-1] and (count is None or len(row) - 1 == count):
         return row[:-1]
     return row

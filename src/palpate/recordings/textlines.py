@@ -24,7 +24,7 @@ _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.
 
 def text_of(path: Path) -> tuple[list[str], bool]:
     """Lines of a text file, and whether the last one is ended; a file that is not text is refused."""
-    next(lines_of(path), "")  # what is no text is refused by its first line
+    next(lines_of(path), "")  # a binary file is refused at its first line
     # the bytes, the text, and its lines
     require(
         6.0 * ordinary(path).stat().st_size,

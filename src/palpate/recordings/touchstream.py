@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Arrays", "Collected", "Piece", "TouchStream", "Whole", "Written", "along_time", "piece_of"]
 
-#: Attributes that all pieces of a run have alike.
+#: Attributes common to all pieces of a run.
 _COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names", "friction")
 
 
@@ -133,9 +133,9 @@ class Whole:
 
 
 class TouchStream(abc.ABC):
-    """A file that takes the touches of ``count`` frames in pieces; `finish` makes it a result. Nothing else may write to it.
+    """A file that receives the touches of ``count`` frames in pieces; `finish` completes it. Nothing else may write to it.
 
-    `InvalidInput` where the disk does not take a piece.
+    `InvalidInput` if the disk does not accept a piece.
 
     One thread does the writing, so that Ctrl-C, which reaches the main thread, cannot break into it.
     """
@@ -180,7 +180,7 @@ class TouchStream(abc.ABC):
     def _add(self, start: int, piece: Piece) -> None: ...
 
     def _note(self, start: int, piece: Written) -> None:
-        raise NotImplementedError  # nobody else writes where `place` gives none
+        raise NotImplementedError  # nobody else writes if `place` returns None
 
     @abc.abstractmethod
     def _finish(self) -> None: ...

@@ -140,7 +140,7 @@ class ZarrStream(Arrays):
                 f"the run that was broken off was another one: {what}. Give what it was begun with, or start again with --force (overwrite=True)."
             )
         zarr = zarr_library()
-        with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not say it
+        with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not state it
             self._root = zarr.open_group(str(self.path), mode="r+", zarr_format=3)
             held = list(self._root.arrays())
         pieces = {line["start"]: line for line in lines[1:]}
@@ -160,10 +160,10 @@ class ZarrStream(Arrays):
                 self._crcs[start] = {n: (int(crc), int(size)) for n, (crc, size) in line["crcs"].items()}
                 for name in set(self._long) - set(line["crcs"]):  # that came up later
                     self._put(name, start, self._nothing(name, line["frames"]))
-        self._by_others = True  # what was broken off may have left half a block under another name
+        self._by_others = True  # an interrupted run may have left half a block under another name
 
     def _whole(self, start: int, line: Mapping[str, Any]) -> bool:
-        """Whether a piece is in the store as it was written."""
+        """Whether a piece is in the store and intact."""
         here = slice(start, start + line["frames"])
         try:
             return all(list(block_crc(self._arrays[n][here])) == list(crc) for n, crc in line["crcs"].items())
@@ -271,7 +271,7 @@ class ZarrStream(Arrays):
         return out
 
     def _opened(self) -> xarray.Dataset:
-        """As it lies there, nothing of it in memory."""
+        """The store as it is, without loading it."""
         import xarray
 
         options = {"consolidated": False, "zarr_format": 3}

@@ -1,4 +1,4 @@
-"""Notes that say in how many frames something is: added up over parts of a recording, and said of one frame."""
+"""Notes with a count of frames: summed over parts of a recording, and reduced to one frame."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def numberless(note: str) -> str:
 
 
 class Counted:
-    """The notes of all parts, each once (the first of those that differ in a number alone); where a note says in how many frames it is, it says so of all frames.
+    """The notes of all parts, each once (the first of those that differ only in a number), with counts of frames summed.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def counted(parts: Sequence[tuple[Iterable[str], int]]) -> tuple[str, ...]:
 
 
 def of_one(note: str) -> str:
-    """What a note of several frames says of one of them: without a count where it is said of all.
+    """The note of several frames for one of them: without a count if it holds for all.
 
     Examples
     --------

@@ -26,8 +26,8 @@ from palpate.units import is_number
 __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibrated"]
 
 
-#: A load of which no more is known than its sign and its size has an exponential distribution, the one of largest entropy (E. T. Jaynes, Physical Review 106,
-#: 620, 1957), whose interval of 95 % ends so many times the size above it.
+#: Half-width of a 95 % interval for a load known only by sign and size, over that size, minus 1. Its distribution is exponential, the one of largest
+#: entropy (E. T. Jaynes, Physical Review 106, 620, 1957).
 OUTSIDE_FACTOR = -math.log(0.025) - 1.0
 
 
@@ -66,7 +66,7 @@ def _unknown(touch: Numbers) -> bool:
 
 
 def _each_method(touch: Numbers, function: Callable[[Constants], tuple[Floats, ...]]) -> tuple[Floats, ...]:
-    """``function`` of the constants of each frame's method, put together; NaN where a method has none."""
+    """``function`` of the constants of each frame's method; NaN for a method without constants."""
     methods = touch.methods
     out: tuple[Floats, ...] | None = None
     for method in dict.fromkeys(methods.ravel().tolist()):
@@ -141,7 +141,7 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
         if mirrored:
             value = np.where(turned, -value, value)
             if touch.fit is not None:
-                # that it pulls at all is in doubt where the model does not explain the readings
+                # the sign of a pull is uncertain if the model does not explain the readings
                 doubted = turned & np.reshape(np.asarray(touch.fit) < POOR_FIT, turned.shape)
                 floor = np.where(doubted, -math.inf, floor)
         low, high = table[of].bounds(level, value, deviation, outside, floor, stated=more, beyond=beyond)
@@ -238,10 +238,10 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
 
     found = _each_method(touch, chance)[0]
     if touch.force_bounds is not None and of == "force":
-        # no upper end: more than what the interval of 95 % leaves above it
+        # no upper end: wider than the interval of 95 %
         found = np.where(np.isinf(np.asarray(touch.force_bounds)[..., -1, 1]), np.maximum(found, 0.025), found)
     if touch.status is not None:
-        # nothing tells how large an overload is
+        # the size of an overload is unknown
         found = np.where(np.asarray(touch.status) == int(Status.OVERLOAD), 1.0, found)
     return found
 
@@ -249,7 +249,7 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
 def uncalibrated(
     touch: Numbers, known: Constants, of: str, friction: float | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and what it cannot go below."""
+    """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and its lower bound."""
     found = errors(touch)
     sign = np.full(len(touch.surface.components), -math.inf)
     sign[-1] = 0.0 if "z" in touch.components and not known.signed else -math.inf
@@ -270,7 +270,7 @@ def uncalibrated(
 
 
 def named(touch: Numbers, of: str, value: Floats, friction: float | None = None) -> Floats:
-    """What is owed to a pad that is not known exactly (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
+    """Error due to an uncertain pad (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
     common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch.common_std * np.abs(value)
     if touch.discrepancy is not None and np.any(touch.discrepancy):
         common = np.hypot(common, _by_discrepancy(touch, of, value))
@@ -283,8 +283,8 @@ def named(touch: Numbers, of: str, value: Floats, friction: float | None = None)
 
 
 def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
-    """Standard deviation of a quantity by what the pad's model leaves unexplained: that part of it, of the load for a component of the force, of the
-    contact's radius (root mean square) for its centre. What a force may have more beyond the outermost taxels is in `_beyond`.
+    """Standard deviation of a quantity due to the misfit of the pad's model: that share of it, of the load for a component of the force, of the
+    contact's radius (root mean square) for its centre. `_beyond` adds load beyond the outermost taxels.
     """
     share = np.asarray(touch.discrepancy, dtype=np.float64)
     share = share.reshape((*share.shape, *(1,) * (np.ndim(value) - share.ndim)))
@@ -308,8 +308,9 @@ def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
 def _beyond(touch: Numbers) -> Floats:
     """Extra half-width of the 95 % interval of a net force, away from zero: contact beyond the outermost taxels, and a larger load than found there.
 
-    Where a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, and pads end there: what was found is known by
-    its sign and its size alone. Only what is more is added: on four real skins (`benchmarks/real.py`) all forces outside their intervals lay above them.
+    If a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, where pads also end: only the sign and
+    the size of that load are known. The interval grows on one side only: on four real skins (`benchmarks/real.py`) all forces outside their intervals
+    lay above them.
     """
     found = errors(touch)
     if touch.discrepancy is None:

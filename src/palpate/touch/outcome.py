@@ -184,7 +184,7 @@ class Outcome:
         )
 
     def plain(self) -> dict[str, Any]:
-        """As JSON takes it; `restored` is the way back."""
+        """As JSON types; `restored` is the inverse."""
         return asdict(self)
 
     @classmethod
@@ -204,7 +204,7 @@ class Outcome:
         said = []
 
         def some(count: int) -> str:
-            """ " in 3 of 70 frames", or nothing for a single frame."""
+            """ " in 3 of 70 frames", or "" for a single frame."""
             return f" in {count} of {self.frames} frames" if self.batch else ""
 
         for code, count in self.status.items():
@@ -215,7 +215,7 @@ class Outcome:
                 count -= self.unlike_noise
                 if not count:
                     continue
-            # what did not converge says itself what helps: a tracker, a rule and a constrained method need something different
+            # notes on convergence carry their own remedy: a tracker, a rule and a constrained method need different ones
             own = status is Status.NOT_CONVERGED
             remedy = f"; {status.remedy}" if status.remedy and not own else ""
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
@@ -275,7 +275,7 @@ class Outcome:
                 f"{begins} {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
             )
         if self.rough:
-            # the widest of many frames tells nothing of the others: it is one that hardly touches
+            # the widest of many intervals is not typical: it is a frame with hardly any contact
             wide = f"more than +- {ROUGH:.0%} of the load" if self.batch else f"+- {_of_load(self.roughest)}"
             said.append(f"{ROUGHLY}{some(self.rough)}: {wide} (95 %)")
         if self.poor:

@@ -50,7 +50,7 @@ def said(value: float, low: float = math.nan, high: float = math.nan, *, factor:
 
 
 def open_interval(low: float, high: float) -> str:
-    """An interval of which one end, or both, are open; nothing where an end is not known.
+    """An interval with one or both ends open; "" if an end is unknown.
 
     Examples
     --------

@@ -19,7 +19,7 @@ from palpate.touch.rounding import force_unit, said
 
 __all__ = ["assumptions", "notes", "outcome", "summary"]
 
-#: Part of the normal force that lies outside the outermost taxels from which on a summary says so.
+#: A summary notes at least this part of the normal force outside the outermost taxels.
 OUTSIDE = 0.05
 
 
@@ -103,14 +103,14 @@ def summary(one: Numbers, friction: float | None) -> str:
         margin = float(one.slip_margin(friction))
         low, high = bounds("slip_margin", friction=friction)
         factor, unit = _unit([margin, float(low[0]), float(high[0])], "Pa")
-        if np.isfinite(margin):  # where something touches
+        if np.isfinite(margin):  # in frames with contact
             say("slip margin", margin, float(low[0]), float(high[0]), factor, unit)
             lines[-1] += f", at friction {friction:g}"
     if one.sliding is not None and float(one.sliding) > 0.5:
         sure = 100 * float(one.sliding)
         lines.append(f"{'shear':<16}in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %")
     if known:
-        # the first interval says of which probability all of them are
+        # the first interval states the probability for all
         first = next((i for i, text in enumerate(lines) if " (" in text), None)
         if first is not None:
             lines[first] = lines[first].replace(" (", " (95 %: ", 1)
@@ -118,7 +118,7 @@ def summary(one: Numbers, friction: float | None) -> str:
 
 
 def _at_most(one: Numbers, *, line: bool) -> str:
-    """Where the interval of the normal force ends, which is all that is known of a frame that is not explained."""
+    """The upper end of the interval of the normal force, the only number of an unexplained frame."""
     if one.errors is None or "z" not in one.components:
         return ""
     end = float(np.ravel(to_numpy(interval(one, 0.95, "force", None)[1]))[-1])

@@ -1,9 +1,9 @@
-"""Rows of the real bench: recordings that begin with frames at rest, and what sensors do there that no elastic pad does.
+"""Rows of the real bench: recordings that begin with frames at rest, with defects of sensors that no elastic pad has.
 
-Each case is the 30 frames at rest from which a user takes the zero, and the frames after them up to the one that is judged. Raw readings have an offset of their
-own in every taxel, where the row does not need their ends.
+Each case has 30 frames at rest for the zero, then frames up to the one that is judged. Raw readings have a separate offset in every taxel, except for
+rows that need the ends of the range.
 
-What counts as right, besides the interval that holds the true force:
+A result is right if its interval contains the true force, or:
 
 - all readings at their end: the truth lies above the lower end and the upper end is open, or the frame is not known; a finite upper end is far outside;
 - a press wider than the array: any force from that of the part over the array to that of the whole press;
@@ -94,7 +94,7 @@ class Case:
         return clean + self.offset + self.std * self.rng.standard_normal(clean.shape)
 
     def record(self, rest: Floats, steps: Floats, road: str, times: Floats | None = None) -> Case:
-        """Finish: beside the frames, a clean press of the same sensor."""
+        """Finish, and add a clean press of the same sensor."""
         ball = plain_ball(self.sensor, float(np.abs(self.typical.traction).max()))
         sensed = _sensed(self.sensor, ball)
         if self.limits is not None:  # a clean frame is within its range
@@ -153,7 +153,7 @@ def _stress(sensor: Sensor) -> bool:
     return sensor.sensing == "stress"
 
 
-# -- what no elastic model fits ------------------------------------------------------------------------------------------
+# -- readings that no elastic model fits ---------------------------------------------------------------------------------
 
 
 def uneven_gains(rng: np.random.Generator) -> Case:
@@ -226,7 +226,7 @@ def lattice(rng: np.random.Generator) -> Case:
     return _held(case, readings)
 
 
-# -- what readings do not tell -------------------------------------------------------------------------------------------
+# -- loads that readings do not determine --------------------------------------------------------------------------------
 
 
 def _wide(
@@ -275,7 +275,7 @@ def even_press(rng: np.random.Generator) -> Case:
     return _held(case, case.readings)
 
 
-# -- what happens over time ----------------------------------------------------------------------------------------------
+# -- changes over time ---------------------------------------------------------------------------------------------------
 
 
 def frozen_patch(rng: np.random.Generator) -> Case:
@@ -308,7 +308,7 @@ def zeros_after_press(rng: np.random.Generator) -> Case:
     pressed = case.frames(levels)
     noise = case.std * rng.standard_normal((REST, *case.readings.shape))
     at_rest = str(rng.choice(["exactly 0", "rounded", "noise"]))
-    step = 3.0 * case.std  # so that a few readings at rest are not 0
+    step = 3.0 * case.std  # so that a few rest readings differ from 0
     rest = {"exactly 0": np.zeros_like(noise), "rounded": np.round(noise / step) * step, "noise": noise}[at_rest]
     if at_rest == "rounded":
         pressed = np.round(pressed / step) * step

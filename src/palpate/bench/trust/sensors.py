@@ -54,7 +54,7 @@ _TINY: dict[tuple[tuple[int, int], tuple[str, ...]], float] = {
 
 @dataclass(frozen=True)
 class Sensor:
-    """A pad and the array in it, in plain numbers, so that what is true and what is said of them may differ.
+    """A pad and its array in plain numbers, so that truth and description may differ.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Sensor:
 
     @property
     def shears(self) -> str:
-        """Axes along which it can tell shear from pressure."""
+        """Axes of shear that it separates from pressure."""
         if len(self.shape) == 1:
             return "x" if len(self.channels) > 1 else ""
         if len(self.channels) == 1:
@@ -214,6 +214,6 @@ def _any_sensor(rng: np.random.Generator) -> Sensor:
         layers = ((top, float(rng.uniform(1.5, 5.0))), (depth * float(rng.uniform(1.1, 3.0)) - top, 1.0))
     if layers:
         ratio = min(ratio, 0.495)
-    # the mean over a wide taxel in layers takes seconds to prepare, and is alike
+    # averaging over a wide taxel in layers takes seconds to prepare, and changes little
     aperture = 0.7 * pitch if wide and not layers else 0.0
     return Sensor(kind, shape, pitch, depth, aperture, channels, modulus, ratio, layers, gel)
