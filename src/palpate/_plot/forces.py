@@ -184,7 +184,7 @@ def _numbers(table: pandas.DataFrame, title: str) -> tuple[Any, Any, Any]:
 def _limits(columns: Sequence[tuple[Any, Any, Any]]) -> tuple[float, float, bool]:
     """Ends of an axis that shows all values and the intervals as they mostly are, and whether some interval does not fit.
 
-    A frame that is hardly known has an interval hundreds of times as wide as the values: an axis of that length would show nothing else.
+    A very uncertain frame has an interval hundreds of times as wide as the values: an axis of that length would show nothing else.
     """
     values = np.concatenate([c[0] for c in columns])
     halves = [np.maximum(value - low, high - value) for value, low, high in columns]

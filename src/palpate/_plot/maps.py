@@ -86,7 +86,7 @@ def plot_touch(
 
 
 def _std(touch: Shown) -> Floats | None:
-    """Standard deviation of the traction, where there is one."""
+    """Standard deviation of the traction, if available."""
     if touch.errors is None:
         return None
     std = np.asarray(touch.std.values, dtype=np.float64)
@@ -142,7 +142,7 @@ def _plot_area(
     seen_from: str,
     taxels: Sequence[Array],
 ) -> Figure:
-    """Panels of pressure, shear and uncertainty; beside a truth a second row, with what was missed in the place of the uncertainty."""
+    """Panels of pressure, shear and uncertainty; with a truth a second row, with the error in place of the uncertainty."""
     from matplotlib.figure import Figure
 
     pressure, sheared = "z" in touch.components, bool({"x", "y"} & set(touch.components))
@@ -288,7 +288,7 @@ def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, seen_from:
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
     apart = max(float(np.ptp(x)), float(np.ptp(y))) / ACROSS
     std = _std(touch)
-    # what may be noise gets no arrow
+    # no arrows for insignificant shear
     doubt = 0.0 if std is None else 1.96 * np.hypot(std[0], std[1]) / np.sqrt(2.0)
     i, j = arrow_cells(size, (apart / dy, apart / dx), np.maximum(WEAK * largest, doubt))
     arrows = axes.quiver(

@@ -72,7 +72,7 @@ class Numbers:
         return sum(len(part["status"]) for part in self._parts.values())
 
     def untouched(self) -> Any:
-        """Whether nothing was found to touch in each frame."""
+        """Whether each frame has no contact."""
         if self._file is not None:
             return np.isin(self._status, [Status.NO_CONTACT, Status.UNDECIDED])
         labels = [Status.NO_CONTACT.label, Status.UNDECIDED.label]
@@ -92,7 +92,7 @@ class Numbers:
             k = self._titles.index(title)
             column: Floats = np.memmap(cast(Any, self._file), np.float64, "c", 8 * k * self._frames, (self._frames,))
             for start, (count, titles) in self._held.items():
-                if title not in titles:  # a frame that is missing may lack what needs the friction
+                if title not in titles:  # a missing frame may lack values that need the friction
                     column[start : start + count] = math.nan
             out[title] = column
         labels = pandas.Categorical.from_codes(

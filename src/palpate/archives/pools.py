@@ -1,4 +1,4 @@
-"""Where pieces are worked on: here, in threads, in processes, or on a Dask cluster. What they have in common is `Pool`."""
+"""Workers for pieces: this thread, threads, processes, or a Dask cluster. `Pool` is their interface."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["Pool", "in_order", "pool_of"]
 
 #: So often a piece may lose its worker: one that needs more memory than there is would take one worker after another.
 LOSSES = 3
-#: Seconds in which a scheduler must answer.
+#: Timeout of a scheduler [s].
 ANSWER = 10
 
 
@@ -34,12 +34,12 @@ class Pool(AbstractContextManager["Pool"]):
 
     #: Tasks that wait or are worked on at a time, so that memory does not grow with the recording.
     width: int = 1
-    #: Whether tasks are worked on in other processes, which write what they make by themselves where they can.
+    #: Whether tasks run in other processes, which write their own results if they can.
     elsewhere: bool = False
 
     @abc.abstractmethod
     def submit(self, task: Task) -> Callable[[], Solved]:
-        """Begin a task; what is returned waits for it."""
+        """Start a task; the returned function waits for it."""
 
     def restart(self) -> None:
         """New workers in the place of those that were lost."""
@@ -95,7 +95,7 @@ def _later(pool: Pool, task: Task) -> Callable[[], Solved]:
 
 
 def pool_of(skin: Skin, options: dict[str, Any], *, workers: int, scheduler: str | None) -> Pool:
-    """The pool that is asked for.
+    """The requested pool.
 
     Raises
     ------
@@ -178,7 +178,7 @@ class _Processes(Pool):
         self._begin()
 
     def _end(self) -> None:
-        self._held.close()  # what they are at is of no use any more
+        self._held.close()  # their work is no longer needed
         self._executor.shutdown(wait=True, cancel_futures=True)
 
     def __exit__(self, *_: object) -> None:
@@ -186,7 +186,7 @@ class _Processes(Pool):
 
 
 def _begin_worker(watched: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the first process says what becomes of it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the first process reports
     _one_thread_each()
     threading.Thread(target=_end_with, args=(watched,), daemon=True).start()
 

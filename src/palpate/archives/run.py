@@ -60,24 +60,24 @@ MAX_DEFAULT_PROCESSES = 8
 
 @dataclass(frozen=True)
 class Reconstructed:
-    """What a run has made.
+    """The result of a run.
 
     Attributes
     ----------
     path : Path
         The file.
     frames, before : int
-        Its frames, and how many of them an earlier run had done.
+        Its frames, and how many of them an earlier run had finished.
     frame : int
-        The frame of the recording that ``touch`` is of: the one that was asked for, or that with the largest traction.
+        Number of the frame of ``touch``: the requested one, or that with the largest traction.
     touch : Touch
         The result of this frame.
     numbers : Numbers
         Numbers of all frames, as `table` holds them.
     remarks : tuple of str
-        What is to be said of the readings.
+        Remarks on the readings.
     notes : tuple of str
-        What was assumed, and what became of the frames: of all of them, where those of ``touch`` are of one.
+        Assumptions and outcomes of all frames; those of ``touch`` are of one.
     """
 
     path: Path
@@ -117,7 +117,7 @@ def piece_length(skin: Skin, method: Method | None = None) -> int:
 def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
     """Processes that pay where the user does not say: one for each core, of small sensors and methods that take their time over each frame.
 
-    A process takes a second or two to begin, which linear methods and a few frames do not earn, and holds what large sensors prepare once more.
+    A process takes a second or two to start, too long for linear methods and few frames, and prepares large sensors again.
 
     Examples
     --------
@@ -162,8 +162,8 @@ def reconstruct_recording(
         NetCDF, HDF5 and Zarr are read piece by piece, a long CSV once into a temporary file; other formats whole.
     out : str or Path
         NetCDF, HDF5, Zarr, CSV and MCAP are written piece by piece; the touches of other formats stay in memory until the end. A Zarr store grows
-        in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete, and of a run that
-        is broken off ``NAME.part.csv`` keeps the forces of the frames so far.
+        in ``NAME.partial`` beside it, which stays if the run is interrupted; every other file appears when it is complete, and after an interruption
+        ``NAME.part.csv`` keeps the forces of the frames so far.
     method, components, **options
         As for `Skin.reconstruct`.
     workers : int
@@ -173,15 +173,16 @@ def reconstruct_recording(
     chunk : int, optional
         Frames in a piece. Default: `piece_length`.
     resume : bool
-        Go on with a run into the same Zarr store that was broken off, or begin it. It must be the same run: recording, skin, method, chunk.
+        Continue an interrupted run into the same Zarr store, or start it. It must be the same run: recording, skin, method, chunk.
     overwrite : bool
-        Replace a result, or a run that was broken off.
+        Replace a result, or an interrupted run.
     frame : int, optional
-        Solve and write this frame alone; -1 is the last. Default: all frames.
+        Solve and write only this frame; -1 is the last. Default: all frames.
     baseline : int or array
-        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the intervals); or frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
-        Five or more also tell the noise, where the array's is not given.
-        0 (default): the readings are zero already. Readings that evidently are not (raw counts) are said in ``remarks``.
+        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the
+        intervals); or frames at the start without contact: their mean (`palpate.sensing.zero.zero_of`) is subtracted from all readings. Five or more
+        also give the noise, if the array states none. 0 (default): the readings have a zero. ``remarks`` notes readings that evidently do not (raw
+        counts).
     provenance : mapping of str to str
         Kept as attributes of the result.
     progress : callable (done, frames)
@@ -199,9 +200,9 @@ def reconstruct_recording(
 
     Notes
     -----
-    A worker that is killed changes nothing: its piece is given to another. With the same ``chunk`` the result is the same to the last bit for any number
-    of workers as long as the linear algebra takes as many threads: up to 4096 unknowns it takes one; beyond, set OMP_NUM_THREADS=1 to compare.
-    Where workers are processes, a script must guard its start with ``if __name__ == "__main__":``.
+    If a worker is killed, another takes its piece. With the same ``chunk`` the result is the same to the last bit for any number
+    of workers if the linear algebra uses as many threads: up to 4096 unknowns it uses one; above, set OMP_NUM_THREADS=1 to compare. If workers are
+    processes, a script must guard its start with ``if __name__ == "__main__":``.
 
     Examples
     --------
@@ -271,7 +272,7 @@ def reconstruct_recording(
             layout.checked(part.readings if zero is None else part.readings - zero)
 
         crc = source.survey(look)
-        # what cannot be served is refused before anything is written
+        # refuse impossible requests before writing anything
         elastic.prepare(**settings)
         run = {
             "palpate": palpate.__version__,
@@ -338,7 +339,7 @@ def _numbers_of(target: Path) -> Iterator[None]:
 
 @contextmanager
 def _numbers_kept(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
-    """Where a run is broken off whose format cannot go on: the numbers of the frames so far as NAME.part.csv, and a note of the exception that says so."""
+    """If a run is interrupted whose format cannot continue: write the numbers so far as NAME.part.csv, and add a note to the exception."""
     try:
         yield
     except BaseException as error:

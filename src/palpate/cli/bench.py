@@ -158,7 +158,7 @@ def bench_ablation(
             report=lambda i: step(f"{i}"),
         )
     rows = bench.summary(found)
-    frames, numbers = len(found), min(numbers, len(found))  # what the table is made of
+    frames, numbers = len(found), min(numbers, len(found))  # the columns of the table
     if not rows:
         raise InvalidInput(f"nothing touches in any of the {frames} frames of seed {seed}; give more with --frames.")
     typer.echo(

@@ -12,7 +12,7 @@ import typer
 from palpate.cli.files import Force, make_folder, provenance, save_figure, write_text
 from palpate.errors import InvalidInput
 
-#: Checksums of what the demo wrote: what still matches may be replaced by its next run.
+#: Checksums of the demo's files: unchanged files may be replaced by the next run.
 SUMS = ".palpate-demo.sha256"
 
 _DEMO_SKIN = """\
@@ -31,7 +31,7 @@ channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"
 noise = "50 Pa"
 
-[uncertainty]                    # this sensor is simulated, and so is known exactly; where nothing is said, 2 %, 15 %, 10 %
+[uncertainty]                    # this sensor is simulated, and so known exactly; by default 2 %, 15 %, 10 %
 scale = "0 %"
 youngs_modulus = "0 %"
 depth = "0 %"
@@ -131,7 +131,7 @@ def _check_own(folder: Path, force: bool, names: tuple[str, ...]) -> None:
 
 
 def _own(folder: Path, name: str) -> None:
-    """Remember what was written, as sha256sum -c reads it."""
+    """Store checksums of the files, in the format of sha256sum -c."""
     sums = {**_sums(folder), name: _sum(folder / name)}
     write_text(folder / SUMS, "".join(f"{value}  {key}\n" for key, value in sums.items()))
 

@@ -1,4 +1,4 @@
-"""palpate live: what touches the pad, in a browser."""
+"""palpate live: the contact in a browser."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def live(
         typer.Option(help='What the page must bring: made up unless given; "" for none, on this machine only.'),
     ] = None,
 ) -> None:
-    """Show in a browser what touches the pad, while it happens."""
+    """Show in a browser what touches the pad, live."""
     import os
     from collections.abc import Iterator
 
@@ -171,7 +171,7 @@ def live(
         typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
     if rerun:
         sinks.append(RerunSink())
-    if record is not None:  # last, so that nothing is left where the others fail
+    if record is not None:  # last, so that nothing remains if the others fail
         sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), name)))
     session = Session(
         skin,

@@ -1,4 +1,4 @@
-"""What options mean, for the commands that share them."""
+"""Parsers of options that several commands share."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def numbers(text: str, option: str) -> list[float]:
 
 
 def known_to(text: str, kind: str, option: str) -> tuple[float, float]:
-    """A quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa", or 0 where none is said."""
+    """A quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa", or 0 if none is stated."""
     import re
 
     from palpate.units import parse_quantity
@@ -128,7 +128,7 @@ def known_channels(names: list[str]) -> list[str]:
 
 
 def zero_of_skin(skin: Skin, baseline: int) -> Any:
-    """The frames of the zero that were asked for; without any the zero of the skin's calibration, where it has one."""
+    """The frames of the requested zero; by default the zero of the skin's calibration, if any."""
     found = skin.calibration
     if baseline or found is None or found.zero is None:
         return baseline
@@ -181,7 +181,7 @@ def doubtful_units(skin: Skin) -> list[str]:
 
 
 def _check_places(positions: Any, skin: Skin) -> None:
-    """Taxels of the recording lie where a positions_file has them."""
+    """Check that the recording's taxels lie at the places of a positions_file."""
     import numpy as np
 
     at = np.asarray(positions).reshape(len(positions), -1)

@@ -1,4 +1,4 @@
-"""palpate pad: what a pad does to a touch."""
+"""palpate pad: the effect of a pad on a touch."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def pad(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Show what a pad does to a touch at each wavelength, how far a half-space would be off, what its sides do, and how well a force can be known."""
+    """Show the effect of a pad on a touch at each wavelength, the error of a half-space, the effect of its sides, and the expected error of a force."""
     from palpate.cli.pictures import assumed_skin, known_skin
     from palpate.edges import edge_error
     from palpate.measured import Measured

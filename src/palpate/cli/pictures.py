@@ -19,7 +19,7 @@ from palpate.units import UNKNOWN
 if TYPE_CHECKING:
     from palpate.skin import Skin
 
-#: Pitch of dots that is assumed where nothing says it [m], dots that are enough to say what can be known, and half an interval that is a rough one.
+#: Assumed pitch of dots [m], the number of dots for an estimate of the errors, and the half-width of a wide interval.
 DOTS, THINNED, ROUGH = 2e-3, 120, 0.5
 
 __all__ = ["assumed_skin", "known_skin", "roughly", "track_pictures"]

@@ -33,7 +33,7 @@ def busy(label: str) -> Any:
 
 #: Seconds between two lines about long work where no terminal shows a bar.
 EVERY = 30.0
-#: Seconds from which on the hint is given.
+#: Time before the hint [s].
 LONG = 120.0
 
 

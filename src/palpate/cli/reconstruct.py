@@ -88,7 +88,7 @@ def reconstruct(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Recover pressure and shear from a recording of any length, each frame by itself. Nothing to tune."""
+    """Recover pressure and shear from a recording of any length, each frame alone. Nothing to tune."""
     from palpate.cli.colour import feel_pictures, has_colours
 
     if has_colours(recording_file, skin_file):
@@ -195,7 +195,7 @@ def reconstruct(
         typer.echo(f"largest traction: frame {done.frame} of {total}")
     else:
         typer.echo(f"frame {done.frame} of {total}")
-    # of many frames, notes say in how many: those of the one frame would say the same again
+    # notes of many frames state the count: those of the single frame would repeat them
     said = touch.summary().splitlines()
     typer.echo("\n".join(line for line in said if done.frames == 1 or not line.startswith("note: ")))
     for note in done.notes if done.frames > 1 else ():

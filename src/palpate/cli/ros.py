@@ -17,7 +17,7 @@ _KEY = "palpate.ros"
 
 
 class RosCommand(TrackerCommand):
-    """A command that takes what ROS adds to the command line of a node: --ros-args ... up to -- or the end."""
+    """A command that accepts ROS arguments: --ros-args ... up to -- or the end."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         own: list[str] = []

@@ -308,7 +308,7 @@ def _complete(
         if not file.exists():
             raise InvalidInput(f"{file}: no such file.")
     stated = None if pixel is not None else pixel_size_of_all(pictures)
-    # a matrix tells neither its unit nor its step
+    # a matrix states neither its unit nor its step
     matrix = is_field(source) and all(f.suffix.lower() == ".npy" for f in source)
     needed = [
         ('--pixel "0.1 um" (the size of a pixel)', pixel is None and stated is None),
@@ -329,7 +329,7 @@ def _complete(
 
 
 def _pixel(given: str | None, stated: PixelSize | None, pictures: list[Path]) -> tuple[list[str], float]:
-    """The size of a pixel, by the user or by the pictures, and what is to be said of it."""
+    """The size of a pixel, by the user or by the pictures, and a remark on it."""
     from palpate.microscopy.pixelsize import differing
     from palpate.units import parse_quantity
 

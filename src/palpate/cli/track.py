@@ -14,9 +14,9 @@ from palpate.cli.options import Columns, check_matching, check_picture, grasp_mo
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
 
-#: What robots record may hold readings or pictures.
+#: Formats of robots for readings or pictures.
 ROBOTS = (".mcap", ".bag")
-#: Recordings of readings, which are none of pictures.
+#: Formats of readings, not of pictures.
 RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".db3", *ROBOTS)
 
 
@@ -186,7 +186,7 @@ def track(
         stack.enter_context(tracker)
         sink = None
         if out is not None and kind in ("mcap", "netcdf", "zarr"):
-            # beside a result that is replaced; else under its own name, where it grows with every block
+            # beside a result to be replaced; else under its own name, where it grows with every block
             name = stack.enter_context(in_place(out)) if out.exists() else out
             sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
         keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))

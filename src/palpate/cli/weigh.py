@@ -71,7 +71,7 @@ def weigh(
             "write           nothing: these presses do not tell the modulus. Press several times, with about the forces that the gel will measure."
         )
     elif found.better:
-        # per cent of two digits, which a skin.toml takes below 100
+        # per cent of two digits, as a skin.toml needs below 100
         modulus, percent = plain_number(1e-3 * found.youngs_modulus, 4), plain_number(min(100.0 * share, 99.0), 2)
         typer.echo(f'write           youngs_modulus = "{modulus} kPa +- {percent} %"')
 

@@ -1,7 +1,7 @@
 """How many connections the page's server keeps, for how long, and how often it speaks of them.
 
-Whoever reaches the port can open connections and say nothing. Each holds a file descriptor, of which a process has about a thousand: without
-a bound the server could accept no page any more, and the stream could open no file.
+Whoever reaches the port can open idle connections. Each holds a file descriptor, of which a process has about a thousand: without a limit the server
+could accept no page, and the stream could open no file.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["BACKLOG", "HELLO", "OPEN", "Connections", "Seldom", "accept_failures
 OPEN, BACKLOG = 64, 32
 #: Seconds that a connection may take to ask for something.
 HELLO = 30.0
-#: Seconds between two lines of a log that say the same.
+#: Seconds between two equal lines of a log.
 PAUSE = 60.0
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -92,7 +92,7 @@ def bounded(base: type[Any], connections: Connections) -> type[Any]:
 
 
 class Seldom(logging.Filter):
-    """Lets each message of a logger pass once a minute, with how often it would have been said since.
+    """Lets each message of a logger pass once a minute, with the count of suppressed ones.
 
     Examples
     --------

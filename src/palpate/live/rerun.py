@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RerunSink"]
 
-#: Shear arrows on a side of the map, at most.
+#: Largest number of shear arrows on a side of the map.
 ARROWS = 24
 
 
@@ -83,7 +83,7 @@ class RerunSink:
         self._stream.log("events", self._rerun.TextLog(str(event), level="WARN" if warning else "INFO"))
 
     def close(self) -> None:
-        """Send what waits.
+        """Send the queue.
 
         Raises
         ------

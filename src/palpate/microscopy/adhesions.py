@@ -31,23 +31,24 @@ Flags = npt.NDArray[np.bool_]
 
 #: Chains, the steps of each until it has come to what it samples, and between two samples. Twice as many move the energy by 2 % (benchmarks/cells.py).
 CHAINS, BURN, BETWEEN = 3, 1200, 40
-#: A chain begins with the maxima of the first guess, then with those of what is left, so many times; and so many steps after each.
+#: A chain starts from the maxima of the first guess, then of the residual, so many times; and so many steps after each.
 ROUNDS, SETTLE, MAXIMA = 3, 150, 30
 #: Maxima of less than this part of the largest (of the square of the traction) begin no blob; above the next number, traction is strong.
 FAINT, STRONG = 0.02, 0.04
 #: Blobs are between these sizes [m], about that of an adhesion of 1.4 um, unless vectors lie so far apart [pitches] that smaller ones are beyond them; at most a part of the field.
 LEAST, MIDDLE, LEAST_PITCHES, MIDDLE_PITCHES, LARGEST = 0.08e-6, 0.35e-6, 0.04, 0.25, 0.12
-#: Outside the mask, and beyond the field of view, a blob is so many times less likely.
+#: Outside the mask, and outside the field of view, the prior of a blob is lower by this factor.
 OUTSIDE = 0.05
 #: Noise is no smaller than this part of the largest displacements: no gel is known better.
 MODEL = 1e-3
-#: A vector that is left by so many times the noise is an outlier, one that the median test left out and that is left by less than the other is none.
+#: A vector with a residual of this many times the noise is an outlier; one that the median test excluded and with a smaller residual than the second
+#: number is none.
 LEFT, BACK = 5.0, 3.0
 #: Blobs follow the displacement to this part of it.
 DETAIL = 0.2
 #: Fields of more vectors along a side are averaged over tiles.
 WIDEST = 160
-#: Neighbours share noise where their residuals correlate by more than this.
+#: Neighbours share noise if their residuals correlate by more than this.
 SHARED = 0.1
 
 
@@ -136,7 +137,7 @@ def sampled(
     least = max(LEAST, LEAST_PITCHES * pitch)
     reach = 2.0 * pitch * math.hypot(*shape)
     response = Response.of(pad, depth, least, reach)
-    # the surface itself moves, wherever the beads are
+    # the surface itself moves, at any depth of the beads
     surface = response if depth == 0 else Response.of(pad, 0.0, least, reach)
     there = field.valid
     u = field.displacement - (np.nanmedian(field.displacement, axis=(1, 2), keepdims=True) if drift else 0.0)

@@ -1,14 +1,14 @@
 """Displacements from two pictures of beads: window correlation, refined by least squares on the deformed picture.
 
-Coarse: cross-correlation of windows by FFT, outliers told by their neighbours (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100). Fine: the
-second picture is deformed by what is known so far, and each window's remaining displacement d solves
+Coarse: cross-correlation of windows by FFT, outliers detected by their neighbours (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100). Fine:
+the second picture is deformed by the field so far, and each window's remaining displacement d solves
 
     sum w (g g^T) d = -sum w g r,      r = second(x + u(x)) - first(x),
 
-with the gradient g of the mean of both pictures, so that noise does not add to it (in N, of one times that of the other), and Gaussian weights w, which leave no wavelength of the
-wrong sign; the last time w is the window itself, and what is known already is its mean over the window, so that each displacement is
-that mean. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, neighbouring pixels counted together (the residuals
-of one bead belong together): what the residuals say themselves, whatever made them.
+with the gradient g of the mean of both pictures, so that noise does not add to it (in N, the product of both pictures' gradients), and Gaussian
+weights w, which give no wavelength the wrong sign. In the last round w is the window itself, and the field so far enters by its mean over the window,
+so that each displacement is a mean. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, summed over
+neighbouring pixels (the residuals of one bead are correlated). It needs no model of the noise.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ RESIDUAL_LENGTH = 5
 MAX_STD = 1.0
 #: If the median correlation of windows after deformation is smaller, the pictures do not show the same beads.
 MIN_CORRELATION = 0.35
-#: A window that is less alike than this part of the median holds no beads, or others.
+#: A window with a correlation below this part of the median holds no beads, or others.
 UNLIKE = 0.4
-#: Windows less alike than this part of the median after a round, which least squares cannot bring together (beads are further off than they are wide), are sought within so
-#: many pixels, or half a window; a place serves where it is as much alike.
+#: Windows with a correlation below this part of the median after a round (beads further off than they are wide) are searched within so many pixels,
+#: or half a window; a match needs this part of the median again.
 SOUGHT, FAR, PLACE = 0.7, 8, 0.5
-#: Interpolation and pixels leave at least this [px].
+#: Smallest error of interpolation and pixels [px].
 FLOOR = 0.005
 
 
@@ -256,8 +256,8 @@ class _Fine:
     def round(self, known: Floats, *, last: bool) -> tuple[Floats, Floats, Floats]:
         """Displacements, standard deviations [px] and correlations of the windows, from an estimate of the field.
 
-        The ``last`` time displacements are means over their windows, with their weights and no others: what is known is weighed by them, and only what is
-        left by the beads that happen to be there. Before, there are no standard deviations.
+        The ``last`` round gives means over the windows, with uniform weights for the field so far, so that the beads weigh only the remainder.
+        Earlier rounds have no standard deviations.
         """
         weights = "box" if last else "gaussian"
         dense = [self.between[0] @ c.astype(np.float32) @ self.between[1].T for c in known]
@@ -267,7 +267,7 @@ class _Fine:
         r = (warped - self.a) * inside
         mean = 0.5 * (warped + self.a)
         gy, gx = (_slope(mean, axis) * inside for axis in (0, 1))
-        # what both pictures share, without the noise of either
+        # the common part of both pictures, without the noise of either
         ay, ax, by, bx = *self.slopes, _slope(warped, 0) * inside, _slope(warped, 1) * inside
         nxx, nxy, nyy = (self._summed(p, weights) for p in (ax * bx, 0.5 * (ax * by + ay * bx), ay * by))
         sx, sy = gx * r, gy * r
@@ -276,7 +276,7 @@ class _Fine:
         good = (det > 1e-4 * np.median(np.abs(nxx + nyy)) ** 2) & (nxx + nyy > 0)
         safe = np.where(good, det, 1.0)
         d = np.stack([-(nyy * qx - nxy * qy), -(nxx * qy - nxy * qx)]) / safe
-        # no step beyond what a linear model of a bead can tell
+        # limit the step to the range of a linear model of a bead
         d = d * np.minimum(1.0, 2.0 / np.maximum(np.hypot(*d), 1e-9))
         before = np.stack([self._summed(c, weights) for c in dense]) if last else known
         u = before + np.where(good, d, np.nan)
@@ -298,8 +298,8 @@ class _Fine:
         return u, np.where(good, std, np.inf), alike
 
     def sought(self, known: Floats, u: Floats, alike: Floats) -> Floats:
-        """Displacements ``u`` of a round with those of windows that are unlike by correlation of the window itself with the picture that was deformed by
-        what was ``known``, where it is found there.
+        """Displacements ``u`` of a round, with those of poorly correlated windows replaced by a search of the window in the picture deformed by
+        ``known``, if it is found there.
         """
         cv2 = opencv()
         u, half, reach = u.copy(), self.window // 2, min(FAR, self.window // 2)
@@ -318,7 +318,7 @@ class _Fine:
         return u
 
     def _warped(self, rows: Floats, columns: Floats, *, exact: bool) -> Floats:
-        """The second picture where the field says; OpenCV's places are whole 32nds of a pixel, which serves on the way there."""
+        """The second picture deformed by the field; OpenCV rounds places to 32nds of a pixel, which suffices for intermediate rounds."""
         if not exact:
             cv2 = opencv()
             return np.asarray(cv2.remap(self.b, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101))

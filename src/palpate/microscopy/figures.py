@@ -51,7 +51,9 @@ def square_ends(field: Field) -> tuple[float, float, float, float]:
 def _canvas(
     field: Field, picture: Any, near: npt.NDArray[np.bool_] | None = None
 ) -> tuple[Any, Any, tuple[float, float, float, float]]:
-    """Figure and axes in pixels of the picture, rows downwards, and what is in view: all, or what is ``near`` (row, column) where that is far less."""
+    """Figure and axes in pixels of the picture, rows downwards, with the view: all, or only the squares ``near`` (row, column) if these are much
+    smaller.
+    """
     from matplotlib.figure import Figure
 
     ends = square_ends(field)
@@ -98,7 +100,7 @@ def _arrows(
     shown = size[np.isfinite(size)]
     if not shown.size or shown.max() <= 0:
         return
-    # few squares hold all traction of a sparse map
+    # in a sparse map a few squares hold all traction
     largest = max(float(np.percentile(shown, 99.8)), 0.7 * float(shown.max()))
     stride = max(1, round(max(rows, columns) / ARROWS))
     # the strongest first, so that no adhesion falls between arrows
@@ -181,7 +183,7 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     factor, unit = scaled(top, "Pa")
     figure, axes, ends = _canvas(field, forces.picture, forces.inside | (size > FAINT * top) if forces.masked else None)
     over = forces.picture is not None
-    # where the picture shows the cell, the colour lets it through where little is pulled
+    # on a picture of the cell, weak traction is transparent
     alpha = np.clip(size / (0.35 * top), 0.12, 0.8) if over else None
     image = axes.imshow(
         size * factor, extent=square_ends(field), cmap="inferno", vmin=0.0, vmax=top * factor, alpha=alpha, interpolation="nearest", zorder=1

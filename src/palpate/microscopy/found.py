@@ -102,7 +102,7 @@ def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = 
             return candidates[matching[0]]
         numbered = [key for key in candidates if key.endswith(f"({name})")]
         if name.isdigit() and numbered:
-            # what a program filtered before what it began with: in the order of the names
+            # the filtered output of a program comes before its input: in the order of the names
             best = min(numbered, key=lambda key: _rank(key))
             if len([key for key in numbered if _rank(key) == _rank(best)]) == 1:
                 return _noted(candidates[best], f"frame {name} is {best}")

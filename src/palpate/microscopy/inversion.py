@@ -71,7 +71,7 @@ class Inverted:
     moved: Floats
     draws: Floats
     moved_by_draws: Floats
-    #: What the adhesions were sampled as, and their work (draw, row, column) [J]; None from a linear method.
+    #: The samples of adhesions, and their work (draw, row, column) [J]; None from a linear method.
     samples: tuple[Sample, ...] | None = None
     work: Floats | None = None
     notes: tuple[str, ...] = ()
@@ -141,7 +141,7 @@ def inverted(
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]
-    # the surface itself moves, wherever the beads are
+    # the surface itself moves, at any depth of the beads
     grid: Any = skin.surface
     top = AreaArray(shape=grid.shape, pitch=grid.spacings[0], depth=0.0, channels=array.channels, center=grid.center)
     whole = Skin(pad, top, surface=grid)

@@ -28,7 +28,7 @@ __all__ = ["LabelForce", "forces_of_labels", "read_labels", "write_labels_table"
 
 #: Divide the square of each vector into this many parts along each side to measure how much of it a label covers.
 SUBDIVISIONS = 4
-#: Vectors within so many pitches of an outline tell its force; and one of so many standard deviations half stays unseen.
+#: Vectors within so many pitches of an outline determine its force; and half of the loads of so many standard deviations stay undetected.
 NEAR, UNSEEN = 3.0, 2.0
 #: A picture with more labels is a photograph.
 MAX_LABELS = 20_000

@@ -12,7 +12,7 @@ from palpate.errors import InvalidInput, PalpateError
 
 __all__ = ["cell_layers", "layer_reader"]
 
-#: Arrows are so long at most, in steps between vectors.
+#: Largest length of an arrow, in steps between vectors.
 LONGEST = 3.0
 
 Layer = tuple[Any, dict[str, Any], str]

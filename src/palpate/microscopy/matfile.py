@@ -41,7 +41,7 @@ def fields_of(path: Path) -> dict[str, Found]:
 def _all(path: Path, tree: dict[str, Any]) -> dict[str, Found]:
     candidates = dict(_fields(tree, ""))
     for found in candidates.values():
-        # those of the file, where the struct of the field has none
+        # those of the file, if the struct of the field has none
         place, unit, pixel = _stated(tree)
         found.place, found.unit, found.pixel = found.place or place, found.unit or unit, found.pixel or pixel
         for key in ("place", "unit"):
@@ -99,7 +99,7 @@ def _check_sizes(path: Path) -> None:
                 try:
                     inner = zlib.decompressobj().decompress(file.read(min(count, 256)), 8)
                 except zlib.error:
-                    return  # said where it is read
+                    return  # the reader reports it
                 if len(inner) == 8:
                     check_size(struct.unpack(order + "II", inner)[1], f"{path}: a variable")
             file.seek(start + count)

@@ -43,7 +43,7 @@ BOTH_STDS = ("std", "ustd", "u_std", "sigma")
 OUT_OF_PLANE = ("w", "uz", "u_z", "dz", "displacement_z", "disp_z")
 #: And of the number of a frame, in tables of several.
 FRAMES = ("frame", "frames", "frame_number", "frame number", "timepoint")
-#: And of words that say the units of positions and displacements.
+#: And of words for the units of positions and displacements.
 UNIT_NAMES = ("units", "unit")
 FLAGS = ("flags", "flag", "mask", "vector type", "typevector", "type", "chc")
 

@@ -25,7 +25,7 @@ __all__ = ["Noise", "Whitener", "shared_part", "whitener"]
 INDEPENDENT_SHARE = 0.1
 #: A vector's error given the others follows from so many that come before it (A. V. Vecchia, J. R. Stat. Soc. B 50, 1988, 297-312).
 BEFORE = 40
-#: Covariances of more vectors than this are not held whole.
+#: Covariances of more vectors are not stored as a whole.
 DENSE = 3000
 #: Smallest standard deviation of a vector over the typical one: those of residuals are themselves uncertain.
 MIN_RELATIVE_STD = 0.3
@@ -117,7 +117,7 @@ def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], pl
     for k in range(len(order)):
         near = np.arange(k)
         if k > BEFORE:
-            # errors of vectors that share nothing still tell of each other, by those between
+            # independent errors of two vectors still correlate through those between
             far = np.abs(at[:k] - at[k]).max(axis=1)
             near = np.argpartition(far, BEFORE)[:BEFORE]
         block = among(np.append(near, k), np.append(near, k))

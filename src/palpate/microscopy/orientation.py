@@ -29,7 +29,7 @@ AXES_TRIED: tuple[tuple[str, Callable[[Any], Any]], ...] = (
     ("u for v", lambda u: u[::-1]),
     ("u for v and a sign", lambda u: np.stack([u[1], -u[0]])),
 )
-#: Repetitions with more noise, of which the spread's error is learned.
+#: Repetitions with more noise to estimate the error of the spread.
 REPEATS = 8
 #: Spreads of traction [log] that differ by less are equal: a pad that differs a little from the gel, or an interpolated field, changes them as much.
 SAME_SPREAD = 0.01
@@ -101,7 +101,7 @@ class _Response:
         safe = np.where(at, self.k, 1.0)
         direction = np.stack([np.where(at, kx / safe, 1.0), ky / safe], axis=-1)
         response = pad.states(safe, direction, depth)[..., :2, :2] / safe[..., None, None]
-        # a square of displacements is what is measured
+        # the data are squares of displacements
         blur = np.sinc(kx * field.aperture / (2.0 * np.pi)) * np.sinc(ky * field.aperture / (2.0 * np.pi))
         self.left, self.sizes, self.right = np.linalg.svd(response * (blur * at)[..., None, None])
         self.prior = (at / safe**2)[..., None]

@@ -98,7 +98,7 @@ def read_matrix(path: Path) -> Floats:
 
 
 def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Floats:
-    """The rows of one frame, where a column numbers them."""
+    """The rows of one frame, if a column numbers the frames."""
     column = next((k for k, n in enumerate(names) if plain(n) in FRAMES), None)
     if column is None:
         if name is not None:

@@ -46,7 +46,7 @@ def frames_of_field(path: str | Path, name: str | None = None) -> list[str | Non
         try:
             shape = np.load(found, mmap_mode="r", allow_pickle=False).shape
         except (ValueError, OSError, EOFError):
-            return [None]  # said where it is read
+            return [None]  # the reader reports it
         return [str(k) for k in range(shape[0])] if len(shape) == 4 else [None]
     if ending in TEXT:
         return list(frames_of_text(found)) or [None]

@@ -73,7 +73,7 @@ class RegionTension:
 
 @dataclass(frozen=True, eq=False)
 class BorderTension:
-    """What two neighbours pass to each other.
+    """The force between two neighbours.
 
     Attributes
     ----------
@@ -217,8 +217,8 @@ def sheet_tension(
 ) -> SheetTension:
     """Tension in a sheet of cells by monolayer stress microscopy.
 
-    The sheet is where the mask of ``forces`` is (all of the field of view without one). Where it ends, nothing pulls at it; where it reaches the edge of the field of view it goes on, and what pulls
-    there is unknown but for the balance of forces, and in the errors.
+    The sheet is where the mask of ``forces`` is (all of the field of view without one). Its ends are free. At the edge of the field of view it
+    continues: the forces there are unknown except for the balance of forces, and enter the errors.
 
         div N = T,    N n = 0 at free edges,    N = C : strain (plane stress)
 
@@ -229,13 +229,13 @@ def sheet_tension(
     forces : CellForces
         With a traction that lies everywhere, ``method="tikhonov"`` suits sheets.
     labels : dict of masks, array or path, optional
-        The cells (`read_labels`), for a mean of each, and what neighbours pass to each other.
+        The cells (`read_labels`), for a mean of each, and the forces between neighbours.
     size : (int, int), optional
-        Columns and rows of the picture of labels; default: what the field covers.
+        Columns and rows of the picture of labels; default: the area of the field.
     poissons_ratio : float, optional
-        Of the sheet; default: anything from 0 to 1, which is a sheet that keeps its area.
+        Of the sheet; default: random from 0 to 1, at which a sheet keeps its area.
     own : float
-        Tensions that cells have by themselves and that leave no traction, as a part of the sheet's: what a uniform elastic sheet leaves out. 0: the sheet is one.
+        Balanced tensions of the cells, which leave no traction, as a part of the sheet's; a uniform elastic sheet has none (0).
     draws : int
         Samples.
     seed : int
@@ -530,7 +530,7 @@ def _cells(
 def _borders(
     names: list[str], number: npt.NDArray[Any], pixel: float, where: Floats, tension: Floats, common: float
 ) -> tuple[BorderTension, ...]:
-    """Forces across the edges between pixels of two labels: the sum of N n over them, which steps leave as it is."""
+    """Forces across the edges between pixels of two labels: the sum of N n over them, which does not depend on the steps of the border."""
     tree = scipy.spatial.cKDTree(where)
     edges: dict[tuple[int, int], list[tuple[float, float, float, float]]] = {}
     for axis in (0, 1):

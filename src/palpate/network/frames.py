@@ -4,8 +4,8 @@ One frame is, little-endian,
 
     "PLPF" | sequence uint32 | time float64 [s] | channels uint16 | rows uint16 | columns uint16 | values float32
 
-with the values as (channel, row, column), in SI units, compression positive, NaN where missing; taxels that lie on a line or anywhere are
-one row. Every frame states its shape. A sender may ask for a new zero, where it knows that nothing touches:
+with the values as (channel, row, column), in SI units, compression positive, NaN where missing; taxels on a line or scattered are one row. Every
+frame states its shape. A sender may request a new zero when nothing touches:
 
     "PLPZ" | frames uint32
 
@@ -89,7 +89,7 @@ def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
 
 
 def zero_bytes(frames: int = 10) -> bytes:
-    """The message that asks for a new zero from the next ``frames`` frames, in which nothing must touch.
+    """The message that requests a new zero from the next ``frames`` frames, in which nothing may touch.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def zero_bytes(frames: int = 10) -> bytes:
 
 
 def zero_from_bytes(data: bytes) -> int:
-    """The frames that a message asks a new zero from; `InvalidInput` where it does not.
+    """The number of frames in a message that requests a new zero; `InvalidInput` for other messages.
 
     Examples
     --------

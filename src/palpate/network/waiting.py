@@ -16,7 +16,7 @@ __all__ = ["EVENTS", "WAITING", "FrameSource"]
 
 #: Frames that wait to be taken; the oldest make room for the newest.
 WAITING = 8
-#: Words about senders that are kept for whoever asks later.
+#: Sentences on senders that are stored.
 EVENTS = 100
 
 
@@ -79,7 +79,7 @@ class FrameSource:
         return result
 
     def _zeroed(self, sender: str, data: bytes, zero: Callable[[int], None]) -> str:
-        """What became of a wish for a new zero: only the sender whose frames are taken may have one."""
+        """Handle a request for a new zero: only the current sender may have one."""
         now = clock.monotonic()
         if sender != self.sender:
             return self._admission.refuse("busy", sender, now, "a new zero is for the sender that is being served")

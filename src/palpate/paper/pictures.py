@@ -1,6 +1,6 @@
 """The paper's figures 1 to 22: its numbering and axis ranges, captions in our words, curves as data.
 
-y is our x. Where the surviving text lost a label of an axis, the range is what the labels left of it step to.
+y is our x. If the text lost a label of an axis, its range follows from the step of the other labels.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ STYLE = {
 #: Width of a column [inch].
 COLUMN = 3.4
 
-#: A curve's look follows from its first words: what is designed lies wide and pale under what is reconstructed.
+#: A curve's style follows from its first words: designed curves are wide and pale, reconstructed ones lie on them.
 _LOOKS = (
     ("designed vertical", {"color": "#9db9d6", "lw": 3.2}),
     ("designed tangential", {"color": "#e3bd9c", "lw": 3.2}),

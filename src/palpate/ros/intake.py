@@ -26,7 +26,7 @@ __all__ = ["Header", "Intake", "readings_of"]
 
 #: Least time between two looks at which publishers there are [s].
 LOOK = 0.1
-#: Publishers whose names and sequence numbers are kept.
+#: Largest number of remembered publishers.
 REMEMBERED = 64
 
 

@@ -66,7 +66,7 @@ class MeshChart:
         """(triangle, corner, axis)."""
         facets = np.asarray(self.facets)
         if facets.shape[1] == 4:
-            # two triangles each, whichever way round its corners are listed
+            # two triangles each, for either orientation of its corners
             around = np.array([_round(self.vertices[f]) for f in facets])
             facets = np.take_along_axis(facets, around, axis=1)
             facets = np.concatenate([facets[:, [0, 1, 2]], facets[:, [0, 2, 3]]])

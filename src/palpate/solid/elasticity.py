@@ -113,7 +113,7 @@ class Solid:
 
     @cached_property
     def factor(self) -> Factor:
-        """The factorised matrix of what is free to move."""
+        """The factorised matrix of the free unknowns."""
         return Factor(self.stiffness[self.free][:, self.free])
 
     def solve(self, loads: Floats, moved: Floats | None = None) -> Floats:
@@ -139,7 +139,8 @@ class Solid:
         return splu(scipy.sparse.coo_array((entries[there], (rows[there], columns[there])), shape).tocsc())
 
     def at_held(self, points: Floats, along: Floats) -> Floats:
-        """What is held, moved so that sums over points (axis, sum, n) on it of the reactions' density ``along`` (axis, sum, n) are read (node of `held`, axis, sum).
+        """Prescribed displacements of the held nodes, by which sums over points (axis, sum, n) of the reactions' density ``along`` (axis, sum, n) are
+        read (node of `held`, axis, sum).
 
         The density t of the reactions R, M t = R with M the products of the nodes' functions, is the consistent flux, which converges faster than the
         stress of elements (T. J. R. Hughes et al., J. Comput. Phys. 163, 467, 2000). Its value at a point is g'R with M g = N(point), and g'R is
@@ -166,7 +167,7 @@ class Solid:
         return Places(self.mesh, self.hexahedra)
 
     def at(self, points: Floats, axes: Floats | None = None) -> tuple[Index, LocalFields]:
-        """Nodes (local, point) of the elements that hold points (axis, point), and what their unknowns do to the fields there.
+        """Nodes (local, point) of the elements that contain points (axis, point), and the effect of their unknowns on the fields there.
 
         Fields are along ``axes`` (point, component, axis), by default those of the mesh. A point a little outside is taken into the nearest element.
         """

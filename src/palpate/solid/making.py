@@ -23,12 +23,12 @@ __all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "dome", "from_file"]
 Index = npt.NDArray[np.intp]
 Made = dict[str, Any]
 
-#: Elements through the thickness where nothing is said: the base's stress under a ball of 1.5 thicknesses is then within 2 % of a layer's
+#: Default number of elements through the thickness: the base's stress under a ball of 1.5 thicknesses is then within 2 % of a layer's
 #: (benchmarks/solid.py).
 THROUGH = 4
 #: And of curved pads, whose surfaces have more of them.
 THROUGH_CURVED = 3
-#: Unknowns from which a mesh is refused: the factor of 400,000 takes 10 GB.
+#: Refuse meshes with more unknowns: the factor of 400,000 takes 10 GB.
 LARGEST = 400_000
 #: A surface flatter than this part of the pad's width is a plane.
 FLAT = 1e-6
@@ -101,7 +101,7 @@ def from_file(path: str | Path, *, base: str, contact: str, scale: float, turned
         raise InvalidInput(f"{path}: there is no such file.")
     try:
         mesh = Mesh.load(str(path))
-    except Exception as error:  # meshio's readers raise what they like
+    except Exception as error:  # meshio's readers raise various exceptions
         raise InvalidInput(f"{path} is no mesh that meshio reads ({error}). Export it as Gmsh's .msh.") from error
     names = dict(mesh.boundaries or {})
     for key, name in (("base", base), ("contact", contact)):

@@ -1,4 +1,4 @@
-"""Places in a mesh: which element holds a point, and where in it.
+"""Location of points in a mesh: the element, and the place in it.
 
 scikit-fem's own finders take a mesh of flat facets, and refuse a point that lies a little outside. On a curved solid points of the surface do: they are
 taken into the nearest element.
@@ -85,7 +85,7 @@ class Places:
         for _ in range(STEPS):
             place, slope = self.mapped(out[:, todo], cells[todo])
             step = np.linalg.solve(slope, (points[:, todo] - place).T[..., None])[..., 0].T
-            out[:, todo] = np.clip(out[:, todo] + step, -1.0, 2.0)  # what lies further is not held
+            out[:, todo] = np.clip(out[:, todo] + step, -1.0, 2.0)  # points further out are in no element
             todo = todo[np.abs(step).max(axis=0) > 1e-12]
             if not len(todo):
                 break
