@@ -202,7 +202,7 @@ def _plot_into(touch: Shown, values: Floats, title: str | None, ax: Axes, seen_f
     if "z" in touch.components:
         _pressure(ax, touch, values[2], title or "pressure", _top(values[2]), [values], seen_from)
         if {"x", "y"} & set(touch.components):
-            _arrows(ax, touch, values, _top(np.hypot(values[0], values[1])), seen_from, "#222222")
+            _arrows(ax, touch, values, _top(np.hypot(values[0], values[1])), "#222222")
     else:
         _shear(ax, touch, values, title or "shear", _top(np.hypot(values[0], values[1])), seen_from)
     return cast("Figure", ax.figure)
@@ -274,10 +274,10 @@ def _shear(axes: Axes, touch: Shown, values: Floats, title: str, largest: float,
     factor, unit = scaled(largest, "Pa")
     size = np.hypot(values[0], values[1])
     _show(axes, touch, size * factor, "cividis", 0.0, largest * factor, f"shear [{unit}]", seen_from, title)
-    _arrows(axes, touch, values, largest, seen_from, "white")
+    _arrows(axes, touch, values, largest, "white")
 
 
-def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, seen_from: str, colour: str) -> None:
+def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, colour: str) -> None:
     """Arrows on the strongest cells first, and what an arrow's length means."""
     from matplotlib.patheffects import withStroke
 

@@ -81,9 +81,6 @@ class Outcome:
     seconds: float
 
 
-Outcomes = dict[str, tuple[str, bool, list[Outcome]]]
-
-
 def _outcome(sample: Sample, method: Ablated) -> Outcome:
     skin, names = sample.layout.skin, list(sample.layout.components)
     method.prepare(skin.problem(components=names))  # cached preparation is not part of the time

@@ -413,7 +413,7 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
             )
         at = at[spread_over(np.nan_to_num(forces[at]), per_run)]
         rows["flat"].append(flat[at])
-        rows["planes"].append(run.readings[at] - _as_planes(run, flat, at))
+        rows["planes"].append(run.readings[at] - _as_planes(run, flat))
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
         rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
@@ -441,7 +441,7 @@ def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], 
         if run.rest is not None:
             found.append(run.rest[np.isfinite(run.rest).reshape(len(run.rest), -1).all(axis=1)][:REST_KEPT])
         at = np.flatnonzero(at_rest_of(list(forces), flat))
-        found.append((run.readings[at] - _as_planes(run, flat, at))[:REST_KEPT])
+        found.append((run.readings[at] - _as_planes(run, flat))[:REST_KEPT])
     rest = np.concatenate(found)[:REST_KEPT]
     if len(rest) >= 5 and rest.std(axis=0).max() > 0.0:
         return np.asarray(rest)
@@ -449,7 +449,7 @@ def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], 
     return noise * np.random.default_rng(SEED).standard_normal((REST_KEPT, *pressed.shape[1:]))
 
 
-def _as_planes(run: Run, flat: Floats, at: npt.NDArray[np.intp]) -> Any:
+def _as_planes(run: Run, flat: Floats) -> Any:
     """The zero in the shape of the readings; 0 (no subtraction) if taxels are missing."""
     zero = (run.flat - flat)[0]
     shape = run.readings.shape[1:]

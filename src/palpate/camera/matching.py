@@ -41,14 +41,18 @@ ABOUT, MENDED = (1.1, 2.1, 3.1, 4.1), 4
 UNMATCHED = 6.0 * TORN**2
 
 
+#: Number of nearest dots of each dot.
+NEIGHBOURS = 8
+
+
 class Neighbours:
     """The nearest dots of each dot at rest."""
 
-    def __init__(self, positions: Floats, count: int = 8) -> None:
+    def __init__(self, positions: Floats) -> None:
         from scipy.spatial import cKDTree
 
         self.positions = positions
-        distance, index = cKDTree(positions).query(positions, k=min(count + 1, len(positions)))
+        distance, index = cKDTree(positions).query(positions, k=min(NEIGHBOURS + 1, len(positions)))
         self.distance, self.index = np.asarray(distance)[:, 1:], np.asarray(index)[:, 1:].astype(np.intp)
         self.pitch = float(np.median(self.distance[:, 0]))
 

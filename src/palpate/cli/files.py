@@ -251,3 +251,29 @@ def kept_rows(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
     write_forces(forces, path)
     if not whole:
         so_far.unlink(missing_ok=True)
+
+
+def write_frame(sink: Any, time: float, values: Any, touch: Any, events: Iterable[Any]) -> None:
+    """Give a frame of a stream, with its touch and events, to a sink."""
+    sink.readings(time, values)
+    sink.touch(touch)
+    for event in events:
+        sink.event(event)
+
+
+def finish_stream(
+    touches: list[Any], forces: Any, events: list[Any], *, out: Path | None, plot_forces: Path | None, record: Any
+) -> None:
+    """Write the touches and the plot of a stream, and print its table and notes."""
+    from palpate._plot import plot_forces as drawn
+    from palpate.recordings import write_touch
+    from palpate.touch import joined
+    from palpate.touch.table import table_words
+
+    if touches and out is not None:
+        write_touch(joined(touches), out, provenance=record)
+    if plot_forces is not None:
+        save_figure(drawn(forces.table(), events=events), plot_forces)
+    typer.echo(table_words(forces.table()))
+    for note in forces.notes:
+        typer.echo(f"note: {note}")

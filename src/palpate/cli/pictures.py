@@ -11,7 +11,16 @@ import numpy as np
 import typer
 
 from palpate._numbers import plain_number
-from palpate.cli.files import check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import (
+    check_outputs,
+    finish_stream,
+    kept_rows,
+    provenance,
+    save_figure,
+    skin_files,
+    skin_text,
+    write_frame,
+)
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 from palpate.units import UNKNOWN
@@ -94,13 +103,11 @@ def track_pictures(
     """Follow a gel in pictures: `palpate track VIDEO`."""
     import contextlib
 
-    from palpate._plot import plot_forces as drawn
     from palpate.camera import follow, overlay
-    from palpate.recordings import recorder, write_touch
+    from palpate.recordings import recorder
     from palpate.recordings.files import in_place
     from palpate.recordings.formats import file_format
-    from palpate.touch import Forces, joined
-    from palpate.touch.table import table_words
+    from palpate.touch import Forces
 
     skin_file = known_skin(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
@@ -169,10 +176,7 @@ def track_pictures(
             ):
                 strongest = (load, reading.image, touch)
             if sink is not None:
-                sink.readings(reading.time, reading.values)
-                sink.touch(touch)
-                for event in events:
-                    sink.event(event)
+                write_frame(sink, reading.time, reading.values, touch, events)
             elif kind not in (None, "csv"):
                 touches.append(touch)
             taken.append((reading.time, np.asarray(touch.force, dtype=np.float64)))
@@ -180,13 +184,7 @@ def track_pictures(
         health = None if stream.tracker is None else stream.tracker.health
         notes, faults = list(readings.pictures.notes), dict(readings.faults)
         view = readings.view
-    if touches and out is not None:
-        write_touch(joined(touches), out, provenance=record)
-    if plot_forces is not None:
-        save_figure(drawn(forces.table(), events=marks), plot_forces)
-    typer.echo(table_words(forces.table()))
-    for note in forces.notes:
-        typer.echo(f"note: {note}")
+    finish_stream(touches, forces, marks, out=out, plot_forces=plot_forces, record=record)
     if strongest is not None and picture is not None:
         save_figure(overlay(strongest[1], strongest[2], view, show="all"), picture)
     _said(taken, lost, faults, notes, "dots" if readings.texture is None else "places")

@@ -192,3 +192,8 @@ def frames_of(readings: Sequence[Any], operator: Operator) -> Iterator[list[Floa
     arrays = [to_numpy(r).astype(np.float64).reshape(-1, len(a.channels), *a.shape) for r, a in zip(readings, planes)]
     for i in range(math.prod(batch_of(readings, operator))):
         yield [a[i] for a in arrays]
+
+
+def in_frames(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
+    """ " in 3 of 70 frames", or "" for a single frame."""
+    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

@@ -16,8 +16,7 @@ from palpate._extras import missing
 from palpate._files import ordinary
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.masks import OUTLINES, inside_outline, read_outlines
-from palpate.microscopy.pickled import read_objects
+from palpate.microscopy.masks import OUTLINES, array_or_masks, inside_outline, read_outlines
 from palpate.microscopy.spread import read
 from palpate.recordings.files import atomically
 
@@ -108,16 +107,7 @@ def read_labels(
     if ending in OUTLINES:
         return _of_outlines(path, size, pixel)
     if ending == ".npy":
-        try:
-            values: Any = np.load(path, allow_pickle=False)
-        except (ValueError, OSError, EOFError):
-            held = read_objects(path)
-            values = held.get("masks") if isinstance(held, dict) else None
-            if not isinstance(values, np.ndarray):
-                raise InvalidInput(
-                    f'{path}: holds no "masks", as a _seg.npy of Cellpose does. Save the labels alone with np.save.'
-                ) from None
-        return _of_picture(values, str(path))
+        return _of_picture(array_or_masks(path)[0], str(path))
     from palpate.microscopy.pictures import read_picture
 
     return _of_picture(read_picture(path), str(path))

@@ -90,22 +90,26 @@ def read_outlines(path: Path, *, pixel: float | None) -> list[Floats]:
     return [_outline(one, str(path)) for one in _corners(path, path.suffix.lower(), pixel)]
 
 
-def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
-    """The mask in a .npy file: an array, or the ``masks`` of Cellpose."""
+def array_or_masks(path: Path) -> tuple[npt.NDArray[Any], bool]:
+    """The array in a .npy file, or the ``masks`` of Cellpose, and whether it was the latter."""
     try:
-        values: Any = np.load(path, allow_pickle=False)
+        return np.load(path, allow_pickle=False), False
     except (ValueError, OSError, EOFError):
         held = read_objects(path)
         values = held.get("masks") if isinstance(held, dict) else None
         if not isinstance(values, np.ndarray):
             keys = ", ".join(map(str, list(held)[:8])) if isinstance(held, dict) else type(held).__name__
             raise InvalidInput(
-                f'{path}: holds no "masks", as a _seg.npy of Cellpose does; it holds {keys}. Save the mask alone with np.save.'
+                f'{path}: holds no "masks", as a _seg.npy of Cellpose does; it holds {keys}. Save the masks alone with np.save.'
             ) from None
-        if values.ndim != 2:
-            raise InvalidInput(
-                f"{path}: its masks have the shape {values.shape}, a stack: save one plane with np.save."
-            ) from None
+        return values, True
+
+
+def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
+    """The mask in a .npy file: an array, or the ``masks`` of Cellpose."""
+    values, cellpose = array_or_masks(path)
+    if cellpose and values.ndim != 2:
+        raise InvalidInput(f"{path}: its masks have the shape {values.shape}, a stack: save one plane with np.save.")
     if values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_:
         return _outline(_one([values], cell, str(path)), str(path))
     return _picture(values, str(path), cell)
@@ -353,8 +357,3 @@ def inside_outline(corners: Floats, x: Floats, y: Floats) -> Bools:
         with np.errstate(divide="ignore", invalid="ignore"):
             inside ^= crosses & (xx < (x1 - x0) * (yy - y0) / (y1 - y0) + x0)
     return inside
-
-
-def outline_pixels(mask: npt.NDArray[Any]) -> Sequence[Floats] | None:
-    """Corners of an outline, for drawing; None of a picture."""
-    return None if mask.dtype == np.bool_ else [np.concatenate([mask, mask[:1]])]

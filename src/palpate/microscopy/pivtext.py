@@ -80,12 +80,6 @@ def _names(head: list[str], count: int) -> list[str] | None:
     return None
 
 
-def is_matrix(path: Path) -> bool:
-    """Whether a text file holds a bare matrix: numbers without names, wider than a table of vectors."""
-    head, values = _rows(path)
-    return _names(head, values.shape[1]) is None and values.shape[1] > 16
-
-
 def read_matrix(path: Path) -> Floats:
     """One component as a matrix of text."""
     head, values = _rows(path)

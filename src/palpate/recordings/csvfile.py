@@ -32,7 +32,7 @@ from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table, Titles, read_table_text
-from palpate.recordings.textlines import cells, lines_of, number, text_of, warn_of_a_cut
+from palpate.recordings.textlines import cells, is_text, lines_of, number, text_of, warn_of_a_cut
 from palpate.recordings.touchstream import Piece, TouchStream
 from palpate.touch import Forces
 from palpate.touch.table import write_table
@@ -63,12 +63,7 @@ class Csv(Format):
     text = True
 
     def recognises(self, path: Path) -> bool:
-        with path.open("rb") as file:
-            begin = file.read(4096)
-        return b"\0" not in begin or begin[:2] in (
-            b"\xff\xfe",
-            b"\xfe\xff",
-        )  # UTF-16: the reader refuses it with a remedy
+        return is_text(path)
 
     def own(self, path: Path) -> bool:
         return is_own(path)

@@ -7,13 +7,16 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings.locks import sole_writer
 
-__all__ = ["atomically", "in_place", "is_store", "moved_into_place"]
+__all__ = ["atomically", "in_place", "is_store", "moved_into_place", "write_arrays"]
 
 
 def is_store(path: str | Path) -> bool:
@@ -82,6 +85,16 @@ def atomically(path: str | Path, write: Callable[[str], None], *, sole: bool = T
     with in_place(path, sole=sole) as fresh:
         fresh.touch()
         write(str(fresh))
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
+    """Write named arrays as .npz by `atomically`."""
+
+    def fill(name: str) -> None:
+        with open(name, "wb") as file:
+            np.savez_compressed(file, **arrays)
+
+    atomically(path, fill)
 
 
 def moved_into_place(fresh: Path, path: str | Path) -> None:

@@ -124,8 +124,9 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
     return dataset
 
 
-def recording_of(dataset: xarray.Dataset, name: str = "the data set") -> Recording:
-    """The recording in a Dataset; `InvalidInput` if it holds none. Messages call it ``name``."""
+def recording_of(dataset: xarray.Dataset) -> Recording:
+    """The recording in a Dataset; `InvalidInput` if it holds none."""
+    name = "the data set"
     missing = [n for n in ("readings", "channel", "time") if n not in dataset.variables]
     if missing:
         held = ", ".join(map(str, dataset.variables)) or "nothing"

@@ -243,7 +243,7 @@ def _layout(path: Path, head: list[tuple[int, str]], comment: str) -> tuple[str 
     rows = [(row + [""] * count)[:count] for row in rows]
     counted = rows[0] == ["", *map(str, range(count - 1))]  # of a data frame whose columns have no names
     if counted or not all(_numeric(cell, separator) for cell in rows[0]):
-        names, count = _names(rows, separator)
+        names, count = _names(rows)
         return separator, Titles(str(path), names, True), start + count
     said = _trimmed(_split(comment, separator))
     if len(said) == len(rows[0]) and not all(_numeric(n, separator) for n in said):
@@ -294,7 +294,7 @@ def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
     return _NONE, 0
 
 
-def _names(rows: Sequence[Sequence[str]], separator: str | None) -> tuple[tuple[str, ...], int]:
+def _names(rows: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], int]:
     """The titles of the columns, and how many lines they take: names, more of these, units in a line of their own."""
     count = 1
     while count < len(rows) - 1 and _words_alone(rows[count]):

@@ -15,11 +15,18 @@ from palpate._files import ordinary
 from palpate._memory import require
 from palpate.errors import InvalidInput, UncheckedInput
 
-__all__ = ["cells", "lines_of", "number", "text_of", "warn_of_a_cut"]
+__all__ = ["cells", "is_text", "lines_of", "number", "text_of", "warn_of_a_cut"]
 
 #: Characters of a line, those of ten million numbers: more are not read as one.
 LONGEST = 1 << 28
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
+
+
+def is_text(path: Path) -> bool:
+    """Whether the first bytes of a file are text. UTF-16 passes: the reader refuses it with a remedy."""
+    with path.open("rb") as file:
+        begin = file.read(4096)
+    return b"\0" not in begin or begin[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
 def text_of(path: Path) -> tuple[list[str], bool]:

@@ -96,10 +96,10 @@ class Case:
     def record(self, rest: Floats, steps: Floats, road: str, times: Floats | None = None) -> Case:
         """Finish, and add a clean press of the same sensor."""
         ball = plain_ball(self.sensor, float(np.abs(self.typical.traction).max()))
-        sensed = _sensed(self.sensor, ball)
+        readings = sensed(self.sensor, ball)
         if self.limits is not None:  # a clean frame is within its range
-            sensed *= 0.7 * self.limits / float(np.abs(sensed).max())
-        clean = self.frames(_press(5, 5), sensed)
+            readings *= 0.7 * self.limits / float(np.abs(readings).max())
+        clean = self.frames(_press(5, 5), readings)
         if times is None:
             times = np.arange(len(rest) + len(steps)) / RATE
         self.recorded = Recorded(rest, steps, times, clean, road)
@@ -109,7 +109,7 @@ class Case:
         self.load = Load(self.load.grid, np.zeros_like(self.load.traction), "nothing touches any more")
 
 
-def _sensed(sensor: Sensor, load: Load) -> Floats:
+def sensed(sensor: Sensor, load: Load) -> Floats:
     """Readings (channel, *array) without noise."""
     return np.array(sensor.skin(surface=load.grid).sense(load.traction))
 
@@ -124,7 +124,7 @@ def _pressed(rng: np.random.Generator, suits: Callable[[Sensor], bool]) -> Case:
     sensor = random_sensor(rng, suits)
     mu = float(rng.uniform(0.2, 0.9))
     load = random_load(rng, sensor, friction=mu, axes=sensor.shears)
-    case = Case(rng, sensor, load, _sensed(sensor, load))
+    case = Case(rng, sensor, load, sensed(sensor, load))
     if sensor.shears and rng.random() < 0.5:
         case.friction = mu
     return case
@@ -255,7 +255,7 @@ def _wide(
 def all_at_their_end(rng: np.random.Generator) -> Case:
     """Every reading at the end of its range, which the sensor states."""
     sensor, load, least = _wide(rng, lambda s: s.channels == ("stress_zz",), 1.0, 2.0)
-    case = Case(rng, sensor, load, _sensed(sensor, load))
+    case = Case(rng, sensor, load, sensed(sensor, load))
     smallest = float(case.readings.min())
     case.limits = float(rng.uniform(0.1, 0.8)) * (smallest if smallest > 0 else 0.1 * case.peak)
     case.std = np.minimum(case.std, 0.02 * case.limits)
@@ -269,7 +269,7 @@ def all_at_their_end(rng: np.random.Generator) -> Case:
 def even_press(rng: np.random.Generator) -> Case:
     """A press that is even over the whole array and goes on beyond it: as an offset would look, but for the zero."""
     sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 1.2, 5.0)
-    case = Case(rng, sensor, load, _sensed(sensor, load))
+    case = Case(rng, sensor, load, sensed(sensor, load))
     case.words.append("pressed evenly and beyond the array")
     case.least = least
     return _held(case, case.readings)

@@ -15,7 +15,7 @@ import numpy as np
 from palpate._threads import cached_property
 from palpate.bench.trust import recorded
 from palpate.bench.trust.presses import Load, plain_ball, random_load
-from palpate.bench.trust.recorded import Case, Recorded
+from palpate.bench.trust.recorded import Case, Recorded, sensed
 from palpate.bench.trust.sensors import Sensor, random_sensor
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -519,7 +519,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     if this.load == "pull":
         load = load.times(-1.0)
     typical = load
-    readings = _sensed(sensor, load)
+    readings = sensed(sensor, load)
     peak = float(np.abs(readings).max())
     level = float(np.exp(rng.uniform(*np.log(this.noise))))
     std = np.full(len(sensor.channels), level * peak)
@@ -549,7 +549,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     if this.load == "unseen shear":
         friction = None
     ball = plain_ball(described, float(np.abs(typical.traction).max()))
-    clean = _sensed(described, ball)
+    clean = sensed(described, ball)
     clean = clean + column * rng.standard_normal(clean.shape)
     if draft.limits is not None:  # a clean frame is within its range
         clean *= 0.9 * draft.limits / float(np.abs(clean).max())
@@ -590,8 +590,3 @@ def _last_frame(row: str, index: int, case: Case) -> Frame:
         least=case.least,
         open_above=case.open_above,
     )
-
-
-def _sensed(sensor: Sensor, load: Load) -> Floats:
-    """Readings (channel, *array) without noise."""
-    return np.array(sensor.skin(surface=load.grid).sense(load.traction))

@@ -14,7 +14,7 @@ import numpy as np
 from palpate.camera.colour.model import SlopeModel
 from palpate.camera.colour.response import Response
 from palpate.errors import InvalidInput
-from palpate.recordings.files import atomically
+from palpate.recordings.files import atomically, write_arrays
 from palpate.recordings.skinfile import skin_text
 from palpate.sensing.view import View
 
@@ -58,16 +58,12 @@ def write_slopes(path: str | Path, skin_file: str | Path, model: SlopeModel) -> 
         "said": np.asarray(json.dumps(model.said)),
     }
 
-    def fill(name: str) -> None:
-        with Path(name).open("wb") as file:
-            np.savez_compressed(file, **held)
-
     comments = "".join(f"# {line}\n" for line in str(model).splitlines())
 
     def fill_text(name: str) -> None:
         Path(name).write_text(f'{text}\n\n[colour]\n{comments}file = "{numbers.name}"\n', encoding="utf-8")
 
-    atomically(numbers, fill)
+    write_arrays(numbers, held)
     atomically(target, fill_text)
     return target, numbers
 

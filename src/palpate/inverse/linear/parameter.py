@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +41,6 @@ __all__ = [
     "truncate",
 ]
 
-Rule = Literal["evidence", "gcv", "lcurve", "discrepancy"]
 #: Names of the rules that choose a regularisation parameter.
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
 Filter = Callable[[Floats, Floats], Floats]

@@ -14,7 +14,7 @@ from palpate._arrays import from_numpy, namespace, to_numpy
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.estimate import Estimate
+from palpate.inverse.estimate import Estimate, in_frames
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
 from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose, tikhonov
@@ -136,7 +136,7 @@ class Regularised:
             chosen, variance = choice.parameter, choice.noise_variance
             if choice.fell_back.any():
                 said.append(
-                    f'rule="{self.parameter}": the curve has no corner{_some(choice.fell_back, batch)}, so "{choice.fallback}" chose the '
+                    f'rule="{self.parameter}": the curve has no corner{in_frames(choice.fell_back, batch)}, so "{choice.fallback}" chose the '
                     "parameter there"
                 )
         else:
@@ -151,7 +151,7 @@ class Regularised:
             blind = unexplained(self.filter, self.spectrum, chosen) < UNEXPLAINED
             if blind.any():
                 said.append(
-                    f"noise cannot be separated from traction{_some(blind, batch)}, which explains the readings at every wavelength: what is fine "
+                    f"noise cannot be separated from traction{in_frames(blind, batch)}, which explains the readings at every wavelength: what is fine "
                     "in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
                 )
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
@@ -207,8 +207,3 @@ def _squares(coefficients: npt.NDArray[Any]) -> Floats:
         part *= part
         total = total + part
     return np.asarray(total)
-
-
-def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or "" for a single frame."""
-    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

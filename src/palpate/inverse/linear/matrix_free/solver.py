@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate._arrays import from_numpy, is_numpy, to_numpy
 from palpate.elastic.pad import Floats
-from palpate.inverse.estimate import Estimate
+from palpate.inverse.estimate import Estimate, in_frames
 from palpate.inverse.linear.matrix_free.errors import SampledSource
 from palpate.inverse.linear.matrix_free.memory import TOGETHER
 from palpate.inverse.linear.matrix_free.patterns import SolvedPatterns
@@ -180,28 +179,23 @@ class MatrixFree:
             said += self.patterns.words(Removed(empty, empty, found["sizes"], found["deviations"]), batch)
         if found["without"].any():
             said.append(
-                f'rule="{self.parameter}": the curve has no corner{_some(found["without"], batch)}, so "evidence" chose the parameter there'
+                f'rule="{self.parameter}": the curve has no corner{in_frames(found["without"], batch)}, so "evidence" chose the parameter there'
             )
         if found["unsettled"].any():
             said.append(
-                f'rule="{self.parameter}" did not settle on a parameter{_some(found["unsettled"], batch)}: the last one tried is used. Give '
+                f'rule="{self.parameter}" did not settle on a parameter{in_frames(found["unsettled"], batch)}: the last one tried is used. Give '
                 "parameter=..., or the array its noise=..."
             )
         if isinstance(self.parameter, str) and found["blind"].any():
             said.append(
-                f"noise cannot be separated from traction{_some(found['blind'], batch)}, which explains the readings at every wavelength: what is "
+                f"noise cannot be separated from traction{in_frames(found['blind'], batch)}, which explains the readings at every wavelength: what is "
                 "fine in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
             )
         short = found["misfit"] > SOLVED
         if short.any():
             worst = float(found["misfit"].max())
             said.append(
-                f"the iteration did not reach its tolerance{_some(short, batch)}: it left {worst:.1g} of the readings unsolved after {MAX_STEPS} steps. "
+                f"the iteration did not reach its tolerance{in_frames(short, batch)}: it left {worst:.1g} of the readings unsolved after {MAX_STEPS} steps. "
                 "Give the array its noise=..., or a larger parameter"
             )
         return tuple(said)
-
-
-def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or "" for a single frame."""
-    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""
