@@ -209,7 +209,7 @@ def test_memory_does_not_grow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @dataclass(frozen=True)
-class Fatal(pp.Division):
+class Fatal(pp.paper.Division):
     """Takes its worker down, once for each line that is left in a file."""
 
     left: str = ""

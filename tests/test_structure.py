@@ -34,6 +34,7 @@ ROOMS = [
     "solid",
     "measured",
     "inverse",
+    "comparison",
     "uncertainty",
     "_plot",
     "touch",

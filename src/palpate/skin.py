@@ -353,6 +353,7 @@ class Skin(SkinProperties):
         *,
         method: str | Method | None = None,
         components: Sequence[str] | None = None,
+        friction: float | None = None,
         rng: np.random.Generator | None = None,
         time: npt.ArrayLike | None = None,
         zero: npt.ArrayLike | None = None,
@@ -374,6 +375,8 @@ class Skin(SkinProperties):
             periodic boundary, or with ``order``, ``parameter`` or ``rule``.
         components : sequence of str, optional
             The components sought, e.g. ["z"]; the others are zero. Default: `Skin.components`.
+        friction : float, optional
+            Coefficient of friction, for methods with the option ``friction``: |shear| <= friction * pressure in every cell.
         rng : numpy Generator
             Source of the draws (default: a fixed seed).
         time : array (frame,), optional
@@ -382,9 +385,8 @@ class Skin(SkinProperties):
         zero : array (frame, channel, *array), optional
             Frames at rest. Their mean is subtracted from the readings; five or more also give the noise (`at_rest`).
         **options
-            Options of the method, as its class documents them: ``friction`` and ``draws`` of `Adaptive`, ``order``, ``rule``
-            and ``parameter`` (a number, or the name of a rule) of `Tikhonov`, ``length`` of `Hilgers`, ``spectrum`` of `Wiener`, and those of other
-            packages' methods. None is the method's default.
+            Options of the method, as its class documents them: ``draws`` of `Adaptive`, ``order``, ``rule`` and ``parameter`` (a number, or the name
+            of a rule) of `Tikhonov`, ``length`` of `Hilgers`, and so on. None is the method's default.
 
         Returns
         -------
@@ -411,6 +413,7 @@ class Skin(SkinProperties):
         >>> skin.reconstruct(readings, method="tikhonov").force.round().tolist()  # (x, z) [N/m]
         [3.0, 10.0]
         """
+        options |= {} if friction is None else {"friction": friction}
         if zero is not None:
             rest = Rest.of(rest_frames(zero, self._planes))
             several = isinstance(readings, list | tuple) and len(self._planes) > 1

@@ -70,7 +70,7 @@ class Method(abc.ABC):
     >>> isinstance(method, pp.Method), str(method), method.chosen
     (True, "tikhonov(order=2, rule='gcv')", 'gcv')
 
-    >>> sorted(method.options()), pp.ConstantFriction.required()
+    >>> sorted(method.options()), pp.paper.ConstantFriction.required()
     (['order', 'parameter', 'rule'], ('friction',))
 
     >>> method.returns(("z",)), method.assumptions()  # nothing is assumed

@@ -17,6 +17,7 @@ Out: its figures, its formulas checked, and a page with our extensions.
 Open first: `page.py`.
 """
 
+from palpate.inverse import ConstantFriction, Division, LinearSystem
 from palpate.paper.algorithm import sliding
 from palpate.paper.cases import (
     CASES,
@@ -51,6 +52,9 @@ __all__ = [
     "PAPER_ERRORS",
     "PITCH",
     "SENSORS",
+    "ConstantFriction",
+    "Division",
+    "LinearSystem",
     "PaperFigure",
     "array",
     "claims",

@@ -30,7 +30,7 @@ class AnalogNetwork(Comparison):
     Examples
     --------
     >>> import palpate as pp
-    >>> pp.AnalogNetwork().chosen  # lambda follows from the noise, given or estimated
+    >>> pp.comparison.AnalogNetwork().chosen  # lambda follows from the noise, given or estimated
     'discrepancy'
     """
 

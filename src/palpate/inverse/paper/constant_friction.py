@@ -64,7 +64,7 @@ class ConstantFriction(Method):
     >>> normal = pp.solutions.strip(half_width=3.5, traction=0.1)
     >>> shear = pp.solutions.strip(half_width=3.5, traction=0.04, component="x")
     >>> readings = skin.sense(skin.sample(normal) + skin.sample(shear))
-    >>> touch = skin.reconstruct(readings, method=pp.ConstantFriction(friction=0.4))
+    >>> touch = skin.reconstruct(readings, method=pp.paper.ConstantFriction(friction=0.4))
     >>> touch.force.round(2).tolist()
     [0.28, 0.7]
     """
