@@ -385,8 +385,8 @@ class Skin(SkinProperties):
         zero : array (frame, channel, *array), optional
             Frames at rest. Their mean is subtracted from the readings; five or more also give the noise (`at_rest`).
         **options
-            Options of the method, as its class documents them: ``draws`` of `Adaptive`, ``order``, ``rule`` and ``parameter`` (a number, or the name
-            of a rule) of `Tikhonov`, ``length`` of `Hilgers`, and so on. None is the method's default.
+            Options of the method, as its class documents them: ``draws`` of `Adaptive`, ``order``, ``rule`` and ``parameter`` of `Tikhonov`, ``length``
+            of `Hilgers`, ``spectrum`` of `Wiener`, and so on. None is the method's default.
 
         Returns
         -------
