@@ -480,7 +480,7 @@ REMEDIES = [
         needs="cv2",
     ),
     copies(
-        "Save it without compression",
+        "it is damaged, or packed in a way that is not known",
         unpackable,
         "microscopy.pictures",
         whole=tiff,

@@ -363,6 +363,7 @@ def _stack(path: Path, rate: float | None) -> Pictures:
                 IndexError,
                 TypeError,
                 MemoryError,
+                RuntimeError,  # of the library that unpacks
                 zlib.error,
                 lzma.LZMAError,
             ) as error:
