@@ -23,6 +23,7 @@ import numpy as np
 
 TABLE = Path(__file__).resolve().parents[1] / "docs" / "_generated" / "libraries.md"
 SEED = 30_112
+HEAD = "# Libraries and our own code\n\nMade by `python benchmarks/libraries.py --write`, one thread.\n\n"
 FRICTION = 0.5
 
 
@@ -315,7 +316,7 @@ def main() -> None:
             ("Pools", pools(folder)),
         ):
             print(f"## {title}\n", *lines, "", sep="\n", file=out)
-    text = out.getvalue().rstrip() + "\n"
+    text = HEAD + out.getvalue().rstrip() + "\n"
     print(text)
     if write:
         TABLE.write_text(text)
