@@ -33,9 +33,7 @@ def read_all(path: Path, most: int = 10_000, *, channel: int | None = None) -> l
     with open_pictures(path) as pictures:
         for picture in pictures:
             if picture.image is None:
-                raise InvalidInput(
-                    f"{path}: picture {picture.index} cannot be used: {picture.fault}; it is damaged, or packed in a way that is not known. Save it without compression."
-                )
+                raise InvalidInput(f"{path}: picture {picture.index} cannot be used: {picture.fault}.")
             out.append(_plain(picture.image))
             if len(out) > most:
                 break
