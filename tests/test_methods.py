@@ -168,7 +168,9 @@ def test_objects_are_their_short_names(method: Method, options: dict[str, Any]) 
     assert one.method == other.method
 
 
-@pytest.mark.parametrize("method", [pp.Tikhonov, pp.Adaptive, pp.Constrained, pp.Hilgers, pp.comparison.NonNegative, pp.Automatic])
+@pytest.mark.parametrize(
+    "method", [pp.Tikhonov, pp.Adaptive, pp.Constrained, pp.Hilgers, pp.comparison.NonNegative, pp.Automatic]
+)
 def test_methods_are_frozen_hashable_and_pickle(method: type[Method]) -> None:
     one = method()
     assert one == method()

@@ -93,7 +93,7 @@ def stacked(records: Sequence[Any], *, new_axis: bool, counts: Sequence[int]) ->
             filled = [
                 _filled(known, f.metadata["missing"], n, new_axis) if p is None else p for p, n in zip(parts, counts)
             ]
-            out[f.name] = _together(f.name, filled, new_axis)
+            out[f.name] = _join(f.name, filled, new_axis)
     return out
 
 
@@ -111,7 +111,7 @@ def _filled(known: Any, missing: Any, count: int, new_axis: bool) -> Any:
     return np.full(shape, missing, dtype=dtype)
 
 
-def _together(name: str, parts: list[Any], new_axis: bool) -> Any:
+def _join(name: str, parts: list[Any], new_axis: bool) -> Any:
     if all(is_numpy(p) for p in parts) or not all(hasattr(p, "dtype") for p in parts):
         arrays = [to_numpy(p) for p in parts]
         shapes = {a.shape if new_axis else a.shape[1:] for a in arrays}

@@ -22,13 +22,13 @@ from palpate.inverse.observability import (
     without_mean,
 )
 from palpate.inverse.problem import Kept, Problem
-from palpate.inverse.registry import method_asked, method_named
+from palpate.inverse.registry import method_named, requested_method
 from palpate.inverse.words import notes, surface_strain
 from palpate.recordings.prepared import read_prepared, write_prepared
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.contacts import contact_readings, sampled
 from palpate.sensing.grids import Grid
-from palpate.sensing.limits import check_creep, cut, taken_as_they_are
+from palpate.sensing.limits import check_creep, cut, saturation_notes
 from palpate.sensing.maps import body_of
 from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary
@@ -430,7 +430,7 @@ class Skin(SkinProperties):
         if self._calibration is not None:
             named = {"method": method, "components": components, "rng": rng, **options}
             return self._answer_by(self._calibration, readings, time, named)
-        chosen = method_asked(method, options)
+        chosen = requested_method(method, options)
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
         parts = self._layout.checked(readings, self._surface, draws=getattr(chosen, "draws", 0))
@@ -441,7 +441,7 @@ class Skin(SkinProperties):
         estimate = prepared.solve(parts, rng)
         sought = chosen.returns(names)
         found_by = [chosen.name] if estimate.method is None else np.unique(estimate.method)
-        heeded = () if estimate.at_limit is not None else taken_as_they_are(parts, self._planes)
+        heeded = () if estimate.at_limit is not None else saturation_notes(parts, self._planes)
         return Touch(
             estimate.traction,
             prepared.grid,
@@ -558,7 +558,7 @@ class Skin(SkinProperties):
         >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
         >>> skin.prepare(method="tikhonov")
         """
-        self._ready(method_asked(method, options), components)
+        self._ready(requested_method(method, options), components)
 
     def save_prepared(self, path: str | Path) -> None:
         """Write what is prepared by now (influences, decompositions), whole or not at all, for `load_prepared` in another run.

@@ -161,7 +161,7 @@ def _draw(ax: Axes, table: pandas.DataFrame, titles: Sequence[str], clock: _Cloc
         ax.set_ylabel(f"net force [{unit}]")
     else:
         ax.set_ylabel(f"{titles[0].split(' (')[0].replace('_', ' ')}\n[{unit}]")
-    _unknown(ax, when, np.asarray(table[titles[0]]))
+    _hatch_gaps(ax, when, np.asarray(table[titles[0]]))
     ax.margins(x=0)
     room = 0.05 * (high - low)
     ax.set_ylim(factor * (low - room), factor * (high + room))
@@ -218,7 +218,7 @@ def _legend(ax: Axes, above: Axes) -> None:
     above.set_title("bands hold 95 %", loc="right", fontsize=7, color="0.35")
 
 
-def _unknown(ax: Axes, when: Any, values: Any) -> None:
+def _hatch_gaps(ax: Axes, when: Any, values: Any) -> None:
     """Hatch the frames without an answer; a slip margin has none without contact, which is no gap."""
     missing = ~np.isfinite(values)
     if not missing.any() or missing.all() or ax.get_ylabel().startswith("slip"):

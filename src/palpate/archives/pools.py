@@ -137,7 +137,7 @@ class _Threads(Pool):
     def __init__(self, skin: Skin, options: dict[str, Any], workers: int) -> None:
         self._skin, self._options, self.width = skin, options, 2 * workers
         self._stack = ExitStack()
-        limits = _one_thread_each()
+        limits = _limit_threads()
         if limits is not None:
             self._stack.callback(limits.restore_original_limits)
         self._executor = ThreadPoolExecutor(workers, thread_name_prefix="palpate-worker")
@@ -187,7 +187,7 @@ class _Processes(Pool):
 
 def _begin_worker(watched: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the first process reports
-    _one_thread_each()
+    _limit_threads()
     threading.Thread(target=_end_with, args=(watched,), daemon=True).start()
 
 
@@ -198,7 +198,7 @@ def _end_with(watched: Connection) -> None:
         os._exit(1)
 
 
-def _one_thread_each() -> Any:
+def _limit_threads() -> Any:
     """Restrict linear algebra in this process to one thread, since its neighbours use the other cores. Return None if no library allows that."""
     import scipy.linalg.blas  # noqa: F401  # so that its own library is there to be told
 

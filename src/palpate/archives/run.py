@@ -22,7 +22,7 @@ from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.method import Method
-from palpate.inverse.registry import method_asked
+from palpate.inverse.registry import requested_method
 from palpate.recordings.described import check_described
 from palpate.recordings.files import atomically
 from palpate.recordings.formats import find_format, open_recording
@@ -30,7 +30,7 @@ from palpate.recordings.locks import sole_writer
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
-from palpate.recordings.zarrstream import begun
+from palpate.recordings.zarrstream import interrupted_run
 from palpate.sensing.readings import Creep, Layout, joined_planes
 from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest
 from palpate.touch import Touch
@@ -129,7 +129,7 @@ def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
     (1, 1)
     """
     unknowns = len(skin.surface.components) * math.prod(skin.surface.shape)
-    chosen = method_asked(None, {}) if method is None else method
+    chosen = requested_method(None, {}) if method is None else method
     if not chosen.by_frame or unknowns > SMALL:
         return 1
     return max(1, min(cores(), MAX_DEFAULT_PROCESSES, frames // PAYS))
@@ -223,9 +223,9 @@ def reconstruct_recording(
     """
     target = Path(out)
     known = find_format(target)
-    chosen = method_asked(method, options)
+    chosen = requested_method(method, options)
     # a run that goes on has the pieces that it was begun with
-    length = chunk if chunk is not None else begun(target).get("chunk") if resume else None
+    length = chunk if chunk is not None else interrupted_run(target).get("chunk") if resume else None
     length = piece_length(skin, chosen) if length is None else length
     if isinstance(length, bool) or not isinstance(length, int) or length < 1:
         raise InvalidInput(f"chunk must be a whole number of frames from 1 on; got {chunk!r}.")
@@ -307,7 +307,7 @@ def reconstruct_recording(
         for start, frames in done.items():  # by an earlier run
             gathered.add(start, PieceResult.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
-        with nullcontext() if known.can("touch_stream") else _numbers_kept(numbers, target, len(wanted)):
+        with nullcontext() if known.can("touch_stream") else _save_numbers_on_interrupt(numbers, target, len(wanted)):
             for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
                 stream.add(task.start - wanted.start, solved.piece)
                 gathered.add(task.start, solved.result, wanted.start)
@@ -338,7 +338,7 @@ def _numbers_of(target: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _numbers_kept(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
+def _save_numbers_on_interrupt(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
     """If a run is interrupted whose format cannot continue: write the numbers so far as NAME.part.csv, and add a note to the exception."""
     try:
         yield

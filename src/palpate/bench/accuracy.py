@@ -131,14 +131,16 @@ def run(
     size = float(np.linalg.norm(truth[columns]))
     records = []
     for method in asked:
-        touch = layout.skin.reconstruct(noisy, method=_told(method, layout), components=list(layout.components))
+        touch = layout.skin.reconstruct(
+            noisy, method=_with_friction(method, layout), components=list(layout.components)
+        )
         error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
         z = standardised(touch, truth, layout.friction, inside=inside) if touch.errors is not None else {}
         records.append(Record(layout.name, name, noise, str(method), error, clairvoyant, z, touch.method))
     return records
 
 
-def _told(method: str | Method, layout: Layout) -> Method:
+def _with_friction(method: str | Method, layout: Layout) -> Method:
     """The method, with the layout's friction if it accepts one."""
     if isinstance(method, Method):
         unset = getattr(method, "friction", 0) is None  # 0: it has none

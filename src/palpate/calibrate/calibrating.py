@@ -160,12 +160,12 @@ def calibrate(
         if weights and number == 0:
             runs[number], one = _weighed(run, own, weights_of(weights))
         else:
-            one = _known(run, own, reference_time, said)
+            one = _labels(run, own, reference_time, said)
         known.append(one)
         _check_size("known forces", np.concatenate([one[f] for f in FORCES if f in one]))
     zeros = [_zero(run, one, baseline, said) for run, one in zip(runs, known)]
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
-    data = _gathered(runs, flats, known, labels)
+    data = _join_runs(runs, flats, known, labels)
     told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
     skin = with_constants(skin, told)
     if before is not None:
@@ -249,7 +249,7 @@ def _columns(reference: Any) -> dict[str, Floats]:
     raise InvalidInput(f"reference must have shape (frame,) or (frame, 3), or be a mapping; got {values.shape}.")
 
 
-def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
+def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
     """The labels of each frame of a run: NaN without a label; "std" if a label states its error."""
     count = len(run.flat)
     out: dict[str, Floats] = {}
@@ -349,7 +349,7 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
             raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
         return np.asarray(np.nanmean(run.flat[:baseline], axis=0)) if baseline else None
     forces = [known[f] for f in FORCES if f in known]
-    at_rest = at_rest_of(forces, run.flat)
+    at_rest = find_rest(forces, run.flat)
     if at_rest.any():
         return np.asarray(np.median(run.flat[at_rest], axis=0))
     words = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
@@ -382,7 +382,7 @@ def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:
     return np.concatenate(out)
 
 
-def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
+def find_rest(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
     """Frames without contact: zero force, or three or more with almost no force and similar readings.
 
     One small force beside others of either sign is no rest: its readings may be any.
@@ -399,7 +399,7 @@ def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
     return np.asarray(exact)
 
 
-def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
+def _join_runs(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
     names = [n for n in (*FORCES, *PLACES, BALL) if any(n in k for k in known)]
     timed = all(r.time is not None for r in runs)
     rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "time", "run", *names)}
@@ -429,18 +429,18 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
     press = press_numbers(time, everything, made["run"])
     return Labelled(
         made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
-        np.asarray(press, dtype=np.int64), _rest(runs, flats, known, made["planes"]),
+        np.asarray(press, dtype=np.int64), _rest_readings(runs, flats, known, made["planes"]),
     )  # fmt: skip
 
 
-def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats) -> Floats:
+def _rest_readings(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats) -> Floats:
     """Frames at rest without their zero (frame, channel, *array), whose scatter is the noise; noise of an assumed size where fewer than five are labelled."""
     found = []
     for run, flat, one in zip(runs, flats, known):
         forces = np.stack([one[f] for f in FORCES if f in one])
         if run.rest is not None:
             found.append(run.rest[np.isfinite(run.rest).reshape(len(run.rest), -1).all(axis=1)][:REST_KEPT])
-        at = np.flatnonzero(at_rest_of(list(forces), flat))
+        at = np.flatnonzero(find_rest(list(forces), flat))
         found.append((run.readings[at] - _as_planes(run, flat))[:REST_KEPT])
     rest = np.concatenate(found)[:REST_KEPT]
     if len(rest) >= 5 and rest.std(axis=0).max() > 0.0:

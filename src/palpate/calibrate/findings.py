@@ -11,7 +11,7 @@ from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate.calibrate.forcemap import ForceMap
 from palpate.calibrate.prior import draw_presses, reached
-from palpate.calibrate.regressions import REGRESSIONS, errors_left_out
+from palpate.calibrate.regressions import REGRESSIONS, cross_validation_errors
 from palpate.elastic.channels import channel_unit
 from palpate.elastic.pad import Floats
 from palpate.errors import PalpateError
@@ -67,7 +67,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
     half = float(scipy.special.stdtrit(one.freedom, 0.975)) * one.inflation * np.sqrt(square)
     rows = [row("palpate", one.left_out, float((np.abs(one.left_out) <= half).mean()))]
     for name, regression in REGRESSIONS.items():
-        rows.append(row(name, errors_left_out(regression, p.readings, p.values, p.press), math.nan))
+        rows.append(row(name, cross_validation_errors(regression, p.readings, p.values, p.press), math.nan))
     return tuple(rows)
 
 

@@ -210,13 +210,13 @@ def find_dots(
         print = _print_of(plain, region)
     if level is None:
         level = levelled(plain, 4.0 * print.blur, region)
-    if known is None or (step := _smaller(level.shape, known.blur)) == 1:
-        found = _found(level, print)
+    if known is None or (step := _shrink_factor(level.shape, known.blur)) == 1:
+        found = _match_print(level, print)
     else:
         # large dots survive in a smaller picture
         size = (level.shape[1] // step, level.shape[0] // step)
         small = np.asarray(opencv().resize(level, size, interpolation=opencv().INTER_AREA))
-        found = _found(small, Print(print.blur / step, print.sign, print.response))
+        found = _match_print(small, Print(print.blur / step, print.sign, print.response))
         found = Found(step * (found.positions + 0.5) - 0.5, found.strength, print)
     if region is not None:
         there = region.holds(found.positions, INSIDE * print.radius)
@@ -267,12 +267,12 @@ def _check_print(found: Found) -> None:
     )
 
 
-def _smaller(shape: tuple[int, ...], blur: float) -> int:
+def _shrink_factor(shape: tuple[int, ...], blur: float) -> int:
     """The factor by which a picture may shrink in a search for dots of this blur."""
     return max(n for n in range(1, SMALLER + 1) if n == 1 or (blur >= n * BLURRY and not any(s % n for s in shape)))
 
 
-def _found(level: npt.NDArray[np.float32], print: Print) -> Found:
+def _match_print(level: npt.NDArray[np.float32], print: Print) -> Found:
     """Dots of a known print in a levelled picture."""
     response = print.sign * _response(level, print.blur)
     rows, columns = _peaks(response, SOME * print.response, 0.9 * print.blur)
@@ -319,7 +319,7 @@ def _compact(response: npt.NDArray[np.float32], positions: Floats, print: Print)
     return np.asarray(np.quantile(around, 0.75, axis=1) < 0.5 * middle[:, 0])
 
 
-def _alone(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
+def _isolated(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
     """Extrema that lie on no stronger one: a sharp dot has others of its own along its rim."""
     from scipy.spatial import cKDTree
 
@@ -357,7 +357,7 @@ def _print_of(plain: npt.NDArray[Any], region: Region | None = None) -> Print:
         if len(level) < FEWEST:
             continue
         strength = signed[level, rows, columns]
-        own = _alone(np.stack([columns, rows], axis=1).astype(np.float64), math.sqrt(2.0) * blurs[level], strength)
+        own = _isolated(np.stack([columns, rows], axis=1).astype(np.float64), math.sqrt(2.0) * blurs[level], strength)
         level, strength = level[own], strength[own]
         if len(level) < FEWEST:
             continue

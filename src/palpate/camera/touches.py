@@ -187,7 +187,9 @@ class Touches:
             return touch
         size = np.sqrt((to_numpy(touch.values) ** 2).sum(axis=0)).ravel()
         reach = BLIND * typical_distance(self.readings.positions)
-        every, left = (_near(self._cells, self.readings.positions[which], reach) for which in (slice(None), ~lost))
+        every, left = (
+            _within_reach(self._cells, self.readings.positions[which], reach) for which in (slice(None), ~lost)
+        )
         share = float(size[every & ~left].sum() / max(float(size.sum()), 1e-300))
         if not share > FEW_LOST:
             return touch
@@ -313,7 +315,7 @@ def _missing(skin: Skin, components: Sequence[str] | None, time: float) -> Touch
     )
 
 
-def _near(cells: Floats, dots: Floats, reach: float) -> npt.NDArray[np.bool_]:
+def _within_reach(cells: Floats, dots: Floats, reach: float) -> npt.NDArray[np.bool_]:
     """Cells (n, 2) that lie within ``reach`` of a dot."""
     from scipy.spatial import cKDTree
 

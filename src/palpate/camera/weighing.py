@@ -172,16 +172,16 @@ def weigh(
     True
     """
     listed = list(sources) if isinstance(sources, list | tuple) and not _is_images(sources) else [sources]
-    known = [_known(f) for f in (forces if isinstance(forces, list | tuple) else np.atleast_1d(forces).tolist())]
+    known = [_parse_force(f) for f in (forces if isinstance(forces, list | tuple) else np.atleast_1d(forces).tolist())]
     if len(known) != len(listed):
         raise InvalidInput(f"forces must be one for each of {len(listed)} presses; got {len(known)}.")
     with tempfile.TemporaryDirectory() as folder:
         given = skin if isinstance(skin, Skin) else Path(skin)
-        begun = given if isinstance(given, Skin) else _begun(given, Path(folder))
+        begun = given if isinstance(given, Skin) else _with_start_modulus(given, Path(folder))
         return _weighed(listed, begun, known, view, rate, reference, options, guessed=begun is not given)
 
 
-def _known(force: Any) -> float | ForceTrace:
+def _parse_force(force: Any) -> float | ForceTrace:
     """A force, or one over time."""
     if isinstance(force, ForceTrace):
         return force
@@ -192,7 +192,7 @@ def _known(force: Any) -> float | ForceTrace:
     return float(force)
 
 
-def _begun(skin: Path, folder: Path) -> Path:
+def _with_start_modulus(skin: Path, folder: Path) -> Path:
     """The skin with a start value if its modulus is "unknown": displacements give force over modulus, whatever the value."""
     text = skin_text(skin)
     key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)

@@ -218,7 +218,7 @@ def whole_result(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
 
 
 @contextlib.contextmanager
-def kept_rows(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
+def rows_in_part_file(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
     """A table of frames that are still coming, whole at the end; call what is given after each, and the rows so far are in the file every few seconds and where
     the command is stopped.
 

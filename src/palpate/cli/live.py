@@ -109,10 +109,10 @@ def live(
     options = tracker_options(ctx)
     pace, end, seen, connection = True, None, None, None
     if camera is not None and skin_file is not None:
-        from palpate.cli.pictures import known_skin
+        from palpate.cli.pictures import skin_path
         from palpate.live.camera import CameraSource
 
-        skin_file = known_skin(skin_file)
+        skin_file = skin_path(skin_file)
         with busy("looking for the dots, and preparing the skin"):
             seen = CameraSource(camera, skin_file, reference=baseline or None, options={**options, "budget": BUDGET})
         skin, name, pace, end = seen.touches.skin, seen.name, False, seen.close

@@ -55,7 +55,7 @@ def numbers(text: str, option: str) -> list[float]:
         raise InvalidInput(f"{option} must be one number or several with commas; got {text!r}.") from error
 
 
-def known_to(text: str, kind: str, option: str) -> tuple[float, float]:
+def value_and_std(text: str, kind: str, option: str) -> tuple[float, float]:
     """A quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa", or 0 if none is stated."""
     import re
 
@@ -121,7 +121,7 @@ def check_picture(path: Path) -> None:
         raise InvalidInput(f"{path}: pictures end in .png, .pdf or .svg.")
 
 
-def known_channels(names: list[str]) -> list[str]:
+def check_channels(names: list[str]) -> list[str]:
     from palpate.elastic.channels import check_channels
 
     return list(check_channels(names, 2))
@@ -151,7 +151,7 @@ def check_matching(recording: Any, skin: Skin) -> None:
         )
     if recording.positions is not None:
         _check_places(recording.positions, skin)
-    for doubt in doubtful_units(skin):
+    for doubt in suspicious_units(skin):
         typer.echo(f"warning: {doubt}", err=True)
 
 
@@ -159,7 +159,7 @@ def check_matching(recording: Any, skin: Skin) -> None:
 WIDEST, STIFFEST = 2.0, 10e9
 
 
-def doubtful_units(skin: Skin) -> list[str]:
+def suspicious_units(skin: Skin) -> list[str]:
     """What a slip of a unit in a skin.toml (m for mm, GPa for kPa) leaves: sizes that no pad has. The forces would be wrong by as much, without any other sign."""
     import numpy as np
 

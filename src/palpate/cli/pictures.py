@@ -14,8 +14,8 @@ from palpate._numbers import plain_number
 from palpate.cli.files import (
     check_outputs,
     finish_stream,
-    kept_rows,
     provenance,
+    rows_in_part_file,
     save_figure,
     skin_files,
     skin_text,
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 #: Assumed pitch of dots [m], the number of dots for an estimate of the errors, and the half-width of a wide interval.
 DOTS, THINNED, ROUGH = 2e-3, 120, 0.5
 
-__all__ = ["assumed_skin", "known_skin", "roughly", "track_pictures"]
+__all__ = ["assumed_skin", "roughly", "skin_path", "track_pictures"]
 
 
-def known_skin(skin_file: Path) -> Path:
+def skin_path(skin_file: Path) -> Path:
     """A skin.toml: the file, or that of a sensor that is known by this name."""
     from palpate.sensors import presets
 
@@ -109,7 +109,7 @@ def track_pictures(
     from palpate.recordings.formats import file_format
     from palpate.touch import Forces
 
-    skin_file = known_skin(skin_file)
+    skin_file = skin_path(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
     check_outputs({"--out": out, "--picture": picture, "--plot-forces": plot_forces}, inputs=inputs, force=force)
@@ -158,7 +158,7 @@ def track_pictures(
             name = stack.enter_context(in_place(out)) if out.exists() else out
             channels = tuple(skin.planes[0].channels)
             sink = stack.enter_context(recorder(name, channels, positions=readings.positions, meta=record))
-        keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
+        keep = stack.enter_context(rows_in_part_file(forces, out if kind == "csv" else None))
         for touch in stream:
             reading = stream.last
             if reading is None:
@@ -187,7 +187,7 @@ def track_pictures(
     finish_stream(touches, forces, marks, out=out, plot_forces=plot_forces, record=record)
     if strongest is not None and picture is not None:
         save_figure(overlay(strongest[1], strongest[2], view, show="all"), picture)
-    _said(taken, lost, faults, notes, "dots" if readings.texture is None else "places")
+    _print_outcome(taken, lost, faults, notes, "dots" if readings.texture is None else "places")
     if health is not None:
         typer.echo(str(health))
     for path in (out, picture, plot_forces):
@@ -195,7 +195,7 @@ def track_pictures(
             typer.echo(f"wrote           {path}")
 
 
-def _said(
+def _print_outcome(
     taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, str], notes: list[str], what: str
 ) -> None:
     """The outcomes of the pictures in words."""
@@ -214,10 +214,10 @@ def _said(
     for index, fault in faults.items():
         said.setdefault(fault, []).append(index)
     for fault, which in said.items():
-        typer.echo(f"warning: picture{'s' if len(which) > 1 else ''} {_few(which)}: {fault}.", err=True)
+        typer.echo(f"warning: picture{'s' if len(which) > 1 else ''} {_list_indices(which)}: {fault}.", err=True)
     for note in notes:
         typer.echo(f"warning: {note}", err=True)
 
 
-def _few(which: list[int]) -> str:
+def _list_indices(which: list[int]) -> str:
     return ", ".join(map(str, which[:6])) + (f" and {len(which) - 6} more" if len(which) > 6 else "")

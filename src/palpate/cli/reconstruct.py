@@ -140,7 +140,7 @@ def reconstruct(
     method = chosen_method(ctx)
     with (
         open_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns)) as recording,
-        _said_what_stays(target),
+        _explain_interruption(target),
     ):
         skin = Skin.from_file(skin_file, recording=recording.head)
         check_matching(recording.head, skin)
@@ -221,18 +221,18 @@ def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str
 
 
 @contextmanager
-def _said_what_stays(target: Path) -> Iterator[None]:
+def _explain_interruption(target: Path) -> Iterator[None]:
     """If a run is interrupted, say which files remain and how to resume."""
-    from palpate.recordings.zarrstream import partial
+    from palpate.recordings.zarrstream import unfinished_path
 
-    before = partial(target).exists()
+    before = unfinished_path(target).exists()
     try:
         yield
     except BaseException as error:
         for said in getattr(error, "__notes__", ()):
             typer.echo(said, err=True)
-        if partial(target).exists() and not before:
-            typer.echo(f"{partial(target)} keeps what is done: --resume goes on with it.", err=True)
+        if unfinished_path(target).exists() and not before:
+            typer.echo(f"{unfinished_path(target)} keeps what is done: --resume goes on with it.", err=True)
         raise
 
 

@@ -19,7 +19,7 @@ from palpate.cli.files import (
     skin_text,
     whole_result,
 )
-from palpate.cli.options import known_to, numbers
+from palpate.cli.options import numbers, value_and_std
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -366,7 +366,7 @@ def _gel(
         return pad, float(planes[0].depth), read_uncertainty(skin_file)
     assert modulus is not None  # of both `_complete` has seen to it
     assert ratio is not None
-    value, uncertainty = _known("--youngs-modulus", modulus)
+    value, uncertainty = _modulus_of("--youngs-modulus", modulus)
     below = parse_quantity(depth, "length", "--depth")
     if thickness is None:
         return HalfSpace(youngs_modulus=value, poissons_ratio=ratio), below, uncertainty
@@ -374,9 +374,9 @@ def _gel(
     return BondedLayers([Layer(thickness=thick, youngs_modulus=value, poissons_ratio=ratio)]), below, uncertainty
 
 
-def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:
+def _modulus_of(option: str, text: str) -> tuple[float, Uncertainty | None]:
     """The modulus [Pa] and its uncertainty, if stated, in "8 kPa +- 10 %"."""
     from palpate.sensing.uncertainty import Uncertainty
 
-    value, share = known_to(text, "pressure", option)
+    value, share = value_and_std(text, "pressure", option)
     return value, Uncertainty(youngs_modulus=share) if re.search(r"\+-|\+/-|±", text) else None

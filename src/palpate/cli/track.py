@@ -12,8 +12,8 @@ from palpate.cli.files import (
     Force,
     check_outputs,
     finish_stream,
-    kept_rows,
     provenance,
+    rows_in_part_file,
     skin_files,
     skin_text,
     write_frame,
@@ -196,7 +196,7 @@ def track(
             # beside a result to be replaced; else under its own name, where it grows with every block
             name = stack.enter_context(in_place(out)) if out.exists() else out
             sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
-        keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
+        keep = stack.enter_context(rows_in_part_file(forces, out if kind == "csv" else None))
         step = stack.enter_context(Bar("frames", len(recording.readings)))
         for time, values in zip(recording.time, recording.readings):
             if zeros and time >= zeros[0]:

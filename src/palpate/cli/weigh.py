@@ -42,14 +42,14 @@ def weigh(
     from palpate._numbers import plain_number
     from palpate.camera import is_pictures
     from palpate.camera import weigh as weighed
-    from palpate.cli.pictures import known_skin
+    from palpate.cli.pictures import skin_path
     from palpate.recordings import read_recording
 
     if len(force) not in (1, len(presses)):
         raise InvalidInput(
             f"--force is given {len(force)} times for {len(presses)} presses: once for each, or one for all."
         )
-    skin = known_skin(skin_file)
+    skin = skin_path(skin_file)
     for press in presses:
         if not press.exists():
             raise InvalidInput(f"{press}: no such file.")

@@ -202,7 +202,7 @@ class Sweep:
         out = []
         for goal, most in self.goals.items():
             reached = self._reaches(goal, most)
-            said = _GOALS[goal].format(_said(goal, most))
+            said = _GOALS[goal].format(_value_text(goal, most))
             if not reached.any():
                 out.append(f"Of these {len(self)} designs none meets a goal: {said}.")
                 continue
@@ -354,7 +354,7 @@ def _channels(names: Sequence[str]) -> str:
     return ", ".join(" ".join([kind, *which]) for kind, which in kinds.items())
 
 
-def _said(name: str, value: float) -> str:
+def _value_text(name: str, value: float) -> str:
     _, factor, unit = NUMBERS[name]
     return f"{factor * value:.3g} {unit}"
 
@@ -378,7 +378,7 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     return [dict(zip(values, chosen)) for chosen in itertools.product(*values.values())]
 
 
-def _one(job: tuple[Pad, tuple[Array, ...], dict[str, Any], str, Press, Any, Uncertainty]) -> Design | str:
+def _evaluate(job: tuple[Pad, tuple[Array, ...], dict[str, Any], str, Press, Any, Uncertainty]) -> Design | str:
     pad, planes, changes, keep, press, nuisance, uncertainty = job
     try:
         body, arrays = varied(pad, planes, changes, keep=keep)
@@ -421,13 +421,13 @@ def swept(
     points = combinations(values)
     work = [(elastic, tuple(planes), p, keep, press, nuisance, uncertainty or Uncertainty()) for p in points]
     if jobs == 1 or len(work) == 1:
-        found = list(progress(map(_one, work)))
+        found = list(progress(map(_evaluate, work)))
     else:
         import multiprocessing
         from concurrent.futures import ProcessPoolExecutor
 
         with ProcessPoolExecutor(min(jobs, len(work)), mp_context=multiprocessing.get_context("spawn")) as pool:
-            found = list(progress(pool.map(_one, work, chunksize=max(1, len(work) // (8 * jobs)))))
+            found = list(progress(pool.map(_evaluate, work, chunksize=max(1, len(work) // (8 * jobs)))))
     good = [(p, d) for p, d in zip(points, found) if isinstance(d, Design)]
     bad = [(p, d) for p, d in zip(points, found) if isinstance(d, str)]
     if not good:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.touch.rounding import said
+from palpate.touch.rounding import format_interval
 
 __all__ = ["Finding", "Identified", "IdentifiedPress", "Patch"]
 
@@ -57,7 +57,7 @@ class Finding:
         if not self.known:
             return f"cannot tell: {self.reason}"
         factor, unit = READ.get(self.unit, (1.0, "" if self.unit == "1" else self.unit))
-        return said(self.value, self.low, self.high, factor=factor, unit=unit)
+        return format_interval(self.value, self.low, self.high, factor=factor, unit=unit)
 
 
 @dataclass(frozen=True)

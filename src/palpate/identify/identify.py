@@ -22,8 +22,8 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.identify.findings import Finding, Identified, IdentifiedPress, Patch
 from palpate.identify.fitting import Data, Fit, fit, fit_of, profile
 from palpate.identify.frame import Body, Frame
-from palpate.identify.objects import said
-from palpate.identify.press import joint_shape, together
+from palpate.identify.objects import identified
+from palpate.identify.press import combine_frames, joint_shape
 from palpate.identify.shapes import BALL, FLAT, Shapes, by_reading, flat_readings
 from palpate.identify.texture import texture
 from palpate.sensing.arrays import Array
@@ -119,13 +119,13 @@ def identify(
     depths = _depths(indentation, touch.batch)
     body = Body(skin.pad, tuple(skin.planes), skin.uncertainty)
     if not touch.batch:
-        return said(_frame(body, touch, parts, float(depths), shape))
+        return identified(_frame(body, touch, parts, float(depths), shape))
     frames = [_frame(body, touch[i], [p[i] for p in parts], float(depths[i]), shape) for i in range(len(touch))]
     joint = shape or joint_shape(frames, ODDS)
     for i, frame in enumerate(frames):
         if joint and frame.best is not None and len(frame.best.radii) == 1 and frame.shape != joint:
             frames[i] = _frame(body, touch[i], [p[i] for p in parts], float(depths[i]), joint)
-    return together(frames, depths, joint)
+    return combine_frames(frames, depths, joint)
 
 
 def _depths(indentation: npt.ArrayLike | None, batch: tuple[int, ...]) -> Floats:

@@ -14,7 +14,7 @@ from palpate.identify.frame import Body, Frame
 from palpate.identify.hertz import WIDEST, layer_terms, plane_strain_modulus
 from palpate.identify.shapes import BALL, FLAT
 
-__all__ = ["NORMAL", "Contact", "contact", "modulus_std", "said", "told_of"]
+__all__ = ["NORMAL", "Contact", "contact", "contact_findings", "identified", "modulus_std"]
 
 #: Half-width of a 95 % interval in standard deviations, for the uncertainty of pad and sensors.
 NORMAL = 1.96
@@ -23,7 +23,7 @@ NO_DEPTH = "pressure alone cannot tell a soft object from a hard one of another 
 RIGID = "the object is taken to be much stiffer than the pad"
 
 
-def said(frame: Frame) -> Identified:
+def identified(frame: Frame) -> Identified:
     """A frame in findings."""
     best = frame.best
     if best is None:
@@ -43,7 +43,7 @@ def said(frame: Frame) -> Identified:
     waves = (Finding.unknown("1", "no wave was sought"), Finding.unknown("m", "no wave was sought"))
     if frame.texture is not None:
         waves = (frame.texture.power, frame.texture.wavelength)
-    told = told_of(contact(frame))
+    told = contact_findings(contact(frame))
     if not frame.shape:
         as_if = "" if not told[0].known else f"; as a {best.shape} it would be {told[0]}"
         radius, modulus, effective = (
@@ -151,7 +151,7 @@ def contact(frame: Frame) -> Contact:
     )
 
 
-def told_of(found: Contact) -> tuple[Finding, Finding, Finding, Finding]:
+def contact_findings(found: Contact) -> tuple[Finding, Finding, Finding, Finding]:
     """Radius, modulus of the object, effective modulus, stiffness."""
     pad = found.body.pad
     if pad.thickness is not None and found.radius > WIDEST * pad.thickness:

@@ -19,7 +19,7 @@ from palpate.inverse.paper.constant_friction import ConstantFriction
 from palpate.inverse.paper.division import Division
 from palpate.inverse.paper.linear_system import LinearSystem
 
-__all__ = ["GROUP", "method_asked", "method_from_text", "method_named", "methods", "options", "register", "unnamed"]
+__all__ = ["GROUP", "method_from_text", "method_named", "methods", "options", "register", "requested_method", "unnamed"]
 
 AnyMethod = TypeVar("AnyMethod", bound=type[Method])
 
@@ -148,7 +148,7 @@ def unnamed(given: Iterable[str]) -> str:
     return Tikhonov.name if {"order", "parameter", "rule"} & set(given) else Automatic.name
 
 
-def method_asked(method: str | Method | None, given: Mapping[str, Any]) -> Method:
+def requested_method(method: str | Method | None, given: Mapping[str, Any]) -> Method:
     """The method that Python asks for: by name or as an object, or by its options alone.
 
     Raises

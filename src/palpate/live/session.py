@@ -390,7 +390,7 @@ class Session:
             self.note(f"{time:.3f} s  a new zero is taken from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
-        self._doubt_the_zero(touch, time)
+        self._check_zero(touch, time)
         packet = self._packed(touch, events, born, self._shown(touch, reading)) if self._pages else None
         with self._lock:
             self._remember([str(e) for e in events])
@@ -411,7 +411,7 @@ class Session:
         self.count += 1
         self._notify()
 
-    def _doubt_the_zero(self, touch: Touch, time: float) -> None:
+    def _check_zero(self, touch: Touch, time: float) -> None:
         """Note that readings stand far from 0: once for each zero that its frames moved, and when a contact begins again."""
         if STANDS in touch.notes and not self._stands:
             self._stands = True

@@ -69,13 +69,13 @@ def _size(p: Array) -> tuple[float, float]:
     points = np.asarray(p.points, dtype=np.float64)
     if min(apertures) <= 0.0:
         if isinstance(p, ScatteredArray):
-            apertures = [TAXEL_SIZE * _apart(points)] * len(apertures)
+            apertures = [TAXEL_SIZE * _spacing(points)] * len(apertures)
         else:
             apertures = [float(s) for s in p.grid.spacings]
     return (apertures[-1], apertures[0]) if len(apertures) == 2 else (apertures[0], 0.0)
 
 
-def _apart(points: Any) -> float:
+def _spacing(points: Any) -> float:
     """The usual distance of a point from its neighbour."""
     from scipy.spatial import KDTree
 

@@ -233,7 +233,7 @@ class _Fit:
         posts, own, noise, errors, held = [], [], [], [], []
         for i in range(self.channels):
             post = _Shared.of(normal[i], self.weights(length))
-            left = data.readings[:, i] - self.foretold(data, i, post.mean)
+            left = data.readings[:, i] - self.predicted(data, i, post.mean)
             mine = _Own.of(self.kernel(data, data, length), left)
             posts.append(post)
             own.append(mine)
@@ -305,7 +305,7 @@ class _Fit:
                 return LENGTHS[place] * self.near
             place = best
 
-    def foretold(self, data: _Data, channel: int, mean: Floats) -> Floats:
+    def predicted(self, data: _Data, channel: int, mean: Floats) -> Floats:
         """(press, taxel) by the shared response."""
         n, _, taxels = data.readings.shape
         means = mean.reshape(self.components, *self.lags.size.shape)
@@ -353,14 +353,14 @@ class _Fit:
         share = rng.uniform(0.0, 1.0, (PLACES, 1))
         places = data.presses[one] + share * (data.presses[other] - data.presses[one])
         moved = _Data(places, data.forces[one], data.radius[one], data.shape, data.readings[one], data.taxels, data.odd)
-        square = own.untold(self.kernel(moved, data, length), self.kernel(moved, moved, length).diagonal()) * len(
-            data.taxels
-        )
+        square = own.predictive_variance(
+            self.kernel(moved, data, length), self.kernel(moved, moved, length).diagonal()
+        ) * len(data.taxels)
         each = rng.integers(len(data.taxels), size=(PLACES, min(8, len(data.taxels))))
         for press, taxels in enumerate(each):
             rows = self.rows(moved, channel, np.full(len(taxels), press), taxels)
-            square[press] += post.untold(rows).mean() * len(data.taxels)
-        mean = self.foretold(moved, channel, post.mean) + own.variance * self.kernel(moved, data, length) @ own.weights
+            square[press] += post.predictive_variance(rows).mean() * len(data.taxels)
+        mean = self.predicted(moved, channel, post.mean) + own.variance * self.kernel(moved, data, length) @ own.weights
         size = float((mean**2).sum())
         return float(math.sqrt(square.sum() / max(size, 1e-300)))
 
@@ -374,9 +374,9 @@ class _Fit:
             rest, gone = data.some(np.flatnonzero(part != p)), data.some(np.flatnonzero(part == p))
             mean = post.again(_Normal.sum([n for i, n in enumerate(parts) if i != p]), self.weights(length))
             own = _Own.of(
-                self.kernel(rest, rest, length), rest.readings[:, channel] - self.foretold(rest, channel, mean)
+                self.kernel(rest, rest, length), rest.readings[:, channel] - self.predicted(rest, channel, mean)
             )
-            found = self.foretold(gone, channel, mean) + own.variance * self.kernel(gone, rest, length) @ own.weights
+            found = self.predicted(gone, channel, mean) + own.variance * self.kernel(gone, rest, length) @ own.weights
             left += float(((found - gone.readings[:, channel]) ** 2).sum())
         return math.sqrt(left / max(size, 1e-300))
 
@@ -450,7 +450,7 @@ class _Shared:
         out[self.kept] = self.over * d * solve(matrix, d * normal.right[self.kept], assume_a="pos")
         return out
 
-    def untold(self, rows: Floats) -> Floats:
+    def predictive_variance(self, rows: Floats) -> Floats:
         """Predictive variance for rows of waves."""
         return np.asarray(((rows[:, self.kept] @ self.root) ** 2) @ self.scale)
 
@@ -482,7 +482,7 @@ class _Own:
         weights = vectors @ (b / total[:, None])
         return cls(over * noise, math.sqrt(noise), weights, vectors, total)
 
-    def untold(self, across: Floats, itself: Floats) -> Floats:
+    def predictive_variance(self, across: Floats, itself: Floats) -> Floats:
         """Variance at places with these covariances (place, press) and variances (place,), of a process of variance 1."""
         explained = (self.variance * across @ self.vectors) ** 2 / self.values
         return np.asarray(np.maximum(self.variance * itself - explained.sum(axis=1), 0.0))

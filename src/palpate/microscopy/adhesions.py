@@ -20,9 +20,9 @@ from palpate.inverse.method import Method, Needs
 from palpate.inverse.problem import Problem
 from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
-from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_part
+from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance
 from palpate.microscopy.sampler import MOST, Chain, Places
-from palpate.microscopy.vectors import Vectors, doubtful_of, first_guess, noise_of, outliers, vectors_of
+from palpate.microscopy.vectors import Vectors, find_doubtful, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
 __all__ = ["Adhesions", "Sample", "sampled"]
@@ -150,7 +150,7 @@ def sampled(
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
     bad = outliers(u, level * shape_of_noise.relative) & there
     # an adhesion finer than the vectors looks like an outlier: which it is belongs to what is sampled
-    doubtful = doubtful_of(u, bad, there, level)
+    doubtful = find_doubtful(u, bad, there, level)
     wrong = np.zeros(shape)
     bad &= ~doubtful
     u = np.where(there, u, 0.0)
@@ -180,11 +180,13 @@ def sampled(
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
         rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
-        walk = _begun(chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window)
+        walk = _start_blobs(
+            chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+        )
         walk.walk(BURN)
         if number == 0:
             left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
-            found = _left_out(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
+            found = _find_outliers(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
             shared = 1.0 if noise is not None or stated else _shared(left, there & ~found)
             if shared > 1.0:
                 # noise that neighbours share is as much more at the wavelengths of traction
@@ -195,7 +197,7 @@ def sampled(
             if shared > 1.0 or (found != bad).any():
                 bad = found
                 vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
-                walk = _begun(
+                walk = _start_blobs(
                     chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
                 )
                 walk.walk(BURN)
@@ -248,7 +250,7 @@ def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Fla
 def _of_mean(ratio: int, field: Field) -> float:
     """Variance of the mean of ``ratio`` x ``ratio`` vectors, in that of one."""
     lags = field.pitch * np.subtract.outer(np.arange(ratio), np.arange(ratio)).ravel()
-    shared = shared_part(lags[:, None], lags[None, :], field.aperture if field.aperture > field.pitch else 0.0)
+    shared = shared_variance(lags[:, None], lags[None, :], field.aperture if field.aperture > field.pitch else 0.0)
     return float(((1.0 - INDEPENDENT_SHARE) * shared.mean()) + INDEPENDENT_SHARE / ratio**2)
 
 
@@ -261,7 +263,7 @@ def _every(field: Field) -> Vectors:
     return Vectors(places, np.zeros((2, count)), np.full(count, field.aperture**2 / 12), np.ones(count), field.aperture)
 
 
-def _begun(
+def _start_blobs(
     walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
 ) -> Chain:
     """Blobs at the maxima of the first guess, then at those of the residual."""
@@ -288,7 +290,7 @@ def _begun(
     return walk
 
 
-def _left_out(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
+def _find_outliers(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
     """Outliers by the residuals of all vectors, given the traction; ``DETAIL`` allows for adhesions that are no blobs."""
     size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
     return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))

@@ -16,7 +16,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.microscopy.adhesions import Sample
 from palpate.microscopy.blobs import Response
-from palpate.microscopy.doubts import doubts, in_these_words
+from palpate.microscopy.doubts import doubts, reworded
 from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted, inverted, of_adhesions
 from palpate.microscopy.masks import on_grid, read_mask
@@ -388,8 +388,8 @@ def cell_forces(
     numbers, principal = _numbers(done, field, inside, corners is not None, known)
     said = [
         *field.notes,
-        *map(in_these_words, done.touch.notes),
-        *(f"assumed: {in_these_words(one)}" for one in done.touch.assumed),
+        *map(reworded, done.touch.notes),
+        *(f"assumed: {reworded(one)}" for one in done.touch.assumed),
         *done.notes,
         *(
             [f"how well {', '.join(beside)} is known does not enter these errors, only how well modulus and scale are"]

@@ -16,7 +16,7 @@ from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted
 from palpate.microscopy.orientation import suspected
 
-__all__ = ["doubts", "in_these_words"]
+__all__ = ["doubts", "reworded"]
 
 #: Net force or torque is questioned from so many standard deviations on; the two principal moments of a cell that pulls have one sign.
 QUESTIONED = 3.0
@@ -48,7 +48,7 @@ REMEDIES = {
 }
 
 
-def in_these_words(note: str) -> str:
+def reworded(note: str) -> str:
     """A note with the remedy in the words of microscopy."""
     for theirs, ours in REMEDIES.items():
         note = note.replace(theirs, ours)

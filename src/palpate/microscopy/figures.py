@@ -35,7 +35,7 @@ def _round(value: float) -> float:
     return next(m * power for m in (5.0, 2.0, 1.0) if m * power <= value * (1 + 1e-9))
 
 
-def _said(value: float, unit: str) -> str:
+def _value_text(value: float, unit: str) -> str:
     factor, name = scaled(value, unit)
     return f"{value * factor:g} {name}"
 
@@ -124,7 +124,7 @@ def _arrows(
     axes.text(
         corner[0],
         corner[1] - 0.025 * high,
-        _said(key, unit),
+        _value_text(key, unit),
         color="white",
         fontsize=8,
         ha="left",
@@ -146,7 +146,7 @@ def scale_bar(axes: Any, field: Field, ends: tuple[float, float, float, float]) 
     axes.text(
         right - 0.5 * length,
         low - 0.025 * high,
-        _said(scale, "m"),
+        _value_text(scale, "m"),
         color="white",
         fontsize=8,
         ha="center",

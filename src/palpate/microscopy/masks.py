@@ -70,14 +70,14 @@ def read_mask(
         values = np.asarray(source)
         corners = values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_
         return (
-            _outline(_one([values], cell, "the outline"), "the outline")
+            _outline(_select_outline([values], cell, "the outline"), "the outline")
             if corners
             else _picture(values, "the mask", cell)
         )
     path = ordinary(source)
     ending = path.suffix.lower()
     if ending in OUTLINES:
-        return _outline(_one(_corners(path, ending, pixel), cell, str(path)), str(path))
+        return _outline(_select_outline(_corners(path, ending, pixel), cell, str(path)), str(path))
     if ending == ".npy":
         return read_mask_array(path, cell)
     from palpate.microscopy.pictures import read_picture
@@ -111,11 +111,11 @@ def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
     if cellpose and values.ndim != 2:
         raise InvalidInput(f"{path}: its masks have the shape {values.shape}, a stack: save one plane with np.save.")
     if values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_:
-        return _outline(_one([values], cell, str(path)), str(path))
+        return _outline(_select_outline([values], cell, str(path)), str(path))
     return _picture(values, str(path), cell)
 
 
-def _one(outlines: Sequence[Any], cell: int | None, name: str) -> Any:
+def _select_outline(outlines: Sequence[Any], cell: int | None, name: str) -> Any:
     """The outline of one cell, by its place from 1."""
     if cell is None and len(outlines) > 1:
         raise InvalidInput(
@@ -145,7 +145,9 @@ def _picture(values: npt.NDArray[Any], name: str, cell: int | None = None) -> Bo
         raise InvalidInput(f"{name}: the mask is empty: every pixel is zero. Inside the cell it must be another value.")
     if cell is not None:
         if cell not in levels:
-            raise InvalidInput(f"{name}: no pixel has the value {cell} of cell (--cell); there are {_few(levels)}.")
+            raise InvalidInput(
+                f"{name}: no pixel has the value {cell} of cell (--cell); there are {_list_levels(levels)}."
+            )
         return np.asarray(values == cell)
     if len(levels) > LEVELS and (np.diff(values, axis=1) == 0).mean() < EQUAL:
         raise InvalidInput(
@@ -153,12 +155,12 @@ def _picture(values: npt.NDArray[Any], name: str, cell: int | None = None) -> Bo
         )
     if len(levels) > 1:
         raise InvalidInput(
-            f"{name}: holds {len(levels)} values beside zero ({_few(levels)}), several cells perhaps: say which with cell={levels[0]:g} (--cell {levels[0]:g})."
+            f"{name}: holds {len(levels)} values beside zero ({_list_levels(levels)}), several cells perhaps: say which with cell={levels[0]:g} (--cell {levels[0]:g})."
         )
     return np.asarray(values != 0)
 
 
-def _few(levels: Any) -> str:
+def _list_levels(levels: Any) -> str:
     return ", ".join(f"{v:g}" for v in levels[:6]) + (f" and {len(levels) - 6} more" if len(levels) > 6 else "")
 
 

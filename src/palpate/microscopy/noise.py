@@ -18,7 +18,7 @@ import scipy.sparse
 
 from palpate.elastic.pad import Floats
 
-__all__ = ["Noise", "Whitener", "shared_part", "whitener"]
+__all__ = ["Noise", "Whitener", "shared_variance", "whitener"]
 
 #: Part of the variance that no other window shares. Of rendered beads neighbours at half a window correlate by 0.44 to 0.5 (0.5 by the formula) and by 0.73 at a quarter (0.75); a
 #: part of 0.1 keeps the model from taking the finest differences between overlapping windows as known.
@@ -58,7 +58,7 @@ class Noise:
         return self.side == 0 and bool((self.relative == 1.0).all())
 
 
-def shared_part(dx: Floats, dy: Floats, side: float) -> Floats:
+def shared_variance(dx: Floats, dy: Floats, side: float) -> Floats:
     """Correlation of the errors of windows (dx, dy) apart."""
     if side <= 0:
         return np.asarray(((dx == 0) & (dy == 0)) * 1.0)
@@ -88,7 +88,7 @@ def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], pl
     parts = []
     for dr in range(-reach, reach + 1):
         for dc in range(-reach, reach + 1):
-            shared = float(shared_part(np.array(dc * pitch), np.array(dr * pitch), noise.side))
+            shared = float(shared_variance(np.array(dc * pitch), np.array(dr * pitch), noise.side))
             value = 1.0 if dr == dc == 0 else (1.0 - INDEPENDENT_SHARE) * shared
             first = number[max(0, -dr) : rows - max(0, dr), max(0, -dc) : columns - max(0, dc)].ravel()
             second = first + dr * columns + dc

@@ -327,7 +327,7 @@ def sheet_tension(
     numbers["area"] = Quantity("area of the sheet", "m^2", float(weight.sum()), 0.0)
     std = np.hypot(maps[1:].std(axis=0, ddof=1), common * maps[0])
     cells, borders = _cells(masks, field, where, weight, tension, common)
-    notes = _said(parts, forces, own, poissons_ratio)
+    notes = _notes(parts, forces, own, poissons_ratio)
     if numbers["average_tension"].interval[1] < 0:
         pressed = "the sheet is pressed as a whole, as hardly any is: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
         notes = (pressed, *notes)
@@ -560,7 +560,7 @@ def _borders(
     return tuple(out)
 
 
-def _said(parts: list[_Part], forces: CellForces, own: float, ratio: float | None) -> tuple[str, ...]:
+def _notes(parts: list[_Part], forces: CellForces, own: float, ratio: float | None) -> tuple[str, ...]:
     notes = []
     open_ = any(len(p.sheet.edge[0]) for p in parts)
     for k, part in enumerate(parts):

@@ -16,7 +16,7 @@ from palpate.elastic.pad import Floats
 from palpate.microscopy.blobs import Response
 from palpate.microscopy.noise import Noise, Whitener, whitener
 
-__all__ = ["Vectors", "doubtful_of", "first_guess", "noise_of", "outliers", "vectors_of"]
+__all__ = ["Vectors", "find_doubtful", "first_guess", "noise_of", "outliers", "vectors_of"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -61,7 +61,7 @@ def outliers(u: Floats, noise: Any) -> Flags:
     return np.asarray(np.nan_to_num(far).max(axis=0) > OFF)
 
 
-def doubtful_of(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
+def find_doubtful(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
     """Return the outliers (row, column) whose neighbours move too. They may be adhesions finer than the vectors, which move one vector far more than the next."""
     around = np.where(there & ~bad, u, np.nan)
     padded = np.pad(around, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)

@@ -36,7 +36,7 @@ class FrameSource:
     ) -> None:
         self.events: deque[str] = deque(maxlen=EVENTS)
         self.report, self.zero = report, zero
-        self._admission = Admission(shape, limits or Limits(), self._say)
+        self._admission = Admission(shape, limits or Limits(), self._report_text)
         self.shape = tuple(self._admission.shape)
         self.counts = self._admission.counts
         self.counts["dropped"] = 0
@@ -87,7 +87,7 @@ class FrameSource:
             frames = zero_from_bytes(data)
         except InvalidInput as error:
             return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
-        self._say(f"{sender} asks for a new zero")
+        self._report_text(f"{sender} asks for a new zero")
         zero(frames)
         return "frames"
 
@@ -101,7 +101,7 @@ class FrameSource:
                     self._frames.append(frame)
                 self._ready.notify()
 
-    def _say(self, text: str) -> None:
+    def _report_text(self, text: str) -> None:
         self.events.append(text)
         if self.report is not None:
             self.report(text)

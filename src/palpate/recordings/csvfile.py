@@ -66,13 +66,13 @@ class Csv(Format):
         return is_text(path)
 
     def own(self, path: Path) -> bool:
-        return is_own(path)
+        return is_palpate_csv(path)
 
     def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
         return read_table_text(path, wanted)
 
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
-        return self.read(path) if is_own(path) else read_mapped(path, mapping)
+        return self.read(path) if is_palpate_csv(path) else read_mapped(path, mapping)
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         lines, ended = text_of(path)
@@ -161,7 +161,7 @@ def _positions(text: str, where: str) -> Any:
         raise InvalidInput(f"{problem}; got {text[:40]!r}.") from error
 
 
-def is_own(path: Path) -> bool:
+def is_palpate_csv(path: Path) -> bool:
     """Whether a table names its columns as palpate does."""
     for line in lines_of(path):
         if line.strip(" ,\r\n") == _TITLE:

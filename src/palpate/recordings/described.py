@@ -12,10 +12,10 @@ from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import Array
 from palpate.units import parse_quantity
 
-__all__ = ["check_described", "metres_said"]
+__all__ = ["check_described", "metres_of"]
 
 
-def metres_said(text: str) -> Any:
+def metres_of(text: str) -> Any:
     """A length in ``meta`` in metres, a pair (y, x) if these differ: "0.002", "2 mm", "0.002, 0.001"; None for anything else.
 
     Examples
@@ -47,7 +47,7 @@ def check_described(recording: Recording, planes: Sequence[Array]) -> None:
     if len(planes) != 1:
         return
     for key in ("pitch", "depth"):
-        said = metres_said(recording.meta[key]) if key in recording.meta else None
+        said = metres_of(recording.meta[key]) if key in recording.meta else None
         mine = getattr(planes[0], key, None)
         if said is None or mine is None or mine == "base":
             continue

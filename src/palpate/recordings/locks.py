@@ -97,7 +97,7 @@ def _locked(target: str, path: str | Path) -> int:
         except OSError as error:
             raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
         try:
-            if not _taken(handle):
+            if not _try_lock(handle):
                 raise InvalidInput(
                     f"{path} is being written by another process{_writer(handle)}. Wait until that has ended, or give another name."
                 )
@@ -128,7 +128,7 @@ def _unlocked(target: str, handle: int) -> None:
             os.unlink(name)
 
 
-def _taken(handle: int) -> bool:
+def _try_lock(handle: int) -> bool:
     """Take the lock; return whether that succeeded."""
     if sys.platform == "win32":
         import msvcrt

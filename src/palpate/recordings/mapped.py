@@ -21,7 +21,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table, Titles, first_titles, read_table_text
 from palpate.units import KIND_OF_SI, UNITS
 
-__all__ = ["check_apart", "check_one_frame", "explained", "is_frame", "plain_name", "read_mapped"]
+__all__ = ["check_distinct", "check_one_frame", "explained", "is_frame", "plain_name", "read_mapped"]
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
@@ -448,9 +448,9 @@ def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock)
     positions = None
     channels = tuple(mapping.channels)
     if frames.places is not None:
-        positions, readings = _at_rest(path, mapping, frames)
+        positions, readings = _rest_positions(path, mapping, frames)
         channels = channels or ("displacement_x", "displacement_y")
-        check_apart(path, positions, [f"{m:g}" for m in frames.marker] if frames.numbered else None)
+        check_distinct(path, positions, [f"{m:g}" for m in frames.marker] if frames.numbered else None)
         if set(channels) >= {"displacement_x", "displacement_y"}:
             _check_order(path, frames, positions, readings[:, [channels.index(f"displacement_{a}") for a in "xy"]])
     else:
@@ -469,7 +469,7 @@ def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock)
     return Recording(readings=readings, channels=channels, time=clock.time, positions=positions, meta=meta)
 
 
-def _at_rest(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:
+def _rest_positions(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:
     """Rest positions of markers (marker, axis), and readings (frame, channel, marker)."""
     places = frames.places
     if places is None:
@@ -525,7 +525,7 @@ def _extent(places: Floats) -> float:
     return float(np.nanmax(places, axis=(0, 1)).max() - np.nanmin(places, axis=(0, 1)).min())
 
 
-def check_apart(path: Path, positions: Floats, names: Sequence[str] | None = None, *, unit: str = " m") -> None:
+def check_distinct(path: Path, positions: Floats, names: Sequence[str] | None = None, *, unit: str = " m") -> None:
     """Refuse two markers in the same place."""
     from scipy.spatial import cKDTree
 

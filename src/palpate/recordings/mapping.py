@@ -119,7 +119,7 @@ class TopicMapping:
             except (TypeError, ValueError) as error:
                 raise InvalidInput(
                     f"{self.topic}: {self.path or 'the message'} is not a list of numbers, an image or a Grid; name the path of the "
-                    f"taxels and their fields. {_there(found[0] if _list(found) else found)}"
+                    f"taxels and their fields. {_field_list(found[0] if _list(found) else found)}"
                 ) from error
             # points in a list of [x, y, z] have one row each
             values = values.reshape(1, -1) if values.ndim == 1 else values.T
@@ -184,7 +184,7 @@ def _list(value: Any) -> bool:
     return hasattr(value, "__len__") and hasattr(value, "__getitem__") and len(value) > 0 and not isinstance(value, str)
 
 
-def _there(message: Any) -> str:
+def _field_list(message: Any) -> str:
     """The fields of a message in words."""
     names = [n for n in getattr(message, "__dataclass_fields__", {}) if n != "__msgtype__"]
     if not names and hasattr(message, "DESCRIPTOR"):
@@ -205,7 +205,7 @@ def at(message: Any, path: str) -> Any:
             found = getattr(found, name) if name else found[int(index)]
         except (AttributeError, IndexError, TypeError) as error:
             raise InvalidInput(
-                f"the message has no {name or f'[{index}]'} on the way to {path!r}. {_there(found)}".rstrip()
+                f"the message has no {name or f'[{index}]'} on the way to {path!r}. {_field_list(found)}".rstrip()
             ) from error
     return found
 

@@ -122,7 +122,7 @@ class McapRecorder:
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """Write the result of one frame."""
         now = float(touch.time) if time is None else time  # type: ignore[arg-type]
-        self._say_view(touch)
+        self._write_view(touch)
         for kind, data in self._encoder.touch(touch, now):
             self._add(kind, data, now)
 
@@ -144,7 +144,7 @@ class McapRecorder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _say_view(self, touch: Touch) -> None:
+    def _write_view(self, touch: Touch) -> None:
         """Write the position of the picture: once, and again if it changes."""
         described = None if touch.view is None else touch.view.described()
         if self._open and described is not None and described != self._view:

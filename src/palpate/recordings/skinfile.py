@@ -63,7 +63,7 @@ from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.measured import Measured
 from palpate.recordings.columns import per_count
-from palpate.recordings.described import check_described, metres_said
+from palpate.recordings.described import check_described, metres_of
 from palpate.recordings.padsection import (
     Depth,
     Length,
@@ -296,7 +296,7 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     return skin_from_text(skin_text(found), str(found), found.parent, recording)
 
 
-def _known_to(data: Any, name: str) -> dict[str, Any]:
+def _value_with_std(data: Any, name: str) -> dict[str, Any]:
     """The file without its "+-", each put as a part into the section [uncertainty]; several of one kind: the largest."""
     found: dict[str, float] = {}
 
@@ -358,7 +358,7 @@ def validated(text: str, name: str) -> SkinFile:
             f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}. A skin file describes pad and array; palpate demo writes one to start from."
         ) from error
     try:
-        found = SkinFile.model_validate(_known_to(data, name))
+        found = SkinFile.model_validate(_value_with_std(data, name))
     except ValidationError as error:
         raise InvalidInput(_explain(error.errors()[0], text, name)) from error
     if not found.plane and not isinstance(found.pad, MeasuredTable):
@@ -388,7 +388,7 @@ def skin_from_text(
         elif isinstance(skin.pad, MeasuredTable):
             pad = Measured(folder / skin.pad.file, radius=skin.pad.contact_radius, indenter=skin.pad.indenter)
         else:
-            pad = _made(_other_pads()[skin.pad.kind].load(), skin.pad)
+            pad = _pad_of_maker(_other_pads()[skin.pad.kind].load(), skin.pad)
         where = ("pad",)
         planes: list[Array] = [pad.array] if isinstance(pad, Measured) and not skin.plane else []
         if skin.pad.prony is not None:
@@ -406,7 +406,7 @@ def skin_from_text(
     return pad, planes, surface, skin.boundary
 
 
-def _made(maker: Any, table: _Other) -> Pad:
+def _pad_of_maker(maker: Any, table: _Other) -> Pad:
     """A pad of another package."""
     given = dict(table.model_extra or {})
     try:
@@ -494,7 +494,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
         meta = recording.meta if recording is not None and recording.readings.ndim == 4 else {}
         shape, pitch = plane.shape, plane.pitch
         if shape is None and pitch is None and recording is not None and "pitch" in meta:
-            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), metres_said(meta["pitch"])
+            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), metres_of(meta["pitch"])
         return AreaArray(
             shape=_need(shape, "shape", "area"),
             pitch=_need(pitch, "pitch", "area"),
@@ -626,7 +626,7 @@ KEYS = (
 )
 
 
-def _meant(key: str, text: str) -> str:
+def _likely_keys(key: str, text: str) -> str:
     """Likely keys for a misspelt one."""
     import difflib
 
@@ -652,7 +652,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         place = f"[{section}] has no {key}" if section else f"there is no [{key}] section"
         return f"{name}, line {line}: {place}."
     if kind == "extra_forbidden":
-        return f"{name}, line {line}: {key} is not a key here{_meant(str(key), text)}."
+        return f"{name}, line {line}: {key} is not a key here{_likely_keys(str(key), text)}."
     if kind.startswith("union_tag"):
         given = (error.get("ctx") or {}).get("tag")
         got = f"; got {str(given)!r}" if given else ""

@@ -12,7 +12,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.columns import per_count
 from palpate.recordings.formats import endings, existing
-from palpate.recordings.mapped import check_apart, check_one_frame, is_frame, plain_name
+from palpate.recordings.mapped import check_distinct, check_one_frame, is_frame, plain_name
 from palpate.recordings.netcdf import DAMAGE, NetCDF, data_sets, guard, opened
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Titles, read_table_text
@@ -242,5 +242,5 @@ def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
     values = (existing(path)[1].columns if other else read_table_text)(path, wanted).values.T
     if unnamed:
         check_one_frame(path, unnamed[0], values[-1])
-    check_apart(path, values[:2].T, unit="")
+    check_distinct(path, values[:2].T, unit="")
     return values[: len(columns)]

@@ -297,7 +297,7 @@ def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
 def _names(rows: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], int]:
     """The titles of the columns, and how many lines they take: names, more of these, units in a line of their own."""
     count = 1
-    while count < len(rows) - 1 and _words_alone(rows[count]):
+    while count < len(rows) - 1 and _only_words(rows[count]):
         count += 1
     titles = [list(row) for row in rows[:count]]
     units = [""] * len(titles[0])
@@ -314,7 +314,7 @@ def _names(rows: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], int]:
     return tuple(f"{n} ({u})" if u and _UNIT.match(n) is None else n for n, u in zip(names, units)), count
 
 
-def _words_alone(row: Sequence[str]) -> bool:
+def _only_words(row: Sequence[str]) -> bool:
     return any(cell.lower() not in _MISSING for cell in row) and not any(_number(cell) for cell in row)
 
 

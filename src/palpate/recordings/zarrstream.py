@@ -30,13 +30,13 @@ from palpate.touch.outcome import Outcome
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["ZarrStream", "begun", "growing", "partial"]
+__all__ = ["ZarrStream", "growing", "interrupted_run", "unfinished_path"]
 
 #: Journal of finished pieces, one a line, beside a growing store.
 _JOURNAL = "pieces.jsonl"
 
 
-def partial(path: str | Path) -> Path:
+def unfinished_path(path: str | Path) -> Path:
     """The folder beside a store for unfinished data."""
     target = Path(os.path.realpath(path))
     return target.with_name(f"{target.name}.partial")
@@ -53,14 +53,17 @@ def growing(
     InvalidInput
         A run that was broken off is there, and ``resume`` and ``replace`` are not asked for; it was another run; or it is not broken off, but runs.
     """
-    with sole_writer(path), sole_writer(partial(path), alone=True):  # other processes, and other threads of this one
+    with (
+        sole_writer(path),
+        sole_writer(unfinished_path(path), alone=True),
+    ):  # other processes, and other threads of this one
         yield from _growing(path, count, record, run, resume=resume, replace=replace)
 
 
 def _growing(
     path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool, replace: bool
 ) -> Iterator[ZarrStream]:
-    folder = partial(path)
+    folder = unfinished_path(path)
     if folder.exists() and not (folder / _JOURNAL).exists() and any(folder.iterdir()):
         raise InvalidInput(f"{folder} holds something else; move it away or give another name.")
     if folder.exists() and not (resume or replace):
@@ -78,10 +81,10 @@ def _growing(
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def begun(path: Path) -> dict[str, Any]:
+def interrupted_run(path: Path) -> dict[str, Any]:
     """The arguments of the interrupted run that was writing to ``path``; empty without one."""
     try:
-        with (partial(path) / _JOURNAL).open(encoding="utf-8") as lines:
+        with (unfinished_path(path) / _JOURNAL).open(encoding="utf-8") as lines:
             return dict(json.loads(lines.readline()))
     except (OSError, ValueError, TypeError):
         return {}
@@ -131,11 +134,13 @@ class ZarrStream(Arrays):
             self._fresh(run)
             return
         self._list.write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
-        begun = lines[0]
+        interrupted_run = lines[0]
         wanted = json.loads(json.dumps(dict(run)))
-        changed = [k for k in sorted({*begun, *wanted}) if begun.get(k) != wanted.get(k)]
+        changed = [k for k in sorted({*interrupted_run, *wanted}) if interrupted_run.get(k) != wanted.get(k)]
         if changed:
-            what = ", ".join(f"{k} (was {str(begun.get(k))[:60]}, is {str(wanted.get(k))[:60]})" for k in changed)
+            what = ", ".join(
+                f"{k} (was {str(interrupted_run.get(k))[:60]}, is {str(wanted.get(k))[:60]})" for k in changed
+            )
             raise InvalidInput(
                 f"the run that was broken off was another one: {what}. Give what it was begun with, or start again with --force (overwrite=True)."
             )

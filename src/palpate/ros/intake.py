@@ -164,11 +164,11 @@ class Intake(FrameSource):
             del self._sequences[next(iter(self._sequences))]
         self._sequences[publisher] = sequence
 
-    def _say(self, text: str) -> None:
+    def _report_text(self, text: str) -> None:
         """Publishers by the names of their nodes."""
         for key in [k for k in self._keys if k in text]:
             text = text.replace(key, self._named(key))
-        super()._say(text)
+        super()._report_text(text)
 
     @property
     def sender(self) -> str | None:

@@ -89,7 +89,7 @@ def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
     return found
 
 
-def _check_apart(positions: Floats) -> None:
+def _check_distinct(positions: Floats) -> None:
     """Refuse a few positions far from all others: the surface would be stretched to them, in cells as coarse.
 
     Judged by the distance to the third neighbour (of few positions the second), so that up to three mistaken ones are found.
@@ -458,7 +458,7 @@ class ScatteredArray(_Common):
             raise InvalidInput(f"positions contain {np.count_nonzero(~np.isfinite(found))} values that are not finite.")
         if len(np.unique(found, axis=0)) != len(found):
             raise InvalidInput("positions name one place twice: average such markers before you pass them.")
-        _check_apart(found)
+        _check_distinct(found)
         found.setflags(write=False)
         object.__setattr__(self, "positions", found)
         _check_depth(self.depth)

@@ -15,7 +15,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput
 
-__all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "taken_as_they_are"]
+__all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "saturation_notes"]
 
 Flags = npt.NDArray[np.bool_]
 #: A reading is saturated within this part of its range from either end: the last count of a converter of 10 bits.
@@ -41,7 +41,7 @@ def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -
     """Low and high end (channel, 2) of the range of each channel, or (channel, 2, *shape) of each reading; infinite where there is none."""
     if limits is None:
         return None
-    out = _meant(limits, len(channels), shape)
+    out = _parse_limits(limits, len(channels), shape)
     if out is None or np.isnan(out).any() or not (out[:, 0] < out[:, 1]).all():
         raise InvalidInput(
             "limits must be the largest reading s, for -s to s, or (low, high), or one (low, high) for each channel "
@@ -51,7 +51,7 @@ def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -
     return out
 
 
-def _meant(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
+def _parse_limits(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
     """The ends as a copy, or None if the value has none of the accepted forms."""
     try:
         found = np.array(limits, dtype=np.float64)
@@ -116,7 +116,7 @@ def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | N
         return away & (data >= high - SATURATION_TOLERANCE * size), away & (data <= low + SATURATION_TOLERANCE * size)
 
 
-def taken_as_they_are(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[str, ...]:
+def saturation_notes(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[str, ...]:
     """What is said of readings (*batch, channel, *array), one array per plane, at an end of their range, by a method that does not heed it."""
     total = 0
     for part, array in zip(parts, planes):

@@ -115,7 +115,7 @@ def _dated(time: Any, what: str) -> Floats | None:
         return _counted(np.asarray(found), what)
     if found.dtype.kind != "O":
         return None
-    flat = [_one(value, what) for value in np.ravel(found)]
+    flat = [_seconds_of(value, what) for value in np.ravel(found)]
     return np.array(flat, dtype=np.float64).reshape(np.shape(found))
 
 
@@ -135,7 +135,7 @@ def _counted(time: Any, what: str) -> Floats:
     return np.asarray(np.where(missing, np.nan, seconds), dtype=np.float64)
 
 
-def _one(value: Any, what: str) -> float:
+def _seconds_of(value: Any, what: str) -> float:
     if value is None or (isinstance(value, datetime.datetime | datetime.timedelta) and value != value):  # NaT of pandas
         return math.nan
     if isinstance(value, datetime.datetime):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-__all__ = ["Counted", "counted", "numberless", "of_one"]
+__all__ = ["Counted", "counted", "for_one_frame", "numberless"]
 
 _NUMBER = re.compile(r"-?\d[\d.,]*(e[-+]?\d+)?")
 _COUNT = re.compile(r" in (\d+) of (\d+) frames\b")
@@ -66,7 +66,7 @@ def counted(parts: Sequence[tuple[Iterable[str], int]]) -> tuple[str, ...]:
     return found.words()
 
 
-def of_one(note: str) -> str:
+def for_one_frame(note: str) -> str:
     """The note of several frames for one of them: without a count if it holds for all.
 
     Examples

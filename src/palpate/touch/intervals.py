@@ -133,7 +133,7 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
         more = named(touch, of, value, friction)
-        beyond = _beyond(touch) if of == "force" else 0.0
+        beyond = _outside_load(touch) if of == "force" else 0.0
         # a pull is a push of the other sign, and so are its error bars
         pulls = pulling(touch)
         mirrored = pulls.any() and of not in ("slip_margin", "center_of_pressure")
@@ -228,7 +228,7 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
         more = named(touch, of, value)
         if of == "force":
             value, deviation, outside, more = (part[..., -1] for part in (value, deviation, outside, more))
-        beyond = _beyond(touch)[..., -1] if of == "force" else 0.0
+        beyond = _outside_load(touch)[..., -1] if of == "force" else 0.0
         table = known.quantities[of]
         found = table.above(limit, value, deviation, outside, more, beyond)
         if touch.converged is not None and not touch.converged.all():
@@ -284,7 +284,7 @@ def named(touch: Numbers, of: str, value: Floats, friction: float | None = None)
 
 def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
     """Standard deviation of a quantity due to the misfit of the pad's model: that share of it, of the load for a component of the force, of the
-    contact's radius (root mean square) for its centre. `_beyond` adds load beyond the outermost taxels.
+    contact's radius (root mean square) for its centre. `_outside_load` adds load beyond the outermost taxels.
     """
     share = np.asarray(touch.discrepancy, dtype=np.float64)
     share = share.reshape((*share.shape, *(1,) * (np.ndim(value) - share.ndim)))
@@ -305,7 +305,7 @@ def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
     return np.asarray(share * np.sqrt(np.maximum(np.nan_to_num(np.stack(spreads, axis=-1)), 0.0)))
 
 
-def _beyond(touch: Numbers) -> Floats:
+def _outside_load(touch: Numbers) -> Floats:
     """Extra half-width of the 95 % interval of a net force, away from zero: contact beyond the outermost taxels, and a larger load than found there.
 
     If a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, where pads also end: only the sign and

@@ -16,7 +16,7 @@ from palpate._batches import rebuilt
 from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.touch import intervals
-from palpate.touch.counted import of_one
+from palpate.touch.counted import for_one_frame
 from palpate.touch.numbers import Numbers
 from palpate.touch.table import Forces
 from palpate.touch.words import assumptions, notes, summary
@@ -210,7 +210,7 @@ class Touch(Numbers):
             return xp.reshape(taken, (*where.shape, *rest))
 
         found = rebuilt(self, pick)
-        return found if where.ndim else replace(found, assumptions=tuple(map(of_one, found.assumptions)))
+        return found if where.ndim else replace(found, assumptions=tuple(map(for_one_frame, found.assumptions)))
 
     def frame(self, index: int) -> Touch:
         """One frame, counted over all batch axes (the touch itself where there is no batch).

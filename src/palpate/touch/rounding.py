@@ -7,7 +7,7 @@ import math
 from palpate._numbers import plain_number
 from palpate._plot import scaled
 
-__all__ = ["decimals", "force_unit", "open_interval", "said"]
+__all__ = ["decimals", "force_unit", "format_interval", "open_interval"]
 
 #: Digits of a number without an interval.
 DIGITS = 4
@@ -27,7 +27,9 @@ def decimals(half_width: float) -> int:
     return min(max(1 - math.floor(math.log10(half_width)), 0), 12)
 
 
-def said(value: float, low: float = math.nan, high: float = math.nan, *, factor: float = 1.0, unit: str = "") -> str:
+def format_interval(
+    value: float, low: float = math.nan, high: float = math.nan, *, factor: float = 1.0, unit: str = ""
+) -> str:
     """A number with its unit and its interval, all with the same decimals; ``factor`` brings it to the unit.
 
     Examples

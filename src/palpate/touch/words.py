@@ -15,7 +15,7 @@ from palpate.status import Status
 from palpate.touch.intervals import calibration_note, interval
 from palpate.touch.numbers import Numbers
 from palpate.touch.outcome import Outcome, assumed, notes_with
-from palpate.touch.rounding import force_unit, said
+from palpate.touch.rounding import force_unit, format_interval
 
 __all__ = ["assumptions", "notes", "outcome", "summary"]
 
@@ -30,8 +30,8 @@ def outcome(touch: Numbers) -> list[str]:
 
 def notes(touch: Numbers) -> tuple[str, ...]:
     """See `Touch.notes`."""
-    said = calibration_note(touch)
-    return (*notes_with(touch.assumptions, Outcome.of(touch)), *((said,) if said else ()))
+    format_interval = calibration_note(touch)
+    return (*notes_with(touch.assumptions, Outcome.of(touch)), *((format_interval,) if format_interval else ()))
 
 
 def assumptions(touch: Numbers) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def summary(one: Numbers, friction: float | None) -> str:
     lines = []
 
     def say(name: str, value: float, low: float, high: float, factor: float, unit: str) -> None:
-        lines.append(f"{name:<16}{said(value, low, high, factor=factor, unit=unit)}")
+        lines.append(f"{name:<16}{format_interval(value, low, high, factor=factor, unit=unit)}")
 
     low, high = bounds("force")
     sizes = np.abs(force if force.any() else np.array([*low, *high]))
@@ -92,7 +92,7 @@ def summary(one: Numbers, friction: float | None) -> str:
         if one.errors is not None and float(one.errors.outside_force[-1]) > OUTSIDE * abs(float(force[-1])):
             outside = float(one.errors.outside_force[-1])
             lines.append(
-                f"{'outside array':<16}{said(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
+                f"{'outside array':<16}{format_interval(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
             )
         size = float(one.contact_area()) * (factor if line else factor**2)
         if np.isfinite(size):
@@ -125,7 +125,7 @@ def _at_most(one: Numbers, *, line: bool) -> str:
     if not (math.isfinite(end) and end > 0.0):
         return ""
     factor, unit = force_unit(end, "N/m" if line else "N")
-    return f" (at most {said(end, factor=factor, unit=unit)})"
+    return f" (at most {format_interval(end, factor=factor, unit=unit)})"
 
 
 def _below(one: Numbers) -> list[str]:

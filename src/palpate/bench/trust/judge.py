@@ -317,7 +317,7 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     # the strongest pull of a net pull
     peak = float(truth[-1].max() if (truth[-1] > 0).any() else truth[-1].min())
     strongest = float(np.abs(typical).max())
-    beyond = _beyond(peak, peak_low, peak_high)
+    beyond = _distance_outside(peak, peak_low, peak_high)
     inside = {
         "force": float(np.mean(inside_force)) if inside_force else np.nan,
         "peak": np.nan if not np.isfinite(peak_low) else float(beyond <= _EXACT * strongest),
@@ -371,7 +371,7 @@ def _kind(frame: Frame) -> str:
     return f"{frame.sensor.kind} of {'+'.join(frame.sensor.channels)}"
 
 
-def _beyond(value: float, low: float, high: float) -> float:
+def _distance_outside(value: float, low: float, high: float) -> float:
     """How far a value lies outside an interval; NaN without an interval."""
     return float(np.maximum(low - value, value - high))
 

@@ -164,7 +164,7 @@ class Sensor:
         )
 
 
-def _one_of(rng: np.random.Generator, table: Mapping[Any, float]) -> Any:
+def _draw(rng: np.random.Generator, table: Mapping[Any, float]) -> Any:
     weights = np.array(list(table.values()))
     return list(table)[int(rng.choice(len(weights), p=weights / weights.sum()))]
 
@@ -185,15 +185,15 @@ def _any_sensor(rng: np.random.Generator) -> Sensor:
     kind = str(rng.choice(["line", "area", "tiny"], p=[0.32, 0.48, 0.20]))
     modulus, ratio = _log(rng, 2e4, 3e6), float(rng.uniform(0.3, 0.5))
     if kind == "tiny":
-        shape, channels = _one_of(rng, _TINY)
+        shape, channels = _draw(rng, _TINY)
         pitch = 4.7e-3 if rng.random() < 0.5 else _log(rng, 2e-3, 6e-3)
         depth = float(rng.uniform(2e-3, 4e-3)) * pitch / 4.7e-3
     elif kind == "line":
-        shape, channels = (int(rng.integers(15, 41)),), _one_of(rng, _LINES)
+        shape, channels = (int(rng.integers(15, 41)),), _draw(rng, _LINES)
         pitch = _log(rng, 5e-4, 5e-3)
         depth = pitch * _log(rng, 0.5, 3.0)
     else:
-        shape, channels = tuple(int(n) for n in rng.integers(6, 13, size=2)), _one_of(rng, _AREAS)
+        shape, channels = tuple(int(n) for n in rng.integers(6, 13, size=2)), _draw(rng, _AREAS)
         if rng.random() < 0.5:
             shape = (shape[0], shape[0])
         pitch = _log(rng, 1e-3, 5e-3)

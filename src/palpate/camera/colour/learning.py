@@ -254,7 +254,7 @@ class _Learner:
         response = self._fit(sums, degree, ridge, steepest)
         without = [self._fit(sums[:i] + sums[i + 1 :], degree, ridge, steepest) for i in range(len(sums))]
         covariance = self._covariance(presses, without, noise)
-        table = tuple(self._left_out(p, other, covariance) for p, other in zip(presses, without))
+        table = tuple(self._cross_validate(p, other, covariance) for p, other in zip(presses, without))
         gains = np.array([row[2] for row in table])
         # the scatter of single presses is what a new contact has; their mean off 1 is a bias of the same kind
         gain_std = float(np.sqrt(np.mean((gains - 1.0) ** 2)))
@@ -288,7 +288,9 @@ class _Learner:
             parts.append(left.T @ left / len(left))
         return np.asarray(np.mean(parts, axis=0) + 0.25 * noise**2 * np.eye(3))
 
-    def _left_out(self, press: _Press, other: Response, covariance: Floats) -> tuple[str, float, float, float, float]:
+    def _cross_validate(
+        self, press: _Press, other: Response, covariance: Floats
+    ) -> tuple[str, float, float, float, float]:
         """Name, contact radius [m], gain, error of slope and of depth [m] of a press by the model without it."""
         chosen, ball = self.inside(press, RING_FRACTION)
         _, scale = self._middle(press.circle)

@@ -249,7 +249,7 @@ class SlopeModel:
         levelled = _levelled(np.concatenate([depth[None], errors]), window, places)
         depth, errors = levelled[0], levelled[1:]
         std = np.sqrt(noise**2 + (errors**2).sum(axis=0))
-        said = self._said(contact, known, outlying & ~lost, slopes, depth)
+        said = self._notes_of(contact, known, outlying & ~lost, slopes, depth)
         touching = bool(depth[contact].max() > CLEAR * noise)
         if not touching:
             said.insert(
@@ -258,7 +258,7 @@ class SlopeModel:
             )
         return Relief(depth, std, used, places, known, contact, window >= 1.0, noise, errors, touching, tuple(said))
 
-    def _said(
+    def _notes_of(
         self,
         contact: npt.NDArray[np.bool_],
         known: npt.NDArray[np.bool_],

@@ -162,10 +162,10 @@ class WholeMap(abc.ABC):
             converged=converged.reshape(batch),
             settling=settling.reshape(batch) if self.settles else None,
             noise_std=scale[..., None] * np.concatenate(self.linear.scales),
-            said=self._said(converged, batch),
+            said=self._notes(converged, batch),
         )
 
-    def _said(self, converged: Any, batch: tuple[int, ...]) -> tuple[str, ...]:
+    def _notes(self, converged: Any, batch: tuple[int, ...]) -> tuple[str, ...]:
         """A remedy if the iteration did not converge."""
         if converged.all():
             return ()

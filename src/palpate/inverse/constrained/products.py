@@ -135,7 +135,7 @@ class Boxes:
     def correlated(self, box: Box) -> Correlated | None:
         """`Box.correlated`, which boxes of one shape share."""
         if box.shape not in self._correlated:
-            self._correlated[box.shape] = box.what_cells_share()
+            self._correlated[box.shape] = box.cell_correlation()
             while len(self._correlated) > KEPT:
                 self._correlated.popitem(last=False)
         return self._correlated[box.shape]
@@ -179,7 +179,7 @@ class Box:
 
     @cached_property
     def correlated(self) -> Correlated | None:
-        """The correlation of two cells, see `what_cells_share`."""
+        """The correlation of two cells, see `cell_correlation`."""
         return self._of_shape(self)
 
     @cached_property
@@ -187,7 +187,7 @@ class Box:
         """See `palpate.inverse.constrained.circulant.folded`."""
         return folded(self.shape, [(plane.kernel[:, list(self.columns)], plane.ratios) for plane, *_ in self.planes])
 
-    def what_cells_share(self) -> Correlated | None:
+    def cell_correlation(self) -> Correlated | None:
         """For each plane, the transform (channel, component, component, *k) of the correlation between the influences of two cells for an endless
         array, and its size. None if the real array differs too much: with cells finer than the pitch, or displacement, which reaches everywhere.
         """

@@ -45,11 +45,11 @@ def linear_method(
     absolute: bool = False,
 ) -> Linear:
     """The method prepared for a problem, with one prior for each component sought."""
-    linear = _alone(problem, priors, filter_factors, parameter, absolute)
+    linear = _exact_method(problem, priors, filter_factors, parameter, absolute)
     return InDoubt(linear, problem, problem.stated) if problem.stated.any else linear
 
 
-def _alone(
+def _exact_method(
     problem: Problem, priors: Sequence[Prior], filter_factors: Filter, parameter: float | str, absolute: bool
 ) -> Regularised | MatrixFree:
     """The method for a pad that is known exactly."""

@@ -92,7 +92,7 @@ class MatrixFree:
             errors=errors,
             converged=(joined["misfit"] <= SOLVED).reshape(batch),
             noise_std=scale[..., None] * np.concatenate(self.scales),
-            said=self._said(joined, batch),
+            said=self._notes(joined, batch),
         )
 
     def _frames(self, readings: Sequence[Floats], tolerance: float) -> dict[str, Any]:
@@ -171,7 +171,7 @@ class MatrixFree:
             largest = np.maximum(largest, (rows.max(axis=-1) / scale).max(axis=-1))
         return np.asarray((MODEL_ERROR * largest) ** 2)
 
-    def _said(self, found: dict[str, Any], batch: tuple[int, ...]) -> tuple[str, ...]:
+    def _notes(self, found: dict[str, Any], batch: tuple[int, ...]) -> tuple[str, ...]:
         """The notes on the frames."""
         said: list[str] = []
         if self.patterns is not None and found["sizes"] is not None:
