@@ -24,7 +24,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.policy import Policy
-from palpate.inverse.fit import FEWEST
+from palpate.inverse.fit import MIN_DEGREES
 
 __all__ = [
     "best_of",
@@ -63,13 +63,13 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation]) -> tuple[Explanation, ...]:
     """The other explanations with nuisances that leave readings to noise, the best first."""
-    others = [h for h in tried if h.present.any() and h is not best and h.rough.free >= FEWEST]
+    others = [h for h in tried if h.present.any() and h is not best and h.rough.free >= MIN_DEGREES]
     return tuple(sorted(others, key=lambda h: -h.rough.gain))
 
 
 def least_to_beat(tried: Sequence[Explanation]) -> float:
     """What another explanation must reach. Those that bend to every reading set no such mark: they are refuted too often to leave others for them."""
-    return max((h.rough.gain for h in tried if h.rough.free >= FEWEST), default=-math.inf)
+    return max((h.rough.gain for h in tried if h.rough.free >= MIN_DEGREES), default=-math.inf)
 
 
 def likelier_signs(tried: Sequence[Explanation], without: Sequence[int]) -> list[int]:
