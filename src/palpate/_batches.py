@@ -23,7 +23,7 @@ Record = TypeVar("Record")
 
 
 class Deferred(abc.ABC):
-    """A record whose arrays are made when they are first asked for, out of others with the batch axes first."""
+    """A record whose arrays are made when they are first requested, out of others with the batch axes first."""
 
     @property
     @abc.abstractmethod

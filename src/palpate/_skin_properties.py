@@ -151,7 +151,7 @@ class SkinProperties:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
+        """What `reconstruct` seeks by default, the traction components that these channels can separate.
 
         Examples
         --------

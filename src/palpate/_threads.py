@@ -28,7 +28,7 @@ WIDEST = 4
 
 
 class cached_property(functools.cached_property[Value]):
-    """A property that is worked out once for each object. Two threads may both work it out, to the same.
+    """A property that is computed once for each object. Two threads may both work it out, to the same.
 
     That of functools has a lock for all objects of a class (Python 3.11): threads wait for each other, and a child that is forked while one
     of them has it waits for ever.

@@ -140,7 +140,7 @@ def edge_error(pad: Pad, planes: Sequence[Array]) -> EdgeError | None:
 
 
 def solid_lines(pad: Pad, size: tuple[float, float] | None) -> str:
-    """The section [pad] of a skin.toml for the same gel with its sides; ``size`` (x, y) [m], "unknown" where it is not given.
+    """The section [pad] of a skin.toml for the same gel with its sides; ``size`` (x, y) [m], "unknown" if it is not given.
 
     Raises
     ------

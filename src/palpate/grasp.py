@@ -426,7 +426,7 @@ class GraspMonitor:
         p = values[-1]
         direction = force[:-1] / np.linalg.norm(force[:-1])
         q = np.tensordot(direction, values[:-1], 1)
-        # neighbouring cells are not independent: as many data as there are patches that can be told apart
+        # neighbouring cells are not independent: as many data as there are patches that can be separated
         resolution = 2.0 if touch.resolution is None else float(touch.resolution) / min(grid.spacings)
         cells = max(1.0, resolution) ** grid.dimensions
         # the pressure as blurred as the shear

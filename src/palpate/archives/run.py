@@ -48,7 +48,7 @@ __all__ = ["Reconstructed", "piece_length", "reconstruct_recording", "worker_cou
 
 #: Bytes of traction in a piece: large enough for efficient batches, small enough to hold many in memory.
 PIECE_BYTES = 3_000_000
-#: Frames in a piece at the most: what a run that is broken off has to do again.
+#: Frames in a piece at most: what a run that is interrupted has to do again.
 LONGEST = 256
 #: The same of methods that solve one frame after another, a hundredth of a second to some seconds each.
 SLOW = 8
@@ -195,7 +195,7 @@ def reconstruct_recording(
     Raises
     ------
     InvalidInput, NotObservable, Unsupported
-        As `Skin.reconstruct`, before anything is written: every frame is looked at first. A result that exists, or a run that was broken off;
+        As `Skin.reconstruct`, before anything is written: every frame is looked at first. A result that exists, or a run that was interrupted;
         workers that the system stops again and again; a Dask scheduler that does not answer.
 
     Notes

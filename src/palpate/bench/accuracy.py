@@ -113,7 +113,7 @@ def run(
     yardstick: bool = True,
     inside: bool = False,
 ) -> list[Record]:
-    """One noise draw of one contact, by the methods asked for; without ``yardstick`` the clairvoyant filter's error is NaN.
+    """One noise draw of one contact, by the methods requested; without ``yardstick`` the clairvoyant filter's error is NaN.
 
     Methods that take a friction are told the layout's, unless they have one. ``inside``: see `standardised`.
     """

@@ -97,7 +97,7 @@ def _at_size(pixels: Floats, part: float) -> Floats:
 
 
 def _part(settings: CameraSettings, size: tuple[int, int]) -> float:
-    """How much larger pictures are than those that a section [camera] is for; `InvalidInput` where they have another shape."""
+    """How much larger pictures are than those that a section [camera] is for; `InvalidInput` if they have another shape."""
     part = 1.0
     if settings.size is not None:
         part = size[0] / settings.size[0]

@@ -118,7 +118,7 @@ def fit_of(shapes: Shapes, data: Data, found: Fit) -> Fit:
 
 
 def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) -> tuple[float, float, list[Fit]]:
-    """Ends of the radii [m] whose best fit has squares of at most ``rise`` more; 0 or inf where there is no end, and the fits on the way."""
+    """Ends of the radii [m] whose best fit has squares of at most ``rise`` more; 0 or inf if there is no end, and the fits on the way."""
     ends, fits = [], []
     start = min(max(best.std("radius", contact), 0.02), 0.5)
     for sign in (-1.0, 1.0):

@@ -271,7 +271,7 @@ def _shapes(body: Body, components: Sequence[str], touch: Touch, pressure: Float
 def _explained(
     shapes: Shapes, data: Data, starts: list[tuple[Floats, float]], wanted: str | None
 ) -> tuple[Fit, Fit | None, Data | None]:
-    """The fewest contacts that explain a frame; of a single one, the other shape too, and the frame with its texture where that is needed."""
+    """The fewest contacts that explain a frame; of a single one, the other shape too, and the frame with its texture if that is needed."""
     place, radius = starts[0]
     if len(starts) > 1:
         middle = np.mean([p for p, _ in starts], axis=0)

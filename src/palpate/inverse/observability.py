@@ -163,7 +163,7 @@ def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str], *, most: 
 def check_observable(
     pad: Pad, planes: Sequence[Array], components: Sequence[str], *, narrowed: bool = False, remedied: bool = False
 ) -> None:
-    """Raise `NotObservable`, naming a remedy, unless the components can be told apart.
+    """Raise `NotObservable`, naming a remedy, unless the components can be separated.
 
     ``narrowed``: constraints may separate components that the channels do not; each must still affect the readings. ``remedied``: a method that does
     so serves this skin.

@@ -156,7 +156,7 @@ class Problem:
         return found
 
     def with_even_noise(self) -> Problem:
-        """The same problem with one noise for all channels of a kind: its root mean square where it is given, else 1 in the unit of the channel.
+        """The same problem with one noise for all channels of a kind: its root mean square if it is given, else 1 in the unit of the channel.
 
         The misfit of a pad's model, spread evenly (`palpate.inverse.contact.discrepancy`).
         """

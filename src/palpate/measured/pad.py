@@ -35,7 +35,7 @@ MAX_OFFSET = 0.05
 #: Modulus of the half-space that replaces the pad for an elastic model [Pa]. It is so stiff that no reading, in any unit, exceeds what an elastic pad
 #: bears.
 STIFF = 1e12
-#: A table is refused where presses that are left out are foretold no better than this part of their readings, and noise does not explain it: places are
+#: A table is refused where presses that are left out are predicted no better than this part of their readings, and noise does not explain it: places are
 #: farther apart than the response is wide, or readings belong to other presses.
 USELESS = 0.6
 #: Reject predictions with a relative error above this, with or without noise: hardly better than zero.

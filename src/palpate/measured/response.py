@@ -43,7 +43,7 @@ BLOCK = 4000
 LENGTHS = (0.25, 0.4, 0.6, 0.85, 1.2, 1.8, 2.7)
 #: Margin beside the lags, in distances of neighbouring presses: without it, waves wrap round.
 ROOM = 2.0
-#: Places between those that were pressed, at which the uncertainty is worked out.
+#: Places between those that were pressed, at which the uncertainty is computed.
 PLACES = 120
 #: Parts of the table for cross-validation.
 FOLDS = 5

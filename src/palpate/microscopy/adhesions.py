@@ -160,7 +160,7 @@ def sampled(
     inner = tuple(slice(m, m + n) for m, n in zip(margin, shape))
     weight = np.full(power.shape, OUTSIDE)
     weight[inner] = 1.0 if likely is None else np.where(likely, 1.0, OUTSIDE)
-    if likely is not None:  # a cell that the edge of the field cuts goes on beyond it
+    if likely is not None:  # a cell that the edge of the field cuts continues beyond it
         weight = np.pad(weight[inner], [(m, n - m - k) for m, n, k in zip(margin, weight.shape, shape)], mode="edge")
     proposal = power * weight / max(float((power * weight).sum()), 1e-300) + weight / weight.sum()
     places = Places(weight / weight.sum() / pitch**2, proposal / proposal.sum() / pitch**2, margin, pitch)

@@ -45,7 +45,7 @@ RUNS = 12
 EDGE = 2
 #: Part of the steps that go back from which on the frames are not in the order of time: lines in any order have half.
 DISORDER = 0.4
-#: Counts of a second, and counts after which a counter begins anew; clocks of the day, the hour, the minute and the second do too.
+#: Counts of a second, and counts after which a counter begins again; clocks of the day, the hour, the minute and the second do too.
 _COUNTS = (1.0, 1e-3, 1e-6, 1e-9)
 _PERIODS = tuple(2.0**k for k in (8, 10, 12, 16, 24, 32))
 _CLOCKS = (1.0, 60.0, 3600.0, 86400.0, 604800.0)

@@ -46,7 +46,7 @@ def read_mapped(
     ------
     InvalidInput
         Columns that are not there, no unit, lines that cannot be numbers, a marker that is twice in a frame or in the place of another, markers that
-        move without numbers or have no rest, or are numbered anew from frame to frame.
+        move without numbers or have no rest, or are numbered again from frame to frame.
     """
     roles: dict[str, list[int]] = {}
     labels: list[list[str]] = []

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NetCDFStream"]
 
-#: Bytes of a block at the most: HDF5 keeps one of each variable in memory while it is filled.
+#: Bytes of a block at most: HDF5 keeps one of each variable in memory while it is filled.
 BLOCK = 1 << 20
 
 

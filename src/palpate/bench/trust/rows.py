@@ -303,7 +303,7 @@ def _off(low: float, high: float) -> Factor:
 
 
 def _stated(std: float) -> Factor:
-    """A truth drawn from what is stated, a relative standard deviation ``std``, two of them at the most."""
+    """A truth drawn from what is stated, a relative standard deviation ``std``, two of them at most."""
     return lambda rng: float(1.0 / (1.0 + std * np.clip(rng.standard_normal(), -2.0, 2.0)))
 
 

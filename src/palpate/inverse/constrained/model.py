@@ -115,7 +115,7 @@ class Level:
 
 
 class Rounds(threading.local):
-    """While a frame is solved: columns of the cells that its rounds have asked for so far, by the ratio of the level.
+    """While a frame is solved: columns of the cells that its rounds have requested so far, by the ratio of the level.
 
     They are let go of at its end, so that no frame's answer depends on another's. So is what a matrix-free linear model makes of the frame.
     """

@@ -403,7 +403,7 @@ class Applied:
     def squares(self) -> Floats:
         """The diagonal (component * cell,) of the normal matrix."""
         if self.ray is not None:
-            # of rays, as if components were told apart: it only makes iterations short
+            # of rays, as if components were separated: it only makes iterations short
             whole = copy.copy(self)
             whole.ray = None
             each = Applied.squares.func(whole).reshape(len(self.ray), -1)

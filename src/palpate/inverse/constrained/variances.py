@@ -72,7 +72,7 @@ def face_of(solution: Solution) -> tuple[Face, Factor]:
 
 
 def taken_by(model: ContactModel) -> float:
-    """How many degrees of freedom of the readings a model takes up: worked out once for each factor, as rounds compare with the first."""
+    """How many degrees of freedom of the readings a model takes up: computed once for each factor, as rounds compare with the first."""
     face, factor = face_of(model.solution)
     if model.taken is None or model.taken[0] is not factor:
         if isinstance(factor, Dense) and len(model.data.matrix) > len(factor.lower):

@@ -30,7 +30,7 @@ class LinearEvidence:
 
     ``logdet`` is that of the readings' covariance over the noise's, patterns included; ``objective`` is misfit and penalty together in
     units of the whitening; ``freedom`` the readings less the patterns; ``sizes`` (pattern,) of the patterns. The traction may be given as what
-    makes it: of most evidence the numbers alone are asked for.
+    makes it: of most evidence the numbers alone are requested.
     """
 
     def __init__(

@@ -48,7 +48,7 @@ Filter = Callable[[Floats, Floats], Floats]
 #: Candidates span this many decades below the largest eigenvalue (all that double precision tells from zero) and two above, at this many
 #: to a decade; the minimum is then refined by a parabola, so that a step of a fifth costs nothing.
 DECADES, PER_DECADE = 16, 12
-#: Cut-offs lie between eigenvalues above this part of the largest, a few roundings of it: what is below is not told from zero.
+#: Cut-offs lie between eigenvalues above this part of the largest, a few roundings of it: smaller values count as zero.
 SMALLEST = 1e-15
 #: Eigenvalues that differ by less than this part are one: a few thousand readings know them to some 1e-12.
 PAIR = 1e-9
@@ -161,7 +161,7 @@ def choose(
     Returns
     -------
     Choice
-        The noise variance is relative to the whitening (1 where it is known).
+        The noise variance is relative to the whitening (1 if it is known).
     """
     check_rule(rule, filter_factors, noise_known=noise_known)
     least = np.zeros(len(power)) if floor is None else floor

@@ -39,7 +39,7 @@ COARSE = 3
 IMPROBABLE = 1e-3
 #: Note a pattern if it is at least this many standard deviations.
 SURE = 2.0
-#: Directions of the estimate's error that patterns add, at the most: the largest.
+#: Directions of the estimate's error that patterns add, at most: the largest.
 DIRECTIONS = 6
 
 
