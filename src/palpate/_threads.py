@@ -60,7 +60,7 @@ class Lock:
         self._all.add(self)
 
     def acquire(self, blocking: bool = True) -> bool:
-        """Take it; whether it was free, where it is not waited for."""
+        """Take the lock; without waiting, return whether it was free."""
         return self._lock.acquire(blocking)
 
     def release(self) -> None:
@@ -137,7 +137,7 @@ _this = _Beside()
 
 
 def beside(wait: Callable[[], None]) -> None:
-    """From now on work in this thread is beside something else: `give_way` calls ``wait``."""
+    """Mark work in this thread as background work: `give_way` calls ``wait``."""
     _this.wait = wait
 
 

@@ -98,7 +98,7 @@ class Reconstructed:
 def piece_length(skin: Skin, method: Method | None = None) -> int:
     """Frames in a piece where the user does not say; it depends on skin and method alone, so that a run can be made again.
 
-    Methods that take their time over each frame get short pieces, so that what is done is written and reported soon.
+    Slow methods get short pieces, so that finished frames are written and reported soon.
 
     Examples
     --------
@@ -224,7 +224,7 @@ def reconstruct_recording(
     target = Path(out)
     known = find_format(target)
     chosen = requested_method(method, options)
-    # a run that goes on has the pieces that it was begun with
+    # a resumed run keeps the pieces of its start
     length = chunk if chunk is not None else interrupted_run(target).get("chunk") if resume else None
     length = piece_length(skin, chosen) if length is None else length
     if isinstance(length, bool) or not isinstance(length, int) or length < 1:
@@ -400,7 +400,7 @@ def _tasks(
     wanted: range,
     place: Callable[[], Place | None],
 ) -> Iterator[Task]:
-    """What is still to be done, with zero and creep taken out: creep remembers, so that it goes through all frames in turn."""
+    """The remaining pieces, after subtracting zero and creep: creep has a memory, so that it goes through all frames in turn."""
     creep = Creep(skin.planes, skin.pad.prony, "remove") if isinstance(skin.pad, Viscoelastic) else None
     layout = Layout(skin.planes, skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad)
     whole = len(wanted) == len(source)

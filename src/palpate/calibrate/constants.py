@@ -409,7 +409,7 @@ class _Fit:
         return np.asarray(out)
 
     def model_readings(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Readings (press, channel, taxel), and what the log radii of contact are expected to be."""
+        """Model readings (press, channel, taxel), and the expected log radii of contact."""
         count = len(self.names)
         value = dict(zip(self.names, np.exp(theta[:count])))
         pad, depth = self.pad(value)
@@ -504,7 +504,7 @@ class _Fit:
 
     @property
     def alike(self) -> bool:
-        """Whether both materials of a stack or soft base have one modulus, as far as the presses tell."""
+        """Whether both materials of a stack or soft base have one modulus within the errors."""
         i = self.names.index("lower modulus ratio")
         std = math.sqrt(self.covariance[i, i])
         return std < ALIKE and abs(float(self.theta[i])) < 1.96 * std

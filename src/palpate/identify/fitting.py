@@ -150,7 +150,7 @@ def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) ->
 
 
 def columns_of(shapes: Shapes, data: Data, best: Fit) -> Floats:
-    """Orthonormal rows that span what all numbers of a fit change in the readings over their noise."""
+    """Orthonormal rows that span the change of the whitened readings with all numbers of a fit."""
     now = _project(shapes, data, best.shape, best.centers, best.radii)
     slopes = _slopes(shapes, data, best.shape, best.centers, best.radii, now)
     sizes = np.linalg.norm(slopes, axis=1)
@@ -186,7 +186,7 @@ def _project(shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Flo
 def _slopes(
     shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Floats, now: _Projected, *, projected: bool = True
 ) -> Floats:
-    """Change of the model (x, y, log a of each contact; reading) over its noise, less what forces and offsets take up."""
+    """Change of the whitened model (x, y, log a of each contact; reading), without the part that forces and offsets explain."""
     cells = []
     steps = []
     for center, radius in zip(centers, radii):

@@ -224,7 +224,7 @@ class Session:
         self.tracker.close()
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
-        """Call ``wake`` whenever there is a new packet; returns what ends it."""
+        """Call ``wake`` for each new packet; return the function that ends it."""
         with self._lock:
             self._listeners.add(wake)
 

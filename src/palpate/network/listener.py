@@ -283,7 +283,7 @@ class FrameListener(FrameSource):
         self._admission.gone(sender)
 
     def _unwanted(self, sender: str, result: str) -> bool:
-        """Whether a connection has been refused for so long, because another is served, that it must be told."""
+        """Whether a connection has been refused for so long, because another is served, that it gets a message."""
         if result != "busy":
             self._refused.pop(sender, None)
             return False

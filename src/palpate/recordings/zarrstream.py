@@ -112,7 +112,7 @@ class ZarrStream(Arrays):
         self._written(self._announce)
 
     def _announce(self) -> None:
-        """Processes that find this word beside the store see the same disk, and belong to this run."""
+        """Write a word beside the store: processes that find it see the same disk, and belong to this run."""
         self._word = uuid.uuid4().hex
         (self.path.parent / MARKER).write_text(self._word, encoding="utf-8")
 
