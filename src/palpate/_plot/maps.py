@@ -278,7 +278,7 @@ def _shear(axes: Axes, touch: Shown, values: Floats, title: str, largest: float,
 
 
 def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, colour: str) -> None:
-    """Arrows on the strongest cells first, and what an arrow's length means."""
+    """Arrows on the strongest cells first, and the scale of an arrow."""
     from matplotlib.patheffects import withStroke
 
     size = np.nan_to_num(np.hypot(values[0], values[1]))

@@ -1,4 +1,4 @@
-"""What a skin does, as a few matrices and formulas that PyTorch and JAX can differentiate.
+"""A skin as a few matrices and formulas that PyTorch and JAX can differentiate.
 
 readings = gains * A(modulus, depth) traction + noise. The traction sought is the minimum of
 

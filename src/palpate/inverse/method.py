@@ -134,7 +134,7 @@ class Method(abc.ABC):
 
     @abc.abstractmethod
     def prepare(self, problem: Problem) -> Prepared:
-        """What depends on skin and method and not on the frame; `check` first."""
+        """Prepare the part that depends on skin and method and not on the frame; call `check` first."""
 
     def resolved(self, problem: Problem) -> Method:
         """The method that runs on a skin: the method itself, or the one that it chooses."""

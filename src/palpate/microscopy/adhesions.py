@@ -1,4 +1,4 @@
-"""Traction as what adhesions make: sampled (`palpate.microscopy.sampler`), and read on the field's own grid."""
+"""Traction as a sum of adhesions: sampled (`palpate.microscopy.sampler`), and evaluated on the field's own grid."""
 
 from __future__ import annotations
 
@@ -297,7 +297,7 @@ def _find_outliers(left: Floats, modelled: Floats, noise: Floats, bad: Flags, th
 
 
 def _shared(left: Floats, there: Flags) -> float:
-    """Sum of the correlations of residuals over neighbours; 1 where they are independent."""
+    """Sum of the correlations of residuals over neighbours; 1 if they are independent."""
     r = np.where(there, left, 0.0)
     power = float((r**2).sum()) / max(float(there.sum()), 1.0)
 

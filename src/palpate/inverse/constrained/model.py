@@ -179,7 +179,7 @@ class Columns:
         return self._room[: self.count].reshape(self.count * self.components, -1)
 
     def lost(self, observed: Flags) -> Index | None:
-        """Those among the readings that are no longer observed, where they are few: of independent readings they are left out one by one."""
+        """Those among the readings that are no longer observed, if they are few: independent readings can be removed one by one."""
         if np.array_equal(observed, self.observed):
             return np.zeros(0, dtype=np.intp)
         gone = self.observed & ~observed

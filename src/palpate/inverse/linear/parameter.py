@@ -78,9 +78,7 @@ MODEL_ERROR = 2e-4
 
 
 class Choice(NamedTuple):
-    """What a rule chose for each frame (frame,): parameter, noise variance relative to the whitening, and where the rule gave way to
-    another one, ``fallback``.
-    """
+    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, and where the rule used another one, ``fallback``."""
 
     parameter: Floats
     noise_variance: Floats
@@ -214,7 +212,7 @@ def check_rule(rule: str, filter_factors: Filter, *, noise_known: bool) -> None:
 
 
 class Curves(Protocol):
-    """What every rule is made of, at the parameters ``grid`` (candidate,) from strong to weak.
+    """Inputs of every rule, at the parameters ``grid`` (candidate,) from strong to weak.
 
     ``residual`` sum r^2, ``penalty`` of the traction and ``explained`` sum c^2 (1 - phi), all (frame, candidate); ``free`` sum (1 - phi) and ``logdet``
     -sum log(1 - phi) (candidate,); ``inside`` the candidates among the eigenvalues; ``count`` the readings.
@@ -403,7 +401,7 @@ def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.
 def amplitude(
     eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None, tried: Tried | None = None
 ) -> tuple[Floats, Floats]:
-    """What the frames say of the size of traction and noise: mean prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
+    """Posterior means of the size of traction and noise: prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
 
     Means over lambda by its marginal likelihood, with equal prior weight for every decade: if the readings show nothing, this gives the largest
     amplitude that would not show. ``floor`` (frame,) is the lower bound of the noise variance, or None if the noise is known; ``tried`` as in

@@ -142,7 +142,7 @@ class Patterns:
         logdet: Floats,
         inner: Floats,
     ) -> Removed:
-        """What is left of ``c``: c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c (frame, candidate, pattern) decide."""
+        """The residual of ``c``: c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c (frame, candidate, pattern) decide."""
 
         def score(left: Floats, more: Floats) -> tuple[Floats, Floats]:
             """-2 log evidence and noise variance."""
