@@ -280,6 +280,7 @@ def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monke
     assert not Path("b.html").exists()
 
 
+@pytest.mark.long
 def test_the_size_of_a_mask_says_where_the_top_is(tmp_path: Path) -> None:
     """A table that counts y from the picture's bottom, with a mask of the picture: the same numbers as from the top."""
     pytest.importorskip("typer")

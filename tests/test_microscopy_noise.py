@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.microscopy import bead_displacements, cell_forces
 from palpate.microscopy.blobs import PROFILES, profiled
 from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance, whitener
@@ -64,7 +65,7 @@ def test_profiles_keep_force_and_second_moments():
             assert second == pytest.approx(variance[k], rel=1e-9)
 
 
-@pytest.mark.parametrize("window", [16, 32])
+@pytest.mark.parametrize("window", [16, *long_runs(32)])
 def test_the_largest_traction_of_rendered_cells_is_inside_its_interval(window):
     """One noise for all vectors gave 1.58 (1.26 to 1.99) of it here, with windows of 16 pixels."""
     from cells_pictures import MODULUS, RATIO, SIDE, SQUARE, pair_of, truth_of
