@@ -183,7 +183,8 @@ def test_numbers_of_the_contact_method_are_in_its_policy() -> None:
         "methods.LARGEST_FRICTION",
         "noise.MEDIAN",
         "no_contact.WIDE",
-    }  # a limit of an option; two quantiles of a Gaussian
+        "trace.SIGNS",
+    }  # a limit of an option; two quantiles of a Gaussian; names of signs
     found = set()
     for path in (SOURCE / "inverse" / "contact").rglob("*.py"):
         if path.stem in ("policy", "local", "places"):
