@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -334,8 +333,7 @@ class Tracker:
     def _stepped(self, reading: Any, time: float | None, std: Any) -> Touch:
         """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
-        flat, like = self._flat(reading)
-        known = None if std is None else self._typical(std)
+        (flat, like), known = self._flat(reading), None if std is None else self._typical(std)
         frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
         try:
@@ -347,7 +345,9 @@ class Tracker:
             self._offsets.clear()
             status, converged = Status.FAILED, False
 
-        answer = partial(self._answer, now=frame.now, like=like, note=note)
+        def answer(status: Status, converged: bool) -> Touch:
+            return self._answer(status, frame.now, converged, like, note)
+
         touch = answer(status, converged)
         if self._touching and status.known:
             touch = self._compare(touch, answer)
@@ -635,7 +635,7 @@ class Tracker:
 
     # -- the answer ----------------------------------------------------------------------------------------------------
 
-    def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
+    def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
         estimator, learning, contact = self.estimator, self._learning, self._contact
         grid, noise = estimator.surface, learning.noise
         values: Floats = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
