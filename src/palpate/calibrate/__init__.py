@@ -5,10 +5,11 @@ Out: net force with intervals, `calibrated.toml`, and findings about the sensor.
 Open first: `calibrating.py`.
 """
 
-from palpate.calibrate.answer import calibrated_touch, with_calibration
+from palpate.calibrate.answer import calibrated_touch, for_pad, with_calibration
+from palpate.calibrate.applied import with_constants
 from palpate.calibrate.calibrating import calibrate, flat_readings
 from palpate.calibrate.calibration import ALONE, SkinCalibration
-from palpate.calibrate.constants import PadConstants, with_constants
+from palpate.calibrate.constants import PadConstants
 from palpate.calibrate.files import calibrated_text, read_calibration, write_calibrated
 from palpate.calibrate.forcemap import ForceMap
 from palpate.calibrate.labels import Weight, find_delay
@@ -25,6 +26,7 @@ __all__ = [
     "calibrated_touch",
     "find_delay",
     "flat_readings",
+    "for_pad",
     "likely_maps",
     "read_calibration",
     "with_calibration",

@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
+from palpate.calibrate.applied import reading_gains, with_constants
 from palpate.calibrate.calibration import FORCES, PLACES, SkinCalibration
-from palpate.calibrate.constants import labelled_constants, with_constants
+from palpate.calibrate.constants import labelled_constants
 from palpate.calibrate.findings import (
     ageing,
     best_press,
@@ -44,7 +45,7 @@ from palpate.recordings import Recording
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 
-__all__ = ["calibrate", "flat_readings"]
+__all__ = ["calibrate", "flat_readings", "unflat"]
 
 #: Part of the time that a weight stood which is left out at each end: it is laid down and taken off there.
 ENDS = 0.15
@@ -165,14 +166,15 @@ def calibrate(
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
     data = _gathered(runs, flats, known, labels)
     told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
-    skin = with_constants(skin, told)
+    skin, gains = with_constants(skin, told), reading_gains(skin, told)
     if before is not None:
         said += ageing(before, data)
     maps = _maps(skin, data, before)
     found = SkinCalibration(maps, runs[0].flat.shape[1])
     main = maps.get("fz") or next(iter(maps.values()))
     table = table_of(main)
-    unit, unit_std, error, words = elastic_check(skin, data, main)
+    true = data if gains is None else data.over(unflat(skin.planes, gains))
+    unit, unit_std, error, words = elastic_check(skin, true, main)
     said += words
     said += silent_readings(skin, data)
     said += hysteresis(main)
@@ -183,6 +185,7 @@ def calibrate(
     return replace(
         found,
         constants=told,
+        gains=gains,
         rest=data.rest,
         zero=zero,
         zero_std=zero_std,
@@ -365,10 +368,10 @@ def _kept_zero(
         return None, None
     scatter = flat_readings(planes, rest).std(axis=0)
     apart = np.std(known, axis=0, ddof=1) if len(known) > 1 else 0.0
-    return _unflat(planes, known[-1]), _unflat(planes, np.hypot(scatter, apart))
+    return unflat(planes, known[-1]), unflat(planes, np.hypot(scatter, apart))
 
 
-def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:
+def unflat(planes: Sequence[Any], flat: Floats) -> Floats:
     """Readings (channel, *array) of their flat form, NaN where a taxel is missing."""
     out, start = [], 0
     for plane in planes:

@@ -53,6 +53,8 @@ class SkinCalibration:
         Name, error, R^2 and coverage (NaN where there is none) of normal force on presses that were left out, this map first.
     constants : PadConstants or None
         Posterior of the pad's constants, where they were asked for.
+    gains : array (reading,) or None
+        What each reading is divided by besides before the elastic model sees it, where gains were asked for.
     rest : array (frame, channel, *array) or None
         Readings at rest without their zero: their scatter is the noise that the elastic model is given.
     scale : float
@@ -78,11 +80,18 @@ class SkinCalibration:
     zero_std: Floats | None = None
     open_zero: bool = False
     constants: PadConstants | None = None
+    gains: Floats | None = None
 
     @property
     def elastic(self) -> bool:
         """Whether the elastic model holds, so that a pressure map follows."""
         return math.isfinite(self.unit)
+
+    @property
+    def factors(self) -> Floats:
+        """What each reading (reading,) is multiplied by for the elastic model, or for a tracker to watch the zero where that was rejected."""
+        gains = np.ones(self.readings) if self.gains is None else self.gains
+        return (self.unit if self.elastic else self.scale) / gains
 
     def force(self, readings: Any) -> tuple[Floats, Floats]:
         """Net force (frame, 3) [N] and its standard deviation for readings (frame, reading) without their zero; NaN for components without labels."""

@@ -72,7 +72,7 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
     held["said"], held["table"] = np.asarray(json.dumps(found.said)), np.asarray(json.dumps(found.table))
     if found.constants is not None:
         held["constants"] = np.asarray(found.constants.json())
-    for key in ("rest", "zero", "zero_std"):
+    for key in ("rest", "zero", "zero_std", "gains"):
         if getattr(found, key) is not None:
             held[key] = getattr(found, key)
     for name, one in found.maps.items():
@@ -133,6 +133,7 @@ def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
             tuple(json.loads(str(held["said"]))), table, held.get("rest"),
             float(held["scale"]), held.get("zero"), held.get("zero_std"),
             constants=PadConstants.from_json(str(held["constants"])) if "constants" in held else None,
+            gains=held.get("gains"),
         )  # fmt: skip
     except (KeyError, ValueError, OSError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
         raise InvalidInput(f"{path}: no calibration of palpate, or damaged ({error}). Calibrate again.") from error

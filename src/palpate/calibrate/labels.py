@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -215,3 +215,7 @@ class Labelled:
     run: npt.NDArray[np.int64]
     press: npt.NDArray[np.int64]
     rest: Floats
+
+    def over(self, gains: Floats) -> Labelled:
+        """The same, its planes over the gain of each reading (channel, *array)."""
+        return replace(self, planes=self.planes / gains, rest=self.rest / gains)

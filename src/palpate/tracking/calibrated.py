@@ -30,9 +30,7 @@ class CalibrationLike(Protocol):
     """What a tracker asks of a calibration."""
 
     @property
-    def unit(self) -> float: ...
-    @property
-    def scale(self) -> float: ...
+    def factors(self) -> Floats: ...
     @property
     def readings(self) -> int: ...
     @property
@@ -86,9 +84,9 @@ class CalibratedTracker(Tracker):
         self._ranged = any(p.limits is not None for p in self.estimator.operator.planes_of)
 
     @property
-    def _unit(self) -> float:
-        """What readings are multiplied by for the elastic model."""
-        return self.calibration.unit if self.calibration.elastic else self.calibration.scale
+    def _unit(self) -> Floats:
+        """What each reading is multiplied by for the elastic model."""
+        return self.calibration.factors
 
     def _flat(self, reading: Any) -> tuple[Floats, Any]:
         flat, like = super()._flat(reading)
