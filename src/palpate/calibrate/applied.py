@@ -66,7 +66,9 @@ def with_constants(skin: Any, found: PadConstants | None) -> Any:
     gains = [s for n, s in zip(found.names, found.std) if n.startswith("gain")]
     if gains:
         known["gain"] = min(float(np.sqrt(np.mean(np.square(gains)))), LARGEST_STD)
-    factor = found.pixel_scale * found.span / float(np.ptp(plane.points, axis=0).max()) if "pixel_scale" in told else 1.0
+    factor = (
+        found.pixel_scale * found.span / float(np.ptp(plane.points, axis=0).max()) if "pixel_scale" in told else 1.0
+    )
     return _restated(skin, pad, [replace(_scaled(plane, factor), depth=depth)], known, same_places=factor == 1.0)
 
 

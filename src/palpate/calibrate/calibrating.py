@@ -169,7 +169,7 @@ def calibrate(
     skin, gains = with_constants(skin, told), reading_gains(skin, told)
     if before is not None:
         said += ageing(before, data)
-    maps = _maps(skin, data, before)
+    maps = _maps(skin, data, before, zero_known=all(z is not None for z in zeros))
     found = SkinCalibration(maps, runs[0].flat.shape[1])
     main = maps.get("fz") or next(iter(maps.values()))
     table = table_of(main)
@@ -457,7 +457,7 @@ def _as_planes(run: Run, flat: Floats, at: npt.NDArray[np.intp]) -> Any:
     return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0
 
 
-def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str, ForceMap]:
+def _maps(skin: Any, data: Labelled, before: SkinCalibration | None, *, zero_known: bool) -> dict[str, ForceMap]:
     likely = likely_maps(skin.pad, skin.planes, skin.surface, np.random.default_rng(SEED))
     out = {}
     for i, name in enumerate((*FORCES, *PLACES)):
@@ -490,5 +490,7 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str
             earlier = np.zeros(len(p.values), dtype=np.int64) if p.run is None else p.run
             run = np.concatenate([earlier[keep], run + earlier.max() + 1])
         physics = None if likely is None else likely[i]
-        out[name] = ForceMap.fit(Process(flat, values, std, usual_scale(flat), physics, press, seconds, run))
+        out[name] = ForceMap.fit(
+            Process(flat, values, std, usual_scale(flat), physics, press, seconds, run, zero_known=zero_known)
+        )
     return out

@@ -324,7 +324,9 @@ class _Fit:
             self.mean, self.before = np.log(before.values), before.before
             self.root = np.linalg.cholesky(np.linalg.inv(before.covariance)).T
         span = float(np.ptp(self.points, axis=0).max())
-        if before is not None and math.isfinite(before.span):  # the places of a skin that was calibrated are scaled already
+        if before is not None and math.isfinite(
+            before.span
+        ):  # the places of a skin that was calibrated are scaled already
             self.points = self.points * (before.span / span)
             span = before.span
         self.span, self.length = span, span / 4.0
