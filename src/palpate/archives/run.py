@@ -322,6 +322,8 @@ def reconstruct_recording(
         remarks += (
             f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
         )
+    standing = None if rest is None or skin.calibration is None else skin.calibration.standing(rest.zero)
+    remarks += () if standing is None else (standing,)
     touch, at = gathered.largest
     return Reconstructed(target, len(wanted), before, at, touch, gathered.numbers, remarks, gathered.notes)
 

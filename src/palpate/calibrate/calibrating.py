@@ -181,7 +181,7 @@ def calibrate(
     if len(runs) == 1 and before is None:
         said.append(ONE_RUN)
     said += best_press(skin, main)
-    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest)
+    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest, [zero_drift(r.flat, k) for r, k in zip(runs, known)])
     return replace(
         found,
         constants=told,
@@ -360,15 +360,32 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
 
 
 def _kept_zero(
-    planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats
+    planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats, drifts: Sequence[Floats]
 ) -> tuple[Floats | None, Floats | None]:
-    """The zero of the last run that has one, and its standard deviation: scatter at rest, and of runs from each other."""
+    """The zero of the last run that has one, and its standard deviation: scatter at rest, of runs from each other, and drift within a run (its largest)."""
     known = [z for z in zeros if z is not None]
     if not known:
         return None, None
     scatter = flat_readings(planes, rest).std(axis=0)
     apart = np.std(known, axis=0, ddof=1) if len(known) > 1 else 0.0
-    return unflat(planes, known[-1]), unflat(planes, np.hypot(scatter, apart))
+    return unflat(planes, known[-1]), unflat(planes, np.hypot(np.hypot(scatter, apart), np.max(drifts, axis=0)))
+
+
+def zero_drift(flat: Floats, known: Mapping[str, Floats]) -> Floats:
+    """By how much the zero of each reading (reading,) moved from before the first press to after the last; 0 where one is not known, and what noise alone makes taken off."""
+    forces = [known[f] for f in FORCES if f in known]
+    largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
+    rest = at_rest_of(forces, flat)
+    pressed = np.flatnonzero(np.any([np.abs(f) > REST * largest for f in forces], axis=0) & ~rest)
+    if not len(pressed):
+        return np.zeros(flat.shape[1])
+    parts = [flat[: pressed[0]][rest[: pressed[0]]], flat[pressed[-1] :][rest[pressed[-1] :]]]
+    if not all(map(len, parts)):
+        return np.zeros(flat.shape[1])
+    moved = np.median(parts[1], axis=0) - np.median(parts[0], axis=0)
+    # the median of n frames has the variance pi / (2 n) of one
+    noise = sum(0.5 * math.pi * np.var(p, axis=0, ddof=1) / len(p) if len(p) > 1 else 0.0 for p in parts)
+    return np.asarray(np.sqrt(np.maximum(moved**2 - noise, 0.0)))
 
 
 def unflat(planes: Sequence[Any], flat: Floats) -> Floats:

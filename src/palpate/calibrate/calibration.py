@@ -27,6 +27,10 @@ __all__ = ["ALONE", "SkinCalibration"]
 ALONE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
 #: Components of the force, and coordinates of the centre, by the names that references use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
+#: What is said where the zero of the calibration serves.
+OPEN = "the zero of the calibration serves: its scatter and the drift seen while calibrating are in the interval, drift since then is not. Take a fresh zero where nothing touches (baseline=, --baseline)"
+#: A zero that differs from that of the calibration says so from this part of the largest labelled value on (a convention), and from two of its standard deviations.
+STANDING = 0.1
 #: Part of the force that is open because no label is like the frame, from which on that is said.
 UNLIKE = 0.3
 
@@ -62,7 +66,7 @@ class SkinCalibration:
     zero : array (channel, *array) or None
         Readings at rest of the last recording, in the sensor's own unit; None where no frame at rest was known.
     zero_std : array (channel, *array) or None
-        Standard deviation of one frame at rest about it, and of the zeros of several recordings from each other.
+        Standard deviation of one frame at rest about it, of the zeros of several recordings from each other, and the drift from the start to the end of each.
     open_zero : bool
         Whether ``zero`` was taken from the readings, instead of a zero of their own day: its error is then in every interval.
     """
@@ -112,6 +116,27 @@ class SkinCalibration:
         """Whether a baseline is the zero of this calibration."""
         return self.zero is not None and np.array_equal(np.asarray(baseline), self.zero, equal_nan=True)
 
+    def standing(self, zero: Any) -> str | None:
+        """What is said of a fresh zero, (channel, *array) or (reading,), that differs from that of the calibration as a press would; else None.
+
+        A press that stands still while the zero is taken is in no other way told from rest.
+        """
+        if self.zero is None:
+            return None
+        fresh, kept = np.asarray(zero, dtype=np.float64).ravel(), self.zero.ravel()
+        known = np.isfinite(kept)
+        fresh = fresh[known] if fresh.size == kept.size else fresh
+        if fresh.size != self.readings or not np.isfinite(fresh).all():
+            return None
+        off, std = self.opened().force(fresh - kept[known])
+        largest = [float(np.abs(self.maps[n].process.values).max()) if n in self.maps else math.nan for n in FORCES]
+        with np.errstate(invalid="ignore"):
+            seen = np.flatnonzero((np.abs(off[0]) > STANDING * np.array(largest)) & (np.abs(off[0]) > 2.0 * std[0]))
+        if not len(seen):
+            return None
+        what = " and ".join(f"{FORCES[i]} = {plain_number(float(off[0, i]), 2)} N" for i in seen)
+        return f"the zero differs from that of the calibration as a press of {what} would: drift since then, or something lay on the pad while the zero was taken. Take it anew with nothing on the pad, or leave baseline (--baseline) out to use that of the calibration"
+
     def opened(self) -> SkinCalibration:
         """The same, for readings from which its own zero was taken: that zero's error is in the intervals."""
         return replace(self, open_zero=True)
@@ -159,7 +184,7 @@ class SkinCalibration:
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
         place = self.center(rows, value, std)
-        notes: tuple[str, ...] = () if self.elastic else (ALONE,)
+        notes: tuple[str, ...] = (() if self.elastic else (ALONE,)) + ((OPEN,) if self.open_zero else ())
         unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
         if unlike > UNLIKE:
             notes += (
