@@ -127,4 +127,10 @@ REMEDIES = [
         f"calibrate {BALL} --skin gel.toml --out c.toml --baseline 0",
         f"calibrate {BALL} --skin gel.toml --out c.toml",
     ),
+    told(
+        "calibrate takes recordings and tables, not pictures of dots",
+        'calibrate presses --weight "200 g, 1 s to 2 s" --skin gel.toml --out c.toml',
+        f"calibrate {BALL} --skin gel.toml --out c.toml",
+        room="cli.calibrate",
+    ),
 ]

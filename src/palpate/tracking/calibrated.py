@@ -20,9 +20,7 @@ from palpate.tracking.zero import Zero
 __all__ = ["CalibratedTracker"]
 
 #: What is said where frames that moved were to be the zero.
-NO_ZERO = (
-    "the readings moved while the zero was taken, by more than their noise: the zero of the calibration serves instead. Give fewer frames (baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
-)
+NO_ZERO = "the readings moved while the zero was taken, by more than their noise: the zero of the calibration serves instead. Give fewer frames (baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
 
 
 class CalibrationLike(Protocol):
