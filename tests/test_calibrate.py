@@ -526,6 +526,17 @@ def test_a_press_that_grows_while_the_zero_is_taken(skin: pp.Skin) -> None:
         assert not tracker.calibration.open_zero
 
 
+def test_delay_between_clocks_where_readings_outnumber_frames() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(24.0)
+    force = np.where(time < 8, 0.0, rng.uniform(0.5, 4.0, 24))
+    maps = rng.standard_normal(90)
+    readings = force[:, None] * maps + 0.01 * rng.standard_normal((24, 90))
+    clock = np.linspace(-1.0, 25.0, 500)
+    late = np.interp(clock + 0.3, time, force)
+    assert find_delay(time, readings, clock, late) == pytest.approx(0.3, abs=0.05)
+
+
 def test_a_press_that_stands_through_the_zero_is_told_by_the_kept_zero(skin: pp.Skin) -> None:
     readings, force, _ = bench(16, 21)
     rng = np.random.default_rng(3)

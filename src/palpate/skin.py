@@ -522,7 +522,7 @@ class Skin(SkinProperties):
 
     def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
         """`reconstruct` of a calibrated skin."""
-        from palpate.calibrate import calibrated_touch, for_pad
+        from palpate.calibrate.answer import calibrated_touch, for_pad
 
         if self._plain is None and found.elastic:
             plain = self._uncalibrated()

@@ -5,7 +5,7 @@ Out: net force with intervals, `calibrated.toml`, and findings about the sensor.
 Open first: `calibrating.py`.
 """
 
-from palpate.calibrate.answer import calibrated_touch, for_pad, with_calibration
+from palpate.calibrate.answer import calibrated_touch, with_calibration
 from palpate.calibrate.applied import with_constants
 from palpate.calibrate.calibrating import calibrate, flat_readings
 from palpate.calibrate.calibration import ALONE, SkinCalibration
@@ -26,7 +26,6 @@ __all__ = [
     "calibrated_touch",
     "find_delay",
     "flat_readings",
-    "for_pad",
     "likely_maps",
     "read_calibration",
     "with_calibration",

@@ -59,7 +59,7 @@ def with_constants(skin: Any, found: PadConstants | None) -> Any:
         depth = min(depth, pad.thickness)
     else:
         pad = replace(pad, youngs_modulus=pad.youngs_modulus * stiffer)
-    known = {n: told[n][1] for n in ("youngs_modulus", "thickness", "depth") if n in told}
+    known: dict[str, float] = {n: told[n][1] for n in ("youngs_modulus", "thickness", "depth") if n in told}
     if "pixel_scale" in told:
         of_force = np.array([{"youngs_modulus": 1.0, "pixel_scale": 2.0}.get(n, 0.0) for n in found.names])
         known["youngs_modulus"] = min(math.sqrt(float(of_force @ found.covariance @ of_force)), LARGEST_STD)

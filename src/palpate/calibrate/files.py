@@ -90,10 +90,12 @@ def _made(held: dict[str, Any]) -> SkinCalibration:
     }
     if not maps:
         raise ValueError("holds no map")
+    numbers: dict[str, Any] = {n: held[n].item() for n in NUMBERS}
+    arrays: dict[str, Any] = {n: held.get(n) for n in ARRAYS}
     return SkinCalibration(
         maps,
-        **{n: held[n].item() for n in NUMBERS},
-        **{n: held.get(n) for n in ARRAYS},
+        **numbers,
+        **arrays,
         said=tuple(json.loads(str(held["said"]))),
         table=tuple((str(a), float(b), float(c), float(d)) for a, b, c, d in json.loads(str(held["table"]))),
         constants=PadConstants.from_json(str(held["constants"])) if "constants" in held else None,
