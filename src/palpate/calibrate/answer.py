@@ -1,4 +1,4 @@
-"""What a calibrated skin answers."""
+"""Touches of a calibrated skin."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def for_pad(found: SkinCalibration, planes: Sequence[Any], parts: Sequence[Any])
 
 
 def at_calibrated_zero(skin: Any) -> Any:
-    """The skin for readings from which the zero of its calibration was taken: that zero's error is in the intervals."""
+    """The skin for readings minus the zero of its calibration; that zero's error is in the intervals."""
     out = copy.copy(skin)
     out._calibration, out._plain = skin.calibration.opened(), None
     return out

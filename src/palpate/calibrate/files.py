@@ -62,7 +62,7 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
 
 
 def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
-    """The calibration that a skin.toml names; None where it has no section [calibration].
+    """The calibration that a skin.toml names; None without a section [calibration].
 
     Raises
     ------

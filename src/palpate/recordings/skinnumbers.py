@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from palpate.errors import InvalidInput
-from palpate.recordings.files import atomically
+from palpate.recordings.files import atomically, write_arrays
 from palpate.recordings.skinfile import skin_text
 
 __all__ = ["read_numbers", "text_with_section", "write_numbers"]
@@ -71,14 +71,10 @@ def write_numbers(
         )
     numbers = target.with_name(f"{target.stem}.{section}.npz")
 
-    def fill(name: str) -> None:
-        with Path(name).open("wb") as file:
-            np.savez_compressed(file, version=np.asarray(VERSION), **held)
-
     def fill_text(name: str) -> None:
         Path(name).write_text(text_with_section(text, section, said, numbers.name), encoding="utf-8")
 
-    atomically(numbers, fill)
+    write_arrays(numbers, {"version": np.asarray(VERSION), **held})
     atomically(target, fill_text)
     return target, numbers
 

@@ -1,4 +1,4 @@
-"""calibrated.toml with a section [colour], and what colours mean beside it: numbers alone (.npz), nothing that runs."""
+"""calibrated.toml with a section [colour], and the learnt coefficients beside it as numbers only (.npz), without executable content."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def write_slopes(path: str | Path, skin_file: str | Path, model: SlopeModel) -> 
 
 
 def read_slopes(skin_file: str | Path) -> SlopeModel | None:
-    """What the colours of a gel mean, of the file that a skin.toml names; None where it has no section [colour].
+    """The learnt slopes of a gel, from the file that a skin.toml names; None without a section [colour].
 
     Raises
     ------
