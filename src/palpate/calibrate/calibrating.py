@@ -377,8 +377,8 @@ def zero_drift(flat: Floats, known: Mapping[str, Floats]) -> Floats:
     """By how much the zero of each reading (reading,) moved from before the first press to after the last; 0 where one is not known, and what noise alone makes taken off."""
     forces = [known[f] for f in FORCES if f in known]
     largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
-    rest = at_rest_of(forces, flat)
-    pressed = np.flatnonzero(np.any([np.abs(f) > REST * largest for f in forces], axis=0) & ~rest)
+    rest = find_rest(forces, flat)
+    pressed = np.flatnonzero(np.any([np.abs(f) > REST_FRACTION * largest for f in forces], axis=0) & ~rest)
     if not len(pressed):
         return np.zeros(flat.shape[1])
     parts = [flat[: pressed[0]][rest[: pressed[0]]], flat[pressed[-1] :][rest[pressed[-1] :]]]
