@@ -23,7 +23,7 @@ NUMBERS, ARRAYS = ("readings", "unit", "unit_std", "elastic_error", "scale"), ("
 
 
 def calibrated_text(text: str, found: SkinCalibration, numbers: str) -> str:
-    """The text of a skin.toml with the section [calibration] (an old one is replaced); what was found stands in comments.
+    """The text of a skin.toml with the section [calibration] (replacing an old one); comments give the result.
 
     Examples
     --------
