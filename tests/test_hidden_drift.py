@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 import palpate as pp
 from palpate.bench.trust.rows import make_frame
@@ -28,6 +29,23 @@ def test_an_offset_larger_than_what_contact_says_to_its_channel_is_found() -> No
     assert high[2] - low[2] < 0.05
     assert np.abs(touch.nuisance[:3] / offset - 1.0).max() < 0.05
     assert touch.fit > 0.01
+
+
+@pytest.mark.parametrize("channel", [0, 2])
+@pytest.mark.parametrize(("shape", "size"), [("offset", 0.03), ("offset", 0.1), ("ramp", 0.1)])
+def test_drift_that_a_wide_contact_could_take_up_is_found(shape: str, size: float, channel: int) -> None:
+    """A wide faint pressure explains an offset of normal stress, and leaves nothing that asks for one."""
+    array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(PAD, array, uncertainty=EXACT)
+    readings = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=0.1)))
+    peak = float(np.abs(readings).max())
+    readings += 0.003 * peak * np.random.default_rng(0).standard_normal(readings.shape)
+    readings[channel] += size * peak * (1.0 if shape == "offset" else np.linspace(0.0, 1.0, 8))
+    touch = skin.reconstruct(readings)
+    low, high = touch.interval(0.95, "force")
+    assert float(touch.force[2]) == pytest.approx(0.1, rel=0.03)
+    assert low[2] < 0.1 < high[2] < 0.12
+    assert any("offset of" in note for note in touch.notes)
 
 
 def _unsteady() -> tuple[npt.NDArray[np.float64], float]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
 from palpate.inverse.contact.few_cells import heavy_tails
 from palpate.inverse.contact.prepared import Prepared
@@ -36,6 +37,7 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
     plain = estimator.evidence(linear, rows, None)
+    trace.decided("log evidence of contact over noise alone", plain.gain, policy.detection.evidence + loud)
     if not more_than_noise(plain.gain, loud, policy):
         return Explanation(1, nothing, none, none > 0)
     if not estimator.terms:
@@ -43,6 +45,7 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     shifts = estimator.shifts[:, : estimator.usual]
     patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in shifts.T])
     found = estimator.start.evidence(linear, rows, None, patterns)
+    trace.decided("log evidence of contact over noise about offsets", found.gain, policy.detection.evidence + loud)
     if more_than_noise(found.gain, loud, policy):
         return None
     noise = 1.0 if estimator.noise_known else None

@@ -121,10 +121,10 @@ class Detection:
 class Explanations:
     """What a frame is taken to be: push, pull or both; with offsets and ramps or without; refuted and doubted explanations."""
 
-    doubt: float = number(0.15, "others are tried where a push leaves this part of the readings")
+    doubt: float = number(0.15, "a pull is tried where a push leaves this part of the readings")
     edge: float = number(
         0.4,
-        "or where the cells over the outermost taxels are loaded on this part: one end of a line, two sides of an area",
+        "where the cells over the outermost taxels are loaded on this part (one end of a line, two sides of an area), a level may be theirs",
     )
     ring: float = number(0.7, "loaded nearly all round, an offset may hide even if none was found")
     nuisance: float = number(4.0, "deviations at which a nuisance is there: once in 16 000 frames without it")
@@ -156,7 +156,6 @@ class Explanations:
     sure: float = number(
         2.0, "standard errors, 1/sqrt(2 n), by which a root mean square exceeds the noise that was given"
     )
-    compact: float = number(0.8, "a compact contact leaves this part of the readings' degrees of freedom")
     same: float = number(0.1, "sizes of nuisances that differ by less than this part are the same")
     followed: int = number(2, "so many rivals take the place of an explanation that is refuted")
     least_weight: float = number(0.05, "of two weighed explanations one with less is left out")
