@@ -17,13 +17,13 @@ from palpate.sensing.nuisance import Nuisance
 __all__ = ["chosen", "decided", "explanations", "named"]
 
 _log = logging.getLogger("palpate.contact")
-SIGNS = {1: "push", -1: "pull", 0: "push and pull (linear model)"}
 
 
 def named(h: Explanation, terms: Sequence[Nuisance]) -> str:
     """An explanation in words: "push, offset of stress_zz 267 Pa"."""
+    kinds = ("push and pull (linear model)", "push", "pull")  # of signs 0, 1 and -1
     parts = [f"{t.label} {s:.4g} {t.unit}" for t, s, here in zip(terms, h.sizes, h.present) if here]
-    return ", ".join([SIGNS[h.sign], *parts])
+    return ", ".join([kinds[h.sign], *parts])
 
 
 def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance]) -> None:
