@@ -21,7 +21,7 @@ DENSITY, WIDTH = 0.02, 1.2
 #: Middles of the cells [px] and their radius, and how much they pull in each frame.
 CELLS, RADIUS, PULLS = ((120.0, 190.0), (270.0, 200.0)), 62.0, (0.4, 1.0, 0.7)
 #: Squares of the PIV program's windows and their distance [px], and its noise [px].
-WINDOW, STEP, NOISE = 32, 16, 0.03
+WINDOW, STEP, NOISE = 24, 12, 0.03
 
 
 def demo_cells(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:

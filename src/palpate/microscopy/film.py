@@ -210,7 +210,12 @@ class Film:
         for name, one in (cells or {}).items():
             region = regions.get(name)
             tensions = {} if region is None else dict(zip(TENSIONS, (region.average, region.largest)))
-            put(name, forces if len(cells or {}) == 1 else forces.within(one, size=size), tensions)
+            try:
+                part = forces if len(cells or {}) == 1 else forces.within(one, size=size)
+            except InvalidInput as error:  # a label of few pixels does not cost the frame
+                rows.append(_unsolved(job, name, f"cell {name}: {error}"))
+            else:
+                put(name, part, tensions)
         labelled = []
         if self.labels is not None:
             labelled = rows_of(
@@ -340,6 +345,8 @@ def _tried(film: Film, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, A
     try:
         return film.solved(job)
     except PalpateError as error:
-        return [
-            {"file": job.file, "frame": job.number, "page": job.frame, "cell": "", "notes": f"not solved: {error}"}
-        ], []
+        return [_unsolved(job, "", str(error))], []
+
+
+def _unsolved(job: Job, cell: str, why: str) -> dict[str, Any]:
+    return {"file": job.file, "frame": job.number, "page": job.frame, "cell": cell, "notes": f"not solved: {why}"}
