@@ -363,10 +363,15 @@ def _stack(path: Path, rate: float | None) -> Pictures:
                 IndexError,
                 TypeError,
                 MemoryError,
+                RuntimeError,  # of the library that unpacks
                 zlib.error,
                 lzma.LZMAError,
             ) as error:
-                yield None, None, f"page {number} cannot be read ({error})"
+                yield (
+                    None,
+                    None,
+                    f"page {number} cannot be read ({error}): it is damaged, or packed in a way that is not known; save it without compression",
+                )
                 continue
             yield None, image, ""
 
