@@ -28,8 +28,8 @@ from palpate.touch import Touch
 __all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
-#: The mean displacement of the field of view is that of so many rows and columns.
-FEW = 12
+#: Average the displacement of the field of view over this many rows and columns.
+MEAN_SAMPLES = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class Inverted:
     moved: Floats
     draws: Floats
     moved_by_draws: Floats
-    #: What the adhesions were sampled as, and the work of each [J]; None from a linear method.
+    #: The samples of adhesions, and the work of each blob [J]; None from a linear method.
     samples: tuple[Sample, ...] | None = None
     work: tuple[Floats, ...] | None = None
     notes: tuple[str, ...] = ()
@@ -102,7 +102,7 @@ def of_adhesions(
     rows, columns = field.shape
     pitch = field.pitch
     x, y = pitch * np.arange(columns), pitch * np.arange(rows)
-    steps = [max(1, n // FEW) for n in (columns, rows)]
+    steps = [max(1, n // MEAN_SAMPLES) for n in (columns, rows)]
     some = np.stack([a.ravel() for a in np.meshgrid(x[:: steps[0]], y[:: steps[1]])], axis=1)
     shift = [s.moved(some, pitch**2 / 12, found.response).mean(axis=1) for s in found.samples]
     work = tuple(s.work(found.response, m) for s, m in zip(found.samples, shift))
@@ -143,7 +143,7 @@ def inverted(
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]
-    # the surface itself moves, wherever the beads are
+    # the surface itself moves, at any depth of the beads
     grid: Any = skin.surface
     top = AreaArray(shape=grid.shape, pitch=grid.spacings[0], depth=0.0, channels=array.channels, center=grid.center)
     whole = Skin(pad, top, surface=grid)
