@@ -12,7 +12,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.inverse.linear.posterior import LinearErrors
 from palpate.microscopy.fields import Field, mended
 from palpate.microscopy.inversion import Iterated
-from palpate.microscopy.noise import shared_part
+from palpate.microscopy.noise import shared_variance
 from palpate.microscopy.vectors import noise_of
 from palpate.sensing.arrays import AreaArray
 from palpate.sensing.uncertainty import Uncertainty
@@ -116,6 +116,6 @@ def _noise(u: Floats, field: Field) -> float:
     filter_ = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]).ravel()
     at = field.pitch * np.stack(np.meshgrid(np.arange(3), np.arange(3)), axis=-1).reshape(-1, 2)
     apart = at[:, None] - at[None]
-    shared = shared_part(apart[..., 0], apart[..., 1], field.aperture if field.aperture > field.pitch else 0.0)
+    shared = shared_variance(apart[..., 0], apart[..., 1], field.aperture if field.aperture > field.pitch else 0.0)
     shown = float(filter_ @ shared @ filter_ / (filter_ @ filter_))
     return max(noise_of(u[None]) / np.sqrt(max(shown, 0.1)), 1e-300)
