@@ -520,7 +520,7 @@ def _placed(
                 )
             out = np.full((len(values), rows * columns), np.nan)
             out[:, where] = values
-            deviations = None
+            deviations: Any = None
             if stds is not None:
                 deviations = np.full((2, rows * columns), np.nan)
                 deviations[:, where] = stds
