@@ -53,7 +53,7 @@ def noisy(skin: pp.Skin, traction: Any, part: float = 0.02, seed: int = 0) -> tu
 def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything without matrices."""
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
-    for name in ("FEWEST", "FEWEST_SLIDING"):
+    for name in ("MIN_ITERATIVE_UNKNOWNS", "FEWEST_SLIDING"):
         monkeypatch.setattr(products, name, 10)
     for name in ("PRODUCTS", "PRODUCTS_SLIDING"):
         monkeypatch.setattr(products, name, 0.0)
