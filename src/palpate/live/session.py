@@ -235,6 +235,11 @@ class Session:
 
         return end
 
+    def add(self, sink: Sink) -> None:
+        """Give what comes to one more sink."""
+        with self._lock:
+            self._sinks.append(sink)
+
     def layout(self) -> dict[str, Any]:
         """What does not change from packet to packet."""
         grid = self.skin.surface
