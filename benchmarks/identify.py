@@ -1,0 +1,261 @@
+"""Balls and flats identified from readings of closed forms: how near radius, modulus, force and place are, how often the intervals hold, and what is not told.
+
+    python benchmarks/identify.py [--frames 40] [--seed 0] [--write]
+
+The readings are sigma_zz below a ball (Huber 1904), below a flat punch (Sneddon 1946) and below a rectangle of even pressure (Love 1929), at the places of the taxels:
+nothing of the library's own forward model. Writes docs/_generated/identify.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import palpate as pp
+from palpate.sensing.uncertainty import EXACT
+
+OUT = Path(__file__).parents[1] / "docs" / "_generated" / "identify.md"
+MODULUS, RATIO, DEPTH = 2e5, 0.48, 1.5e-3
+#: What is not known of modulus and depth where nothing is stated, as parts.
+UNKNOWN = 0.15, 0.10
+
+
+def huber(x: Any, y: Any, z: float, *, radius: float, force: float) -> Any:
+    """Pressure on planes along the surface at depth z below Hertz's contact of this radius."""
+    square = x**2 + y**2 + z**2 - radius**2
+    u = 0.5 * (square + np.sqrt(square**2 + 4.0 * radius**2 * z**2))
+    return 1.5 * force / (np.pi * radius**2) * (z / np.sqrt(u)) ** 3 * radius**2 * u / (u**2 + radius**2 * z**2)
+
+
+def sneddon(x: Any, y: Any, z: float, *, radius: float, force: float) -> Any:
+    """The same below a rigid, frictionless, flat punch."""
+    rho, zeta = np.hypot(x, y) / radius, z / radius
+    size = np.sqrt((rho**2 + zeta**2 - 1.0) ** 2 + 4.0 * zeta**2)
+    angle = np.arctan2(2.0 * zeta, rho**2 + zeta**2 - 1.0)
+    first = np.sin(0.5 * angle) / np.sqrt(size)
+    second = np.sqrt(1.0 + zeta**2) * np.sin(1.5 * angle - np.arctan2(1.0, zeta)) / size**1.5
+    return force / (2.0 * np.pi * radius**2) * (first + zeta * second)
+
+
+def love(x: Any, y: Any, z: float, *, half_widths: tuple[float, float], pressure: float) -> Any:
+    """The same below a rectangle that is pressed evenly."""
+    total = np.zeros(np.broadcast(x, y).shape)
+    for sign_x in (1, -1):
+        for sign_y in (1, -1):
+            a, b = half_widths[0] + sign_x * x, half_widths[1] + sign_y * y
+            r = np.sqrt(a**2 + b**2 + z**2)
+            total += np.arctan(a * b / (z * r)) + a * b * z / r * (1.0 / (a**2 + z**2) + 1.0 / (b**2 + z**2))
+    return pressure * total / (2.0 * np.pi)
+
+
+SHAPES = {"ball": huber, "flat": sneddon}
+
+
+def plane_strain(modulus: float) -> float:
+    return modulus / (1.0 - RATIO**2)
+
+
+def array(noise: float | None = None) -> pp.AreaArray:
+    return pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=DEPTH, channels=["stress_zz"], noise=noise)
+
+
+X, Y = (g.reshape(8, 8) for g in np.meshgrid(*[1.5e-3 * (np.arange(8) - 3.5)] * 2))
+
+
+def check_closed_forms() -> float:
+    """Largest difference of the closed forms from each other where they must agree: small contacts are Boussinesq's point force, and loads add up."""
+    far = 3.0 * DEPTH**3 / (2.0 * np.pi * (X**2 + Y**2 + DEPTH**2) ** 2.5)
+    small = 1e-5
+    forms = (
+        huber(X, Y, DEPTH, radius=small, force=1.0),
+        sneddon(X, Y, DEPTH, radius=small, force=1.0),
+        love(X, Y, DEPTH, half_widths=(small, small), pressure=0.25 / small**2),
+    )
+    off = max(float(np.abs(f / far - 1.0).max()) for f in forms)
+    x, y = np.meshgrid(*[2e-4 * (np.arange(3001) - 1500)] * 2)
+    for form in SHAPES.values():
+        off = max(off, abs(float(form(x, y, DEPTH, radius=3e-3, force=1.0).sum()) * 4e-8 - 1.0))
+    return off
+
+
+@dataclass
+class Tally:
+    """What became of a kind of object."""
+
+    frames: int = 0
+    right: int = 0
+    wrong: int = 0
+    one: int = 0
+    held: dict[str, list[bool]] = field(default_factory=dict)
+    off: dict[str, list[float]] = field(default_factory=dict)
+    width: dict[str, list[float]] = field(default_factory=dict)
+    untold: dict[str, int] = field(default_factory=dict)
+
+    def add(self, name: str, found: Any, truth: float, scale: float | None = None) -> None:
+        """A finding and its truth; errors and half widths are parts of ``scale``."""
+        size = truth if scale is None else scale
+        self.held.setdefault(name, []).append(bool(found.low <= truth <= found.high))
+        if found.known:
+            self.off.setdefault(name, []).append(abs(found.value - truth) / size)
+            self.width.setdefault(name, []).append(0.5 * (found.high - found.low) / size)
+        else:
+            self.untold[name] = self.untold.get(name, 0) + 1
+
+    def cell(self, name: str) -> str:
+        held, off = self.held[name], self.off.get(name, [])
+        untold = f", {self.untold[name]} not told" if name in self.untold else ""
+        middle = f"{100 * np.median(off):.2g} %, +-{100 * np.median(self.width[name]):.2g} %; " if off else ""
+        return f"{middle}{sum(held)} of {len(held)}{untold}"
+
+
+def single(frames: int, seed: int, *, exact: bool) -> dict[str, Tally]:
+    """Balls and flats, half of them of a soft material whose indentation is measured."""
+    out = {"ball": Tally(), "flat": Tally()}
+    for i in range(frames):
+        rng = np.random.default_rng([seed, int(exact), i])
+        shape = ("ball", "flat")[i % 2]
+        tally = out[shape]
+        modulus, depth = (
+            v if exact else v * (1.0 + p * rng.standard_normal()) for v, p in zip((MODULUS, DEPTH), UNKNOWN)
+        )
+        own = float(np.exp(rng.uniform(np.log(5e4), np.log(2e6))))  # E/(1 - nu^2) of the object
+        both = 1.0 / (1.0 / plane_strain(modulus) + 1.0 / own)
+        force = float(np.exp(rng.uniform(np.log(0.3), np.log(4.0))))
+        contact = float(rng.uniform(0.8e-3, 4e-3))
+        radius = 4.0 * both * contact**3 / (3.0 * force) if shape == "ball" else contact
+        moved = contact**2 / radius if shape == "ball" else force / (2.0 * both * contact)
+        place = rng.uniform(-1.5e-3, 1.5e-3, 2)
+        clean = SHAPES[shape](X - place[0], Y - place[1], depth, radius=contact, force=force)
+        noise = float(clean.max() * np.exp(rng.uniform(np.log(3e-3), np.log(3e-2))))
+        readings = (clean + noise * rng.standard_normal(clean.shape))[None]
+        skin = pp.Skin(
+            pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=RATIO),
+            array(noise),
+            uncertainty=EXACT if exact else None,
+        )
+        touch = skin.reconstruct(readings)
+        found = touch.identify(skin, readings, indentation=moved)
+        tally.frames += 1
+        tally.right += found.shape == shape
+        tally.wrong += found.shape not in ("", shape)
+        tally.one += len(found.patches) == 1
+        if found.shape != shape:
+            found = touch.identify(skin, readings, indentation=moved, shape=shape)
+        if len(found.patches) != 1:
+            continue
+        patch = found.patches[0]
+        tally.add("radius", found.radius, radius)
+        tally.add("modulus", found.modulus, own)
+        tally.add("stiffness", found.stiffness, 2.0 * both * contact)
+        tally.add("force", patch.force[2], force)
+        tally.add("contact", patch.contact_radius, contact)
+        for axis in (0, 1):
+            tally.add("centre", patch.center[axis], place[axis], contact)
+        print(exact, i, shape, found.shape, found.radius, flush=True)
+    return out
+
+
+def untold(seed: int, count: int = 6) -> list[tuple[str, str, int, int]]:
+    """(case, what must be said, how often it was, of how many)."""
+    pad = pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=RATIO)
+    cases: dict[tuple[str, str], Any] = {
+        ("nothing touches", "no patch, no radius"): (
+            lambda x, y: np.zeros(x.shape),
+            lambda f: f.count.value == 0 and not f.radius.known,
+        ),
+        ("a bar of 8 x 2 mm, evenly pressed", "neither ball nor flat, no radius"): (
+            lambda x, y: love(x, y, DEPTH, half_widths=(4e-3, 1e-3), pressure=3e4),
+            lambda f: f.shape == "" and not f.radius.known,
+        ),
+        ("two balls 6 mm apart", "two patches, each with its force, no radius"): (
+            lambda x, y: (
+                huber(x - 3e-3, y, DEPTH, radius=1.5e-3, force=1.0)
+                + huber(x + 3e-3, y, DEPTH, radius=1.5e-3, force=0.5)
+            ),
+            lambda f: (
+                f.count.value == 2
+                and not f.radius.known
+                and sorted(round(p.force[2].value, 1) for p in f.patches) == [0.5, 1.0]
+            ),
+        ),
+        ("a contact of 0.2 mm, seven times less than the depth", "its size has an upper bound alone"): (
+            lambda x, y: huber(x, y, DEPTH, radius=0.2e-3, force=1.0),
+            lambda f: (
+                all(p.contact_radius.low == 0.0 and p.contact_radius.high > 0.2e-3 for p in f.patches)
+                and not f.radius.known
+            ),
+        ),
+        ("a ball without its indentation", "no modulus"): (
+            lambda x, y: huber(x, y, DEPTH, radius=2.5e-3, force=2.0),
+            lambda f: not f.modulus.known and "indentation" in f.modulus.reason,
+        ),
+    }
+    out = []
+    for (case, said), (clean_of, good) in cases.items():
+        told = 0
+        for i in range(count):
+            rng = np.random.default_rng([seed, 7, i])
+            shift = rng.uniform(-0.5e-3, 0.5e-3, 2)
+            clean = clean_of(X - shift[0], Y - shift[1])
+            noise = 0.02 * float(clean.max()) if clean.any() else 100.0
+            readings = (clean + noise * rng.standard_normal(clean.shape))[None]
+            skin = pp.Skin(pad, array(noise), uncertainty=EXACT)
+            touch = skin.reconstruct(readings)
+            found = touch.identify(skin, readings, **({"shape": "ball"} if "0.2 mm" in case else {}))
+            told += bool(good(found))
+            if not good(found):
+                print(case, i, found, flush=True)
+        out.append((case, said, told, count))
+        print(out[-1], flush=True)
+    return out
+
+
+def page(frames: int, seed: int) -> str:
+    off = check_closed_forms()
+    rows = []
+    for exact, name in ((True, "exactly"), (False, "to 15 %, depth to 10 %")):
+        for shape, t in single(frames, seed, exact=exact).items():
+            cells = " | ".join(t.cell(k) for k in ("radius", "modulus", "stiffness", "force", "contact", "centre"))
+            rows.append(
+                f"| {shape} | {name} | {t.frames} | {t.right}, {t.frames - t.right - t.wrong}, {t.wrong} | {t.one} | {cells} |"
+            )
+    lines = [
+        f"Written by `benchmarks/identify.py --frames {frames} --seed {seed} --write`: 8 x 8 taxels of normal stress, 1.5 mm apart and 1.5 mm deep in a half-space of 200 kPa; contacts of 0.8 to 4 mm, "
+        "forces of 0.3 to 4 N, noise of 0.3 to 3 % of the largest reading, objects of 50 kPa to 2 MPa whose indentation is given. The readings are closed forms of Huber, Sneddon and Love "
+        f"(they agree with Boussinesq's point force, and add up to the force, to {100 * off:.1g} %), not the library's own.",
+        "",
+        "A cell says the median error, the median half width of the interval of 95 %, and how many intervals hold the truth; a bound alone (such as a modulus of at least) counts as an interval. "
+        "The centre is told in parts of the contact's radius.",
+        "",
+        "| object | modulus of the pad is known | frames | shape right, not told, wrong | one patch | radius | modulus of the object | stiffness | force | contact radius | centre |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+        *rows,
+        "",
+        "What cannot be told, and is said so (noise of 2 % of the largest reading):",
+        "",
+        "| what presses | must be said | said |",
+        "|---|---|---|",
+        *(f"| {case} | {said} | {told} of {count} |" for case, said, told, count in untold(seed)),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=40, help="with the pad known, and as many with it not known well")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--write", action="store_true", help="write the page")
+    given = parser.parse_args()
+    text = page(given.frames, given.seed)
+    if given.write:
+        OUT.write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
