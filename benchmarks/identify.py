@@ -1,6 +1,6 @@
 """Balls and flats identified from readings of closed forms: how near radius, modulus, force and place are, how often the intervals hold, and what is not told.
 
-    python benchmarks/identify.py [--frames 40] [--seed 0] [--write]
+    python benchmarks/identify.py [--frames 40] [--seed 0]
 
 The readings are sigma_zz below a ball (Huber 1904), below a flat punch (Sneddon 1946) and below a rectangle of even pressure (Love 1929), at the places of the taxels:
 nothing of the library's own forward model. Writes docs/_generated/identify.md.
@@ -9,7 +9,7 @@ nothing of the library's own forward model. Writes docs/_generated/identify.md.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, field
+import json
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ import palpate as pp
 from palpate.sensing.uncertainty import EXACT
 
 OUT = Path(__file__).parents[1] / "docs" / "_generated" / "identify.md"
+#: Frames that were measured: those that are there are not measured again. Delete the file where identify changes.
+DATA = Path(__file__).parent / "data" / "identify.json"
 MODULUS, RATIO, DEPTH = 2e5, 0.48, 1.5e-3
 #: What is not known of modulus and depth where nothing is stated, as parts.
 UNKNOWN = 0.15, 0.10
@@ -82,85 +84,58 @@ def check_closed_forms() -> float:
     return off
 
 
-@dataclass
-class Tally:
-    """What became of a kind of object."""
-
-    frames: int = 0
-    right: int = 0
-    wrong: int = 0
-    one: int = 0
-    held: dict[str, list[bool]] = field(default_factory=dict)
-    off: dict[str, list[float]] = field(default_factory=dict)
-    width: dict[str, list[float]] = field(default_factory=dict)
-    untold: dict[str, int] = field(default_factory=dict)
-
-    def add(self, name: str, found: Any, truth: float, scale: float | None = None) -> None:
-        """A finding and its truth; errors and half widths are parts of ``scale``."""
-        size = truth if scale is None else scale
-        self.held.setdefault(name, []).append(bool(found.low <= truth <= found.high))
-        if found.known:
-            self.off.setdefault(name, []).append(abs(found.value - truth) / size)
-            self.width.setdefault(name, []).append(0.5 * (found.high - found.low) / size)
-        else:
-            self.untold[name] = self.untold.get(name, 0) + 1
-
-    def cell(self, name: str) -> str:
-        held, off = self.held[name], self.off.get(name, [])
-        untold = f", {self.untold[name]} not told" if name in self.untold else ""
-        middle = f"{100 * np.median(off):.2g} %, +-{100 * np.median(self.width[name]):.2g} %; " if off else ""
-        return f"{middle}{sum(held)} of {len(held)}{untold}"
-
-
-def single(frames: int, seed: int, *, exact: bool) -> dict[str, Tally]:
-    """Balls and flats, half of them of a soft material whose indentation is measured."""
-    out = {"ball": Tally(), "flat": Tally()}
-    for i in range(frames):
-        rng = np.random.default_rng([seed, int(exact), i])
-        shape = ("ball", "flat")[i % 2]
-        tally = out[shape]
-        modulus, depth = (
-            v if exact else v * (1.0 + p * rng.standard_normal()) for v, p in zip((MODULUS, DEPTH), UNKNOWN)
-        )
-        own = float(np.exp(rng.uniform(np.log(5e4), np.log(2e6))))  # E/(1 - nu^2) of the object
-        both = 1.0 / (1.0 / plane_strain(modulus) + 1.0 / own)
-        force = float(np.exp(rng.uniform(np.log(0.3), np.log(4.0))))
-        contact = float(rng.uniform(0.8e-3, 4e-3))
-        radius = 4.0 * both * contact**3 / (3.0 * force) if shape == "ball" else contact
-        moved = contact**2 / radius if shape == "ball" else force / (2.0 * both * contact)
-        place = rng.uniform(-1.5e-3, 1.5e-3, 2)
-        clean = SHAPES[shape](X - place[0], Y - place[1], depth, radius=contact, force=force)
-        noise = float(clean.max() * np.exp(rng.uniform(np.log(3e-3), np.log(3e-2))))
-        readings = (clean + noise * rng.standard_normal(clean.shape))[None]
-        skin = pp.Skin(
-            pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=RATIO),
-            array(noise),
-            uncertainty=EXACT if exact else None,
-        )
-        touch = skin.reconstruct(readings)
-        found = touch.identify(skin, readings, indentation=moved)
-        tally.frames += 1
-        tally.right += found.shape == shape
-        tally.wrong += found.shape not in ("", shape)
-        tally.one += len(found.patches) == 1
-        if found.shape != shape:
-            found = touch.identify(skin, readings, indentation=moved, shape=shape)
-        if len(found.patches) != 1:
-            continue
+def single(seed: int, exact: bool, i: int) -> dict[str, Any]:
+    """One frame: a ball or a flat of a soft material whose indentation is measured. Each finding as [value or None, low, high, truth, scale]."""
+    rng = np.random.default_rng([seed, int(exact), i])
+    shape = ("ball", "flat")[i % 2]
+    modulus, depth = (v if exact else v * (1.0 + p * rng.standard_normal()) for v, p in zip((MODULUS, DEPTH), UNKNOWN))
+    own = float(np.exp(rng.uniform(np.log(5e4), np.log(2e6))))  # E/(1 - nu^2) of the object
+    both = 1.0 / (1.0 / plane_strain(modulus) + 1.0 / own)
+    force = float(np.exp(rng.uniform(np.log(0.3), np.log(4.0))))
+    contact = float(rng.uniform(0.8e-3, 4e-3))
+    radius = 4.0 * both * contact**3 / (3.0 * force) if shape == "ball" else contact
+    moved = contact**2 / radius if shape == "ball" else force / (2.0 * both * contact)
+    place = rng.uniform(-1.5e-3, 1.5e-3, 2)
+    clean = SHAPES[shape](X - place[0], Y - place[1], depth, radius=contact, force=force)
+    noise = float(clean.max() * np.exp(rng.uniform(np.log(3e-3), np.log(3e-2))))
+    readings = (clean + noise * rng.standard_normal(clean.shape))[None]
+    skin = pp.Skin(
+        pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=RATIO), array(noise), uncertainty=EXACT if exact else None
+    )
+    touch = skin.reconstruct(readings)
+    found = touch.identify(skin, readings, indentation=moved)
+    row: dict[str, Any] = {"exact": exact, "i": i, "shape": shape, "found": found.shape, "patches": len(found.patches)}
+    if found.shape != shape:
+        found = touch.identify(skin, readings, indentation=moved, shape=shape)
+    if len(found.patches) == 1:
         patch = found.patches[0]
-        tally.add("radius", found.radius, radius)
-        tally.add("modulus", found.modulus, own)
-        tally.add("stiffness", found.stiffness, 2.0 * both * contact)
-        tally.add("force", patch.force[2], force)
-        tally.add("contact", patch.contact_radius, contact)
-        for axis in (0, 1):
-            tally.add("centre", patch.center[axis], place[axis], contact)
-        print(exact, i, shape, found.shape, found.radius, flush=True)
-    return out
+        for name, one, truth, scale in (
+            ("radius", found.radius, radius, radius),
+            ("modulus", found.modulus, own, own),
+            ("stiffness", found.stiffness, 2.0 * both * contact, 2.0 * both * contact),
+            ("force", patch.force[2], force, force),
+            ("contact", patch.contact_radius, contact, contact),
+            ("x", patch.center[0], place[0], contact),
+            ("y", patch.center[1], place[1], contact),
+        ):
+            numbers = (one.value if one.known else np.nan, one.low, one.high, truth, scale)
+            row[name] = [float(f"{v:.5g}") if np.isfinite(v) else str(v) for v in map(float, numbers)]
+    return row
 
 
-def untold(seed: int, count: int = 6) -> list[tuple[str, str, int, int]]:
-    """(case, what must be said, how often it was, of how many)."""
+def cell(rows: list[dict[str, Any]], *names: str) -> str:
+    """Median error and half width of what was told, and how many intervals hold the truth."""
+    found = np.array([[float(v) for v in row[n]] for row in rows for n in names if n in row])
+    value, low, high, truth, scale = found.T
+    held = int(((low <= truth) & (truth <= high)).sum())
+    known = np.isfinite(value)
+    untold = f", {int((~known).sum())} not told" if not known.all() else ""
+    off, width = (100 * np.median(v[known]) for v in (np.abs(value - truth) / scale, 0.5 * (high - low) / scale))
+    return f"{off:.2g} %, +-{width:.2g} %; {held} of {len(found)}{untold}"
+
+
+def untold(seed: int, count: int = 4) -> list[list[Any]]:
+    """[case, what must be said, how often it was, of how many]."""
     pad = pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=RATIO)
     cases: dict[tuple[str, str], Any] = {
         ("nothing touches", "no patch, no radius"): (
@@ -209,22 +184,26 @@ def untold(seed: int, count: int = 6) -> list[tuple[str, str, int, int]]:
             told += bool(good(found))
             if not good(found):
                 print(case, i, found, flush=True)
-        out.append((case, said, told, count))
+        out.append([case, said, told, count])
         print(out[-1], flush=True)
     return out
 
 
-def page(frames: int, seed: int) -> str:
+def page(kept: dict[str, Any]) -> str:
     off = check_closed_forms()
     rows = []
     for exact, name in ((True, "exactly"), (False, "to 15 %, depth to 10 %")):
-        for shape, t in single(frames, seed, exact=exact).items():
-            cells = " | ".join(t.cell(k) for k in ("radius", "modulus", "stiffness", "force", "contact", "centre"))
+        for shape in SHAPES:
+            some = [r for r in kept["rows"] if (r["exact"], r["shape"]) == (exact, shape)]
+            right = sum(r["found"] == shape for r in some)
+            wrong = sum(r["found"] not in ("", shape) for r in some)
+            cells = (cell(some, k) for k in ("radius", "modulus", "stiffness", "force", "contact"))
+            one = sum(r["patches"] == 1 for r in some)
             rows.append(
-                f"| {shape} | {name} | {t.frames} | {t.right}, {t.frames - t.right - t.wrong}, {t.wrong} | {t.one} | {cells} |"
+                f"| {shape} | {name} | {len(some)} | {right}, {len(some) - right - wrong}, {wrong} | {one} | {' | '.join(cells)} | {cell(some, 'x', 'y')} |"
             )
     lines = [
-        f"Written by `benchmarks/identify.py --frames {frames} --seed {seed} --write`: 8 x 8 taxels of normal stress, 1.5 mm apart and 1.5 mm deep in a half-space of 200 kPa; contacts of 0.8 to 4 mm, "
+        f"Written by `benchmarks/identify.py`: 8 x 8 taxels of normal stress, 1.5 mm apart and 1.5 mm deep in a half-space of 200 kPa; contacts of 0.8 to 4 mm, "
         "forces of 0.3 to 4 N, noise of 0.3 to 3 % of the largest reading, objects of 50 kPa to 2 MPa whose indentation is given. The readings are closed forms of Huber, Sneddon and Love "
         f"(they agree with Boussinesq's point force, and add up to the force, to {100 * off:.1g} %), not the library's own.",
         "",
@@ -239,7 +218,7 @@ def page(frames: int, seed: int) -> str:
         "",
         "| what presses | must be said | said |",
         "|---|---|---|",
-        *(f"| {case} | {said} | {told} of {count} |" for case, said, told, count in untold(seed)),
+        *(f"| {case} | {said} | {told} of {count} |" for case, said, told, count in kept["untold"]),
         "",
     ]
     return "\n".join(lines)
@@ -249,12 +228,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=40, help="with the pad known, and as many with it not known well")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--write", action="store_true", help="write the page")
     given = parser.parse_args()
-    text = page(given.frames, given.seed)
-    if given.write:
-        OUT.write_text(text, encoding="utf-8")
-    print(text)
+    kept: dict[str, Any] = {"seed": given.seed, "rows": [], "untold": []}
+    if DATA.exists() and (old := json.loads(DATA.read_text(encoding="utf-8")))["seed"] == given.seed:
+        kept = old
+    there = {(r["exact"], r["i"]) for r in kept["rows"]}
+    for i in range(given.frames):
+        for exact in (True, False):
+            if (exact, i) not in there:
+                kept["rows"].append(single(given.seed, exact, i))
+                print(kept["rows"][-1], flush=True)
+                DATA.write_text(stored(kept), encoding="utf-8")
+    kept["untold"] = untold(given.seed)
+    DATA.write_text(stored(kept), encoding="utf-8")
+    OUT.write_text(page(kept), encoding="utf-8")
+
+
+def stored(kept: dict[str, Any]) -> str:
+    """As text, one frame a line."""
+    rows = ",\n".join(map(json.dumps, kept["rows"]))
+    return f'{{"seed": {kept["seed"]}, "untold": {json.dumps(kept["untold"])}, "rows": [\n{rows}\n]}}\n'
 
 
 if __name__ == "__main__":
