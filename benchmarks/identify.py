@@ -127,11 +127,13 @@ def cell(rows: list[dict[str, Any]], *names: str) -> str:
     """Median error and half width of what was told, and how many intervals hold the truth."""
     found = np.array([[float(v) for v in row[n]] for row in rows for n in names if n in row])
     value, low, high, truth, scale = found.T
+    claimed = ~np.isnan(low) & ~np.isnan(high)
+    known = np.isfinite(value) & claimed
     held = int(((low <= truth) & (truth <= high)).sum())
-    known = np.isfinite(value)
-    untold = f", {int((~known).sum())} not told" if not known.all() else ""
+    bounds, untold = int((claimed & ~known).sum()), int((~claimed).sum())
+    said = (f", {bounds} of them bounds" if bounds else "") + (f"; {untold} not told" if untold else "")
     off, width = (100 * np.median(v[known]) for v in (np.abs(value - truth) / scale, 0.5 * (high - low) / scale))
-    return f"{off:.2g} %, +-{width:.2g} %; {held} of {len(found)}{untold}"
+    return f"{off:.2g} %, +-{width:.2g} %; {held} of {int(claimed.sum())}{said}"
 
 
 def untold(seed: int, count: int = 4) -> list[list[Any]]:
@@ -207,7 +209,7 @@ def page(kept: dict[str, Any]) -> str:
         "forces of 0.3 to 4 N, noise of 0.3 to 3 % of the largest reading, objects of 50 kPa to 2 MPa whose indentation is given. The readings are closed forms of Huber, Sneddon and Love "
         f"(they agree with Boussinesq's point force, and add up to the force, to {100 * off:.1g} %), not the library's own.",
         "",
-        "A cell says the median error, the median half width of the interval of 95 %, and how many intervals hold the truth; a bound alone (such as a modulus of at least) counts as an interval. "
+        "A cell says the median error, the median half width of the interval of 95 %, and how many of the intervals hold the truth; a bound alone (such as a modulus of at least) is an interval too. Where the shape was not told, it was given. "
         "The centre is told in parts of the contact's radius.",
         "",
         "| object | modulus of the pad is known | frames | shape right, not told, wrong | one patch | radius | modulus of the object | stiffness | force | contact radius | centre |",
@@ -239,7 +241,7 @@ def main() -> None:
                 kept["rows"].append(single(given.seed, exact, i))
                 print(kept["rows"][-1], flush=True)
                 DATA.write_text(stored(kept), encoding="utf-8")
-    kept["untold"] = untold(given.seed)
+    kept["untold"] = kept["untold"] or untold(given.seed)
     DATA.write_text(stored(kept), encoding="utf-8")
     OUT.write_text(page(kept), encoding="utf-8")
 
