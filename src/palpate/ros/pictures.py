@@ -120,7 +120,7 @@ class PictureIntake(Intake):
         for reading in self.touches.readings:
             session, time, self.header = self._came.pop(reading.index)
             if reading.fault != said:  # once for as long as it lasts
-                self._say(reading.fault or "the pictures are good again")
+                self._report_text(reading.fault or "the pictures are good again")
                 said = reading.fault
             self.touches.readings.faults.clear()  # a robot may run for days
             self.std = reading.std
