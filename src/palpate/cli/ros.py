@@ -11,7 +11,7 @@ import typer
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
 from palpate.cli.methods import TrackerCommand, tracker_options
 from palpate.cli.options import zero_of_skin
-from palpate.cli.pictures import known_skin
+from palpate.cli.pictures import skin_path
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput, Unsupported
 
@@ -94,7 +94,7 @@ def ros(
     from palpate.units import parse_quantity
 
     ros_client()
-    skin_file = known_skin(skin_file)
+    skin_file = skin_path(skin_file)
     camera = read_camera(skin_file)
     mapping = read_stream(skin_file)
     if topic is None and mapping is None:
