@@ -12,7 +12,7 @@ import palpate as pp
 from command_line import CliRunner
 from palpate import bench
 from palpate.bench.ablation import Ablated, Outcome, acts, variants
-from palpate.bench.unseen import KINDS, Sample, unseen
+from palpate.bench.unseen import CONTACT_KINDS, Sample, unseen
 from palpate.cli import app
 from palpate.inverse.contact.policy import Detection, Parts, Policy, changed, numbers
 
@@ -88,7 +88,7 @@ def test_what_does_not_act_on_a_frame_changes_nothing() -> None:
         assert error(sample, policy) == whole
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.parametrize("kind", list(CONTACT_KINDS))
 def test_the_population_is_what_it_says(kind: str) -> None:
     for seed in range(1):
         sample, again = (unseen(np.random.default_rng((seed, 5)), kind) for _ in range(2))

@@ -425,6 +425,6 @@ def test_more_rows_than_are_looked_at_are_drawn() -> None:
 
 
 def test_a_measured_pad_is_not_doubted_for_its_stiffness() -> None:
-    from palpate.cli.options import doubtful_units
+    from palpate.cli.options import suspicious_units
 
-    assert doubtful_units(pp.Skin(pad(), taxels())) == []
+    assert suspicious_units(pp.Skin(pad(), taxels())) == []

@@ -12,7 +12,7 @@ import palpate as pp
 from long_runs import long_runs
 from palpate.microscopy import bead_displacements, cell_forces
 from palpate.microscopy.blobs import PROFILES, profiled
-from palpate.microscopy.noise import OWN, Noise, shared_part, whitener
+from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance, whitener
 from palpate.microscopy.vectors import vectors_of
 from palpate.sensing.uncertainty import EXACT
 
@@ -27,7 +27,9 @@ def test_whitened_vectors_have_one_noise_of_their_own():
     members = [np.array([k]) for k in range(72)]
     white = whitener(noise, 1.0, members, places)
     apart = places[:, None] - places[None]
-    covariance = (1 - OWN) * shared_part(apart[..., 0], apart[..., 1], 2.0) + OWN * np.eye(72)
+    covariance = (1 - INDEPENDENT_SHARE) * shared_variance(
+        apart[..., 0], apart[..., 1], 2.0
+    ) + INDEPENDENT_SHARE * np.eye(72)
     covariance *= noise.relative.ravel()[:, None] * noise.relative.ravel()
     one = white(white(covariance).T)
     # what is left comes from vectors that are not among those before each

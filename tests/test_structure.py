@@ -35,6 +35,7 @@ ROOMS = [
     "solid",
     "measured",
     "inverse",
+    "comparison",
     "uncertainty",
     "_plot",
     "touch",
