@@ -245,7 +245,7 @@ def test_a_random_wire_never_stops() -> None:
         assert found == sorted(found)
 
 
-@pytest.mark.parametrize("given", [{"quiet": 0.0}, {"idle": float("nan")}, {"connections": 1}, {"connections": 2.5}])
+@pytest.mark.parametrize("given", [{"silence": 0.0}, {"idle": float("nan")}, {"connections": 1}, {"connections": 2.5}])
 def test_limits_are_checked(given: dict[str, float]) -> None:
     with pytest.raises(pp.InvalidInput):
         Limits(**given)  # type: ignore[arg-type]

@@ -53,7 +53,7 @@ def noisy(skin: pp.Skin, traction: Any, part: float = 0.02, seed: int = 0) -> tu
 def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything without matrices."""
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
-    for name in ("FEWEST", "FEWEST_SLIDING"):
+    for name in ("MIN_ITERATIVE_UNKNOWNS", "FEWEST_SLIDING"):
         monkeypatch.setattr(products, name, 10)
     for name in ("PRODUCTS", "PRODUCTS_SLIDING"):
         monkeypatch.setattr(products, name, 0.0)
@@ -161,7 +161,7 @@ def test_inverses_of_small_hermitian_matrices(components: int) -> None:
     np.testing.assert_allclose(circulant._inverse(symbol), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
-def test_an_offset_under_a_ball_that_covers_the_array_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_offset_under_a_ball_that_covers_the_array_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """It was read as 3 to 4 % of the force, which was said to be known to 0.7 %."""
     without_matrices(monkeypatch)
     skin = skin_of(24)
@@ -171,11 +171,11 @@ def test_an_offset_under_a_ball_that_covers_the_array_is_said(monkeypatch: pytes
     shifted = clean.copy()
     shifted[2] += 0.015 * np.abs(clean).max()
     touch = skin.reconstruct(shifted)
-    assert float(touch.fit) < 1e-4
+    assert float(touch.fit) > 0.05
     true = 1e3 * 2.0 / 3.0 * np.pi * 9e-3**2
     low, high = touch.interval(0.95, "force")
     assert low[2] <= true <= high[2]
-    assert any("the model does not explain" in n for n in touch.notes)
+    assert any("offset of stress_zz" in n for n in touch.notes)
 
 
 @pytest.mark.parametrize(

@@ -103,13 +103,13 @@ def test_few_readings_of_unknown_noise_are_undecided_and_a_zero_decides() -> Non
 
 
 def test_an_even_press_wider_than_the_array_has_no_upper_end() -> None:
-    """12.7 kPa all over 12 x 12 mm are 1.9 N on the array and any more beyond; without a zero it may be an offset as well."""
+    """Some 70 kPa all over 12 x 12 mm are 10 N on the array and any more beyond; without a zero it may be an offset as well."""
     skin = pp.Skin(PAD, pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=2e-3, channels=["stress_zz"]))
     press = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=25.9e-3, force=100.0)))
     readings = press + 100.0 * np.random.default_rng(5).standard_normal(press.shape)
     zeroed = skin.reconstruct(readings, zero=rest(skin, 100.0))
     _, low, high = force(zeroed)
-    assert low < 2.0
+    assert low < 10.0
     assert math.isinf(high)
     assert "or more)" in zeroed.summary()
     bare = skin.reconstruct(readings)

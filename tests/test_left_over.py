@@ -28,12 +28,15 @@ def test_errors_grow_with_what_is_left_over_the_noise_that_was_given() -> None:
     clean = _ball(pp.Skin(PAD, array))
     given = 3e-3 * float(np.abs(clean).max())
     skin = pp.Skin(PAD, pp.AreaArray(shape=(10, 10), pitch=1.5e-3, depth=2e-3, channels=THREE, noise=given))
-    noise = np.random.default_rng(2).standard_normal(clean.shape)
-    as_given, louder = (skin.reconstruct(clean + k * given * noise) for k in (1.0, 2.0))
     as_it_is = Ablated(policy=changed(Policy(), "fit.most_louder", 1.0))
-    plain = skin.reconstruct(clean + 2.0 * given * noise, method=as_it_is)
-    ratio = float(np.median(np.asarray(louder.std)[-1][5:-5, 5:-5] / np.asarray(plain.std)[-1][5:-5, 5:-5]))
-    assert 1.6 < ratio < 2.4
+    for seed in (2, 3, 4):
+        noise = np.random.default_rng(seed).standard_normal(clean.shape)
+        louder, plain = (skin.reconstruct(clean + 2.0 * given * noise, method=m) for m in (Ablated(), as_it_is))
+        ratio = float(np.median(np.asarray(louder.std)[-1][5:-5, 5:-5] / np.asarray(plain.std)[-1][5:-5, 5:-5]))
+        assert 1.2 < ratio < 2.1  # noise is one part of the errors; how far models are apart is the other
+        low, high = louder.interval(0.95, "force")
+        assert low[2] < float(skin.reconstruct(clean).force[2]) < high[2]
+    as_given = skin.reconstruct(clean + given * noise)
     same = skin.reconstruct(clean + given * noise)
     np.testing.assert_allclose(as_given.std, same.std)  # noise as it was given changes nothing
 
@@ -51,7 +54,7 @@ def test_a_peak_at_the_outermost_taxel_is_said() -> None:
     """A ball of which one half lies past the end of a line: 8 bit row of the trust table, 94 N/m for 117."""
     frame = make_frame("8 bit", 165, seed=35791)
     touch = frame.skin.reconstruct(frame.readings)
-    assert any(note.startswith("contact at the edge") for note in touch.notes)
+    assert any(note.startswith(("contact at the edge", "contact across the edge")) for note in touch.notes)
     array = pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=2e-3, channels=THREE)
     skin = pp.Skin(PAD, array)
     clean = _ball(skin)

@@ -155,9 +155,9 @@ def test_websocket_is_not_for_web_pages() -> None:
 
 
 #: As `Limits`, in a hurry; a machine with other things to do may still pause for half a second.
-FAST = Limits(quiet=0.8, hold=0.1, hello=0.8, stall=0.8, connections=4)
+FAST = Limits(silence=0.8, hold=0.1, hello=0.8, stall=0.8, connections=4)
 #: Where nobody is to be too late, however long the machine pauses.
-PATIENT = Limits(quiet=60.0, hold=0.1, hello=60.0, stall=60.0, connections=4)
+PATIENT = Limits(silence=60.0, hold=0.1, hello=60.0, stall=60.0, connections=4)
 
 
 @pytest.mark.parametrize("kind", ["tcp", "ws"])
@@ -193,7 +193,7 @@ def test_two_bytes_and_silence_do_not_keep_the_successor_out() -> None:
         wait(lambda: listener.counts["slow"] == 1)
         assert b"slow" in loris.recv(100)
         stalled = stack.enter_context(socket.create_connection(("127.0.0.1", listener.port)))
-        time.sleep(0.5 * FAST.quiet)  # it may wait so long, and the served one is silent for longer than it may be
+        time.sleep(0.5 * FAST.silence)  # it may wait so long, and the served one is silent for longer than it may be
         stalled.sendall(struct.pack("<I", len(whole)) + whole + b"\x00\x01")
         assert next(iter(listener))[0] == 0.0
         assert b"slow" in stalled.recv(100)
@@ -206,7 +206,7 @@ def test_a_dead_sender_whose_socket_stays_open_is_followed_by_its_successor() ->
         dead = stack.enter_context(sending("tcp", listener.port))
         dead(frame_bytes(500, 5.0, np.zeros(SHAPE)))
         assert next(iter(listener))[0] == 5.0
-        time.sleep(1.1 * FAST.quiet)
+        time.sleep(1.1 * FAST.silence)
         stack.enter_context(sending("tcp", listener.port))(frame_bytes(0, 0.0, np.ones(SHAPE)))
         session, stamp, values = next(listener.frames())
         assert (session, stamp, values.min()) == (2, 0.0, 1.0)
@@ -236,7 +236,7 @@ def test_a_killed_and_restarted_driver_is_served_again(kind: str) -> None:
                 session, stamp, values = next(listener.frames())
                 assert (session, stamp, values.max()) == (life + 1, 0.0, life)
             if kind == "udp":  # nothing says that it has gone
-                time.sleep(1.1 * FAST.quiet)
+                time.sleep(1.1 * FAST.silence)
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp", "ws"])

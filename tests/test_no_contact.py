@@ -61,7 +61,8 @@ def test_strips_that_push_and_pull_alike_are_not_one_push_and_broken_taxels() ->
     traction = np.zeros((2, len(x)))
     traction[1] = 5e3 * (np.abs(x + 3e-3) <= 1.5e-3) - 5e3 * (np.abs(x - 3e-3) <= 1.5e-3)
     readings = skin.sense(traction)
-    touch = skin.reconstruct(readings + 5.0 * np.random.default_rng(0).standard_normal(readings.shape))
-    low, high = touch.interval(0.95, of="force")
-    assert low[1] < float(traction[1].sum()) * skin.surface.cell < high[1]
-    assert any("only pushes does not explain" in note for note in touch.notes)
+    for seed in range(4):
+        touch = skin.reconstruct(readings + 5.0 * np.random.default_rng(seed).standard_normal(readings.shape))
+        low, high = touch.interval(0.95, of="force")
+        assert low[1] < float(traction[1].sum()) * skin.surface.cell < high[1]
+        assert any("does not explain" in note for note in touch.notes)

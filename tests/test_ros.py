@@ -136,7 +136,7 @@ def test_a_publisher_that_died_without_leaving_makes_room_after_a_silence() -> N
     """The graph still lists what was killed, for as long as its lease."""
     graph = Graph()
     graph.there[(b"b" * 16).hex()] = "/driver"
-    intake = graph.intake(limits=Limits(quiet=1e-3))
+    intake = graph.intake(limits=Limits(silence=1e-3))
     intake.take(image(at=50.0), info("a", 1000))
     time.sleep(2e-3)
     intake.take(image(at=51.0), info("b", 1))

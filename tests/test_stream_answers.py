@@ -245,6 +245,10 @@ def test_a_frame_that_a_single_solve_does_not_explain_is_unexplained_when_it_is_
         touch = tracker.step(frame(), 0.12 + 0.01 * i)
         monitor.update(touch)
         assert status(touch) is Status.UNEXPLAINED
+        assert np.isnan(touch.force).all()
+        assert np.isnan(float(touch.peak_pressure))
+        low, high = bounds(touch)
+        assert low < 0.0 < 3.0 < high < 300.0
     assert monitor.going_on() == ("unexplained",)
 
 

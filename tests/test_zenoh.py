@@ -60,7 +60,7 @@ def test_frames_arrive_as_they_were_sent(peers: tuple[Any, Any]) -> None:
 def test_what_is_no_frame_is_refused_and_publishers_do_not_mix(peers: tuple[Any, Any]) -> None:
     here, driver = peers
     zeros: list[int] = []
-    with ZenohListener(here, SHAPE, key="finger/readings", limits=Limits(quiet=30.0), zero=zeros.append) as listener:
+    with ZenohListener(here, SHAPE, key="finger/readings", limits=Limits(silence=30.0), zero=zeros.append) as listener:
         one, two = publishing(driver, "finger/readings"), publishing(driver, "finger/readings")
         one(0, frame_bytes(0, 0.0, np.ones(SHAPE)))
         wait(lambda: listener.counts["frames"] == 1)

@@ -23,7 +23,7 @@ Record = TypeVar("Record")
 
 
 class Deferred(abc.ABC):
-    """A record whose arrays are made when they are first asked for, out of others with the batch axes first."""
+    """A record whose arrays are made when they are first requested, out of others with the batch axes first."""
 
     @property
     @abc.abstractmethod
@@ -36,7 +36,7 @@ class Deferred(abc.ABC):
 
     @abc.abstractmethod
     def changed(self, change: Callable[[Any], Any]) -> Any:
-        """The same record with ``change`` applied to what is there, so that what is still to be made is made for less."""
+        """The same record with ``change`` applied to the existing fields; lazy fields then need less work."""
 
 
 def per_frame(*dims: str, missing: Any = math.nan) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a path is, and how large, before anything of it is read."""
+"""Kind and size of a path, before reading it."""
 
 from __future__ import annotations
 

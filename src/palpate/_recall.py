@@ -1,4 +1,4 @@
-"""Arrays that take long to work out, taken from a file that an earlier run wrote: known by everything that they follow from.
+"""Arrays that take long to compute, taken from a file that an earlier run wrote: known by everything that they follow from.
 
 A file is an uncompressed NPZ of plain arrays, with a header in JSON. Nothing in it is executed, and each array has the checksum of its zip entry.
 """

@@ -151,7 +151,7 @@ class SkinProperties:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """What `reconstruct` seeks by default, the traction components that these channels can tell apart.
+        """What `reconstruct` seeks by default, the traction components that these channels can separate.
 
         Examples
         --------
@@ -189,7 +189,7 @@ class SkinProperties:
         center: tuple[float, float] | None = None,
         components: Sequence[str] | None = None,
     ) -> Design:
-        """What this skin resolves at best: Cramer-Rao bounds of a press, resolution, smallest noticed force, range.
+        """The best possible resolution of this skin: Cramer-Rao bounds of a press, resolution, smallest noticed force, range.
 
         Parameters
         ----------

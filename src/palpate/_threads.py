@@ -28,7 +28,7 @@ WIDEST = 4
 
 
 class cached_property(functools.cached_property[Value]):
-    """A property that is worked out once for each object. Two threads may both work it out, to the same.
+    """A property that is computed once for each object. Two threads may both work it out, to the same.
 
     That of functools has a lock for all objects of a class (Python 3.11): threads wait for each other, and a child that is forked while one
     of them has it waits for ever.
@@ -60,7 +60,7 @@ class Lock:
         self._all.add(self)
 
     def acquire(self, blocking: bool = True) -> bool:
-        """Take it; whether it was free, where it is not waited for."""
+        """Take the lock; without waiting, return whether it was free."""
         return self._lock.acquire(blocking)
 
     def release(self) -> None:
@@ -137,7 +137,7 @@ _this = _Beside()
 
 
 def beside(wait: Callable[[], None]) -> None:
-    """From now on work in this thread is beside something else: `give_way` calls ``wait``."""
+    """Mark work in this thread as background work: `give_way` calls ``wait``."""
     _this.wait = wait
 
 

@@ -28,7 +28,7 @@ __all__ = ["EdgeError", "edge_error", "plot_edges", "solid_lines"]
 
 @dataclass(frozen=True)
 class EdgeError:
-    """What the endless layer is off by when a ball of half a thickness touches near a free side.
+    """Error of the endless layer when a ball of half a thickness touches near a free side.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def _table() -> dict[str, Any]:
 
 
 def edge_error(pad: Pad, planes: Sequence[Array]) -> EdgeError | None:
-    """What an endless layer is off by near a free side; None of pads that are no single layer on a rigid base, and of line contact.
+    """Error of an endless layer near a free side; None unless the pad is a single layer on a rigid base in area contact.
 
     Poisson's ratios between those of the table are interpolated; below 0.3 that of 0.3 serves.
 
@@ -140,7 +140,7 @@ def edge_error(pad: Pad, planes: Sequence[Array]) -> EdgeError | None:
 
 
 def solid_lines(pad: Pad, size: tuple[float, float] | None) -> str:
-    """The section [pad] of a skin.toml for the same gel with its sides; ``size`` (x, y) [m], "unknown" where it is not given.
+    """The section [pad] of a skin.toml for the same gel with its sides; ``size`` (x, y) [m], "unknown" if it is not given.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def solid_lines(pad: Pad, size: tuple[float, float] | None) -> str:
 
 
 def plot_edges(found: EdgeError, axes: Axes) -> None:
-    """Draw what the endless layer is off by against the distance from the side."""
+    """Draw the error of the endless layer against the distance from the side."""
     from palpate._plot import INK
 
     x = 1e3 * found.distance

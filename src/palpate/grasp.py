@@ -59,8 +59,8 @@ SHAPE_MEMORY, COUNTS = 0.85, 2.5
 COUNTS_OF_READINGS = 5.0
 #: An alarm is raised at the first probability and taken back below the second.
 RAISE, CLEAR = 0.9, 0.5
-#: What begins or ends must do so in so many frames in a row; slip, in frames that follow so many others that were explained: one frame alone, or a sensor
-#: that recovers, raises no alarm.
+#: An event needs this many frames in a row to begin or end; slip also needs this many explained frames before: a single frame, or a recovering
+#: sensor, raises no alarm.
 EVIDENCE, SETTLED = 3, 3
 #: Part of the friction limit beyond which a contact counts as sliding.
 SLIDING = 0.95
@@ -426,7 +426,7 @@ class GraspMonitor:
         p = values[-1]
         direction = force[:-1] / np.linalg.norm(force[:-1])
         q = np.tensordot(direction, values[:-1], 1)
-        # neighbouring cells are not independent: as many data as there are patches that can be told apart
+        # neighbouring cells are not independent: as many data as there are patches that can be separated
         resolution = 2.0 if touch.resolution is None else float(touch.resolution) / min(grid.spacings)
         cells = max(1.0, resolution) ** grid.dimensions
         # the pressure as blurred as the shear
@@ -538,7 +538,7 @@ def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
     """The most likely net force after subtracting its bias, and the standard deviation of Q/P."""
     if touch.errors is None:
         return force, 0.05
-    # what pressure and shear are off by together does not change their ratio
+    # a common error of pressure and shear does not change their ratio
     low, high = replace(touch, common_std=0.0).interval(0.6827, "force")
     net, std = 0.5 * (low + high), 0.5 * (high - low)
     if not net[-1] > 0:

@@ -38,7 +38,7 @@ CHUNK = 1000
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """Columns of one episode, each (frame, ...), by name; and what the robot was to do.
+    """Columns of one episode, each (frame, ...), by name; and the robot's task.
 
     Raises
     ------

@@ -544,7 +544,7 @@ class Skin(SkinProperties):
     def prepare(
         self, *, method: str | Method | None = None, components: Sequence[str] | None = None, **options: Any
     ) -> None:
-        """Do now what the first `reconstruct` with the same method, components and options would do: refuse, or work out what all frames share.
+        """Do now what the first `reconstruct` with the same method, components and options would do: refuse, or compute what all frames share.
 
         Raises
         ------

@@ -144,7 +144,7 @@ REMEDIES = [
     ),
     value("frames must be a whole number from 1 to", zero_bytes, 0, 10),
     value("connections must be a whole number from 2 on", lambda n: Limits(connections=n), 1, 2),
-    value("{} must be a positive number; got", lambda q: Limits(quiet=q), 0.0, 1.0, room="network.admission"),
+    value("{} must be a positive number; got", lambda q: Limits(silence=q), 0.0, 1.0, room="network.admission"),
     value("a key of zenoh is words between single /", zenoh_key, "/finger/*", "left/finger"),
     value('kind must be "udp", "tcp" or "ws"', lambda k: listening(kind=k), "http", "udp"),
     value(

@@ -114,7 +114,7 @@ class _Span:
 
 
 def _spans(events: Sequence[Any], clock: _Clock) -> list[_Span]:
-    """The kinds that are marked, each with all its times; what does not end goes on to the last frame."""
+    """The kinds to mark, each with all its times; an event without an end continues to the last frame."""
     last = float(np.nanmax(clock.when)) if len(clock.when) and np.isfinite(clock.when).any() else 0.0
     found: dict[str, _Span] = {}
     going_on: dict[str, float] = {}

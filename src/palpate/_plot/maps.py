@@ -26,7 +26,7 @@ __all__ = ["plot_touch"]
 
 #: Arrows are drawn down to this part of the largest.
 WEAK = 0.12
-#: Arrows across a panel at the most.
+#: Arrows across a panel at most.
 ACROSS = 15
 #: Pull from which on, as a part of the largest pressure, a map shows both signs.
 PULL = 0.02
@@ -250,7 +250,7 @@ def _pressure(
     axes: Axes, touch: Shown, image: Floats, title: str, largest: float, rows: list[Floats], seen_from: str
 ) -> None:
     factor, unit = scaled(largest, "Pa")
-    # push and pull are told apart around zero; pressure that only pushes needs no second colour
+    # push and pull are separated around zero; pressure that only pushes needs no second colour
     both = min(float(np.nanmin(r[2], initial=0.0)) for r in rows) < -PULL * largest
     _show(
         axes,
@@ -278,7 +278,7 @@ def _shear(axes: Axes, touch: Shown, values: Floats, title: str, largest: float,
 
 
 def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, colour: str) -> None:
-    """Arrows on the strongest cells first, and what an arrow's length means."""
+    """Arrows on the strongest cells first, and the scale of an arrow."""
     from matplotlib.patheffects import withStroke
 
     size = np.nan_to_num(np.hypot(values[0], values[1]))

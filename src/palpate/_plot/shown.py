@@ -1,4 +1,4 @@
-"""What a picture is made of: the side of a `palpate.Touch` that figures see, so that they need no touch to import."""
+"""The part of a `palpate.Touch` that figures use, so that they need not import it."""
 
 from __future__ import annotations
 

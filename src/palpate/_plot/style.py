@@ -50,7 +50,7 @@ def journal() -> Any:
 
 
 def nice(size: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above ``size``: what an arrow's scale says.
+    """The largest of 1, 2 and 5 times a power of ten that is not above ``size``, for the scale of arrows.
 
     Examples
     --------

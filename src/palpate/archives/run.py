@@ -48,7 +48,7 @@ __all__ = ["Reconstructed", "piece_length", "reconstruct_recording", "worker_cou
 
 #: Bytes of traction in a piece: large enough for efficient batches, small enough to hold many in memory.
 PIECE_BYTES = 3_000_000
-#: Frames in a piece at the most: what a run that is broken off has to do again.
+#: Frames in a piece at most: what a run that is interrupted has to do again.
 LONGEST = 256
 #: The same of methods that solve one frame after another, a hundredth of a second to some seconds each.
 SLOW = 8
@@ -98,7 +98,7 @@ class Reconstructed:
 def piece_length(skin: Skin, method: Method | None = None) -> int:
     """Frames in a piece where the user does not say; it depends on skin and method alone, so that a run can be made again.
 
-    Methods that take their time over each frame get short pieces, so that what is done is written and reported soon.
+    Slow methods get short pieces, so that finished frames are written and reported soon.
 
     Examples
     --------
@@ -195,7 +195,7 @@ def reconstruct_recording(
     Raises
     ------
     InvalidInput, NotObservable, Unsupported
-        As `Skin.reconstruct`, before anything is written: every frame is looked at first. A result that exists, or a run that was broken off;
+        As `Skin.reconstruct`, before anything is written: every frame is looked at first. A result that exists, or a run that was interrupted;
         workers that the system stops again and again; a Dask scheduler that does not answer.
 
     Notes
@@ -224,7 +224,7 @@ def reconstruct_recording(
     target = Path(out)
     known = find_format(target)
     chosen = requested_method(method, options)
-    # a run that goes on has the pieces that it was begun with
+    # a resumed run keeps the pieces of its start
     length = chunk if chunk is not None else interrupted_run(target).get("chunk") if resume else None
     length = piece_length(skin, chosen) if length is None else length
     if isinstance(length, bool) or not isinstance(length, int) or length < 1:
@@ -400,7 +400,7 @@ def _tasks(
     wanted: range,
     place: Callable[[], Place | None],
 ) -> Iterator[Task]:
-    """What is still to be done, with zero and creep taken out: creep remembers, so that it goes through all frames in turn."""
+    """The remaining pieces, after subtracting zero and creep: creep has a memory, so that it goes through all frames in turn."""
     creep = Creep(skin.planes, skin.pad.prony, "remove") if isinstance(skin.pad, Viscoelastic) else None
     layout = Layout(skin.planes, skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad)
     whole = len(wanted) == len(source)

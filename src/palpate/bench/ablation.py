@@ -1,4 +1,4 @@
-"""What each part of the automatic method buys, and whether the answer hangs on its numbers.
+"""The contribution of each part of the automatic method, and the sensitivity of the answer to its numbers.
 
 Every frame of a population that tuned nothing (`palpate.bench.unseen`) is solved by the whole method, without each part, and with each number
 halved and doubled (`palpate.inverse.contact.policy`). Errors are over those of the whole method in the same frame.

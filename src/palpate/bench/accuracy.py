@@ -37,7 +37,7 @@ __all__ = [
 #: Noise levels, as parts of the largest reading.
 NOISES = (1e-3, 1e-2, 5e-2)
 
-#: What the automatic method is called in records and tables: on these contacts it is that one.
+#: Name of the automatic method in records and tables: on these contacts it is that one.
 DEFAULT = "adaptive"
 
 
@@ -113,9 +113,9 @@ def run(
     yardstick: bool = True,
     inside: bool = False,
 ) -> list[Record]:
-    """One noise draw of one contact, by the methods asked for; without ``yardstick`` the clairvoyant filter's error is NaN.
+    """One noise draw of one contact, by the methods requested; without ``yardstick`` the clairvoyant filter's error is NaN.
 
-    Methods that take a friction are told the layout's, unless they have one. ``inside``: see `standardised`.
+    Methods with an option for friction get the layout's, unless they have one. ``inside``: see `standardised`.
     """
     readings, truth = layout.make(traction)
     std = noise * float(np.abs(readings).max())

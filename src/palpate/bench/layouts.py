@@ -89,7 +89,7 @@ class Layout:
         return np.nan_to_num(np.asarray(self.maker.sense(fine))), mean
 
     def clairvoyant(self, traction: Traction, noise: float) -> float:
-        """Least expected relative error of a linear shift-invariant filter told the truth (see the module)."""
+        """Smallest expected relative error of a linear shift-invariant filter that knows the truth (see the module)."""
         array = self.array
         if isinstance(array, ScatteredArray):
             raise Unsupported("the clairvoyant filter needs a regular array; got a ScatteredArray.")

@@ -21,7 +21,7 @@ __all__ = ["at_calibrated_zero", "calibrated_touch", "with_calibration"]
 def calibrated_touch(
     found: SkinCalibration, skin: Any, plain: Any, readings: Any, time: Any, options: dict[str, Any]
 ) -> Touch:
-    """The touch of readings without their zero: of the elastic model ``plain`` with the calibrated force, or force alone where it was rejected."""
+    """The touch of readings without their zero: from the elastic model ``plain`` with the calibrated force, or force alone if the model was rejected."""
     flat = flat_readings(skin.planes, readings)
     if plain is None:
         found.check_options(options)

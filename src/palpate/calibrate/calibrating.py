@@ -385,7 +385,7 @@ def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:
 def find_rest(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
     """Frames without contact: zero force, or three or more with almost no force and similar readings.
 
-    One small force beside others of either sign is no rest: its readings may be any.
+    A small force in one axis is no rest if another is large.
     """
     seen = np.isfinite(flat).all(axis=1)
     exact = np.all([f == 0.0 for f in forces], axis=0) & seen

@@ -1,4 +1,4 @@
-"""A calibration of a skin: maps from readings to net force and centre, what they rest on, and how they answer."""
+"""A calibration of a skin: maps from readings to net force and centre, their data, and their answers."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from palpate.errors import InvalidInput
 
 __all__ = ["CONSTANTS", "PadConstants", "fit_constants", "with_constants"]
 
-#: Constants that can be asked for, with the standard deviation of their logarithm before any press: a guess within a factor of 3, a ruler's 20 %, a 5 % gain, any unit.
+#: Constants that can be requested, with the standard deviation of their logarithm before any press: a guess within a factor of 3, a ruler's 20 %, a 5 % gain, any unit.
 CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2, "unit": 5.0}
 #: Lower layer or base against the upper one: log of the ratio of moduli, mean and standard deviation.
 RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}
@@ -34,9 +34,9 @@ RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}
 CONTACT_STD, LAYER_CONTACT_STD = 0.0075, 0.02
 #: Radius of contact (log) of an unknown ball; nodes of radii and wavenumbers; where the spectrum is cut, in 1/depth and in 1/contact radius.
 UNKNOWN_STD, RADII, CUT_DEPTH, CUT_CONTACT = 0.7, 160, 25.0, 60.0
-#: A constant whose standard deviation is still this part of the one before is not told by the data; a pad is told apart at odds of 20 to 1.
+#: A constant whose standard deviation is still this part of the one before is not determined by the data; a pad is separated at odds of 20 to 1.
 UNTOLD, ODDS = 0.7, math.log(20.0)
-#: Two materials whose moduli are told apart by less are one: the richer model is then the plainer one of `PLAINER`. Standard deviation of the log of their ratio, and 95 %.
+#: Two materials whose moduli are separated by less are one: the richer model is then the plainer one of `PLAINER`. Standard deviation of the log of their ratio, and 95 %.
 ALIKE, PLAINER = 0.25, {"stack": "bonded", "soft base": "half-space"}
 #: Residuals above this many times the noise reject every candidate model (a chi-square of 2 for each reading).
 REJECTED = 1.4
@@ -409,7 +409,7 @@ class _Fit:
         return np.asarray(out)
 
     def model_readings(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Readings (press, channel, taxel), and what the log radii of contact are expected to be."""
+        """Model readings (press, channel, taxel), and the expected log radii of contact."""
         count = len(self.names)
         value = dict(zip(self.names, np.exp(theta[:count])))
         pad, depth = self.pad(value)
@@ -504,7 +504,7 @@ class _Fit:
 
     @property
     def alike(self) -> bool:
-        """Whether both materials of a stack or soft base have one modulus, as far as the presses tell."""
+        """Whether both materials of a stack or soft base have one modulus within the errors."""
         i = self.names.index("lower modulus ratio")
         std = math.sqrt(self.covariance[i, i])
         return std < ALIKE and abs(float(self.theta[i])) < 1.96 * std

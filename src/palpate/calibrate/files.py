@@ -25,7 +25,7 @@ VERSION = 1
 
 
 def calibrated_text(text: str, found: SkinCalibration, numbers: str) -> str:
-    """The text of a skin.toml with the section [calibration] (an old one is replaced); what was found stands in comments.
+    """The text of a skin.toml with the section [calibration] (replacing an old one); comments give the result.
 
     Examples
     --------

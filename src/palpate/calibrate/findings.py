@@ -162,7 +162,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
 
 
 def small_unit(skin: Any, data: Labelled) -> float:
-    """The factor that makes the largest labelled reading small for what the pad can bear."""
+    """The factor that makes the largest labelled reading small compared with the limits of the pad."""
     factor, start = math.inf, 0
     for plane in skin.planes:
         for c, (limit, _) in enumerate(plausible(skin.pad, plane)):

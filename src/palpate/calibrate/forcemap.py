@@ -88,7 +88,7 @@ class ForceMap:
         return mean, np.sqrt(own**2 + (self.run_share * mean) ** 2 + (self.novelty(readings) * usual) ** 2)
 
     def novelty(self, readings: Floats) -> Floats:
-        """Standard deviation that is open because no label is like the frame (frame, reading), as a part of what is usual for readings of its size.
+        """Standard deviation because no label resembles the frame (frame, reading), as a part of the usual value for readings of its size.
 
         Two parts: beyond the largest labelled readings a map goes on as it began, and pads do not; and a press at another place than any label's has readings
         of another direction u = z/|z|, at a distance from that of the nearest label.
@@ -166,7 +166,7 @@ def chord(cosine: Floats) -> Floats:
 
 
 def usual_scale(readings: Floats) -> Floats:
-    """What each reading is divided by, so that the usual frame has length 1."""
+    """The divisor of each reading that gives the usual frame length 1."""
     square = (readings**2).mean(axis=0)
     if not square.any():
         return np.ones(len(square))

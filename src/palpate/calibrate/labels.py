@@ -27,7 +27,7 @@ MASSES = {"g": 1e-3, "kg": 1.0, "mg": 1e-6, "oz": 0.028349523125, "lb": 0.453592
 USUAL_DELAY = 2.0
 #: Contact begins and ends at this part of the largest force; a press is cut into pieces where there are fewer than this many.
 PRESSED, FEWEST = 0.05, 5
-#: A force that is the same in so many frames, while their readings have this part of the variance of all, is no measurement.
+#: A force repeated in so many frames, while their readings have this part of the variance of all, is no measurement.
 STUCK_FRAMES, STUCK_VARIES = 3, 0.1
 
 

@@ -86,7 +86,7 @@ class Scaled:
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Covariances of two sets of frames term by term, and what their derivatives need."""
+    """Covariances of two sets of frames term by term, with what their derivatives need."""
 
     parts: dict[str, Floats]
     log_size: Floats
@@ -214,7 +214,7 @@ class Process:
         return moved / usual if usual > 0.0 else None
 
     def error_parts(self, a: Scaled, log: Floats, without: tuple[str, ...]) -> tuple[Floats, Floats]:
-        """Variance of the labels' errors that are new in each frame, and the covariance of those that are alike within a press."""
+        """Variance of the independent errors of labels, and the covariance of those shared within a press."""
         value = np.exp(log)
         new = value[AT["noise"]] + value[AT["share"]] * a.size**2 + (self.std / self.unit) ** 2 + JITTER
         if self.time is None or "lag" in without:

@@ -1,4 +1,4 @@
-"""What plain regressions make of the same labels, for comparison: linear and quadratic ridge, Gaussian process without physics."""
+"""Plain regressions on the same labels, for comparison: linear and quadratic ridge, Gaussian process without physics."""
 
 from __future__ import annotations
 

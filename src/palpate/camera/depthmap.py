@@ -25,7 +25,7 @@ MIN_PLACES = 3
 class DepthMap:
     """Depth of the gel's surface in every picture, where available: the displacement_z that dots in the plane cannot measure.
 
-    With it pressure and shear are told apart by the readings, which narrows the interval of the normal force several times.
+    With it pressure and shear are separated by the readings, which narrows the interval of the normal force several times.
 
     Parameters
     ----------

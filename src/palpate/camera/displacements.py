@@ -97,7 +97,7 @@ def _at_size(pixels: Floats, part: float) -> Floats:
 
 
 def _part(settings: CameraSettings, size: tuple[int, int]) -> float:
-    """How much larger pictures are than those that a section [camera] is for; `InvalidInput` where they have another shape."""
+    """How much larger pictures are than those that a section [camera] is for; `InvalidInput` if they have another shape."""
     part = 1.0
     if settings.size is not None:
         part = size[0] / settings.size[0]
@@ -359,7 +359,7 @@ def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floa
         reach = 4.685 * np.sqrt(noise**2 + size**2)
         weight = np.where(left < reach, (1.0 - (left / reach) ** 2) ** 2, 0.0)
         if np.mean(weight > 0.1) < AGREE:
-            # a contact is felt far away: the motion is that of the dots that move most alike, if these are enough
+            # a contact reaches far: the motion is that of the dots that agree best, if these are enough
             if size > most:
                 return values, None
             break

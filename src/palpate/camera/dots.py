@@ -24,7 +24,7 @@ __all__ = ["Found", "Print", "fault_of", "find_dots", "levelled"]
 FINEST, FACTOR, COARSEST = 1.0, 1.2, 1.0 / 14.0
 #: A dot's response over that of the typical one: below it is not all there; below the second it is none.
 WHOLE, SOME = 0.62, 0.3
-#: Contrast of a dot against its surroundings below which it cannot be told from noise (of the light there), and over the noise.
+#: Smallest contrast of a dot against its surroundings (in parts of the light there), and over the noise.
 FAINTEST, NOISES = 0.04, 6.0
 #: Number of strongest extrema to examine.
 MAX_EXTREMA = 5000
@@ -44,7 +44,7 @@ INSIDE = 0.8
 
 @dataclass(frozen=True)
 class Print:
-    """What the dots of a print share: the blur that fits them [pixels], dark (1) or bright (-1), and their typical response."""
+    """The common properties of the dots of a print: the blur that fits them [pixels], dark (1) or bright (-1), and their typical response."""
 
     blur: float
     sign: int
@@ -278,7 +278,7 @@ def _match_print(level: npt.NDArray[np.float32], print: Print) -> Found:
     rows, columns = _peaks(response, SOME * print.response, 0.9 * print.blur)
     positions = _subpixel(response, rows, columns)
     strength = response[rows, columns] / print.response
-    # a dot that touches the edge has no middle that can be told
+    # a dot that touches the edge has no measurable middle
     height, width = level.shape
     reach = INSIDE * print.radius
     inside = (

@@ -151,7 +151,7 @@ class Flow(Followed):
         self.reset()
 
     def _contrast(self, reference: Any, level: npt.NDArray[np.uint8], places: Floats, half: int) -> Floats:
-        """Standard deviation (n,) of what is finer than a window, as a part of the ground; without the noise that pictures of one gel at rest differ by."""
+        """Standard deviation (n,) of detail finer than a window, as a part of the ground, without the noise between pictures of one gel at rest."""
         cv2 = opencv()
 
         def fine(flat: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

@@ -18,7 +18,7 @@ PATIENCE = 5.0
 class Latest:
     """The newest picture of a source that does not wait.
 
-    Until `start`, pictures are handed out one by one, as they are asked for: those of the reference must not be skipped. From then on a thread takes
+    Until `start`, pictures are handed out one by one, as they are requested: those of the reference must not be skipped. From then on a thread takes
     them as they come, or, of a file (``pace``), when they are due by their times.
 
     Attributes

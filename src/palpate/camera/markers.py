@@ -1,6 +1,6 @@
 """Dots followed from a reference picture: displacement of each, its standard deviation, and which are lost.
 
-Each picture is compared with the reference, not with the one before, so that errors do not add up. Dots are found anew in it and matched
+Each picture is compared with the reference, not with the one before, so that errors do not add up. Dots are found again in it and matched
 (`palpate.camera.matching`); windows around them (`palpate.camera.windows`) then tell the displacement to a part of a pixel.
 """
 

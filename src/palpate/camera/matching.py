@@ -154,7 +154,7 @@ def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float =
 
 
 def _mended(near: Neighbours, match: Index, found: Floats, tree: cKDTree) -> Index:
-    """A match begun anew about its faults (dots without one, and tears), ever further about them, for as long as it strains the print less."""
+    """A match begun again about its faults (dots without one, and tears), ever further about them, for as long as it strains the print less."""
     from scipy.spatial import cKDTree as Tree
 
     best, lowest = match, strained(near, _moves(near, match, found))

@@ -175,7 +175,7 @@ class Pictures:
 
 
 def open_pictures(source: Any, *, rate: float | None = None, topic: str | None = None) -> Pictures:
-    """Pictures from a video, a folder, a TIFF stack, what a robot recorded, a camera, or arrays.
+    """Pictures from a video, a folder, a TIFF stack, a robot's recording, a camera, or arrays.
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ def _video(path: Path) -> Pictures:
                 elif not broken or frame.key_frame:
                     broken = DAMAGED if frame.is_corrupt else ""
                 if broken:
-                    # what follows is built on it, up to the next picture that stands alone
+                    # later pictures depend on it, up to the next key picture
                     last = at if at is not None else last + 1.0 / rate if last is not None and rate else None
                     yield last, None, broken
                     continue
@@ -470,7 +470,7 @@ def _decoded(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _short(container: Any, rate: float | None, last: float | None) -> float | None:
-    """Seconds that are missing at the end of a video that does not count its pictures (Matroska), by what its head says of its length."""
+    """Seconds missing at the end of a video without a count of pictures (Matroska), by the length in its header."""
     if container.streams.video[0].frames or not container.duration or last is None or not rate:
         return None
     short = 1e-6 * container.duration - (last + 1.0 / rate)

@@ -266,7 +266,7 @@ class Touches:
 
 
 class _Perspective:
-    """What motion towards the camera adds: a dot at q from the optical axis that comes nearer by u_z seems to be at q D / (D - u_z)."""
+    """The effect of motion towards the camera: a dot at q from the optical axis that comes nearer by u_z appears at q D / (D - u_z)."""
 
     def __init__(self, skin: Skin, readings: Displacements, distance: float) -> None:
         view = readings.view

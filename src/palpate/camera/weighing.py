@@ -242,7 +242,7 @@ def _weighed(
     ratio, each = np.array(ratios), np.array(stds)
     weight = 1.0 / each**2
     mean = float((weight * ratio).sum() / weight.sum())
-    # what presses share (depth, thickness) does not average out: no better than the best press
+    # the common errors of the presses (depth, thickness) do not average out: no smaller than that of the best press
     shared = float(each.min())
     agreement = math.nan
     scatter = 0.0

@@ -146,7 +146,7 @@ class Followed:
         return (None, fault) if fault else (plain, "")
 
     def _blurred(self, level: npt.NDArray[np.uint8], positions: Floats) -> bool:
-        """Whether what is at these places is far less sharp than in the reference."""
+        """Whether the picture at these places is far less sharp than the reference."""
         return self._sharpness(level, positions) < BLUR * self._sharp
 
     def _nothing(self, fault: str) -> Moved:
@@ -317,7 +317,7 @@ def _between(
 def _errors(
     rest: npt.NDArray[np.float32], now: npt.NDArray[np.float32], gradient: npt.NDArray[np.float32]
 ) -> tuple[Floats, Floats]:
-    """Standard deviation (n, 2) of each displacement, and correlation (n,) of the windows, which are a pixel wider to each side than what is compared.
+    """Standard deviation (n, 2) of each displacement, and correlation (n,) of the windows, which are a pixel wider to each side than the compared part.
 
     ``gradient``: those of the windows at rest.
     """

@@ -1,7 +1,7 @@
 """The best possible resolution of a skin, before it is built.
 
 In: a skin (or design.toml) and a press.
-Out: bounds of force, place and radius, the closest pair told apart, the smallest contact noticed; sweeps and placements.
+Out: bounds of force, place and radius, the closest pair separated, the smallest contact noticed; sweeps and placements.
 Open first: `result.py`.
 """
 

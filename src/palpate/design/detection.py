@@ -61,7 +61,7 @@ class Noticed:
 
     @property
     def blind(self) -> float:
-        """Part of the places where it is more than three times that.
+        """Share of the places where it is more than three times that.
 
         Examples
         --------

@@ -151,7 +151,7 @@ def _informations(
     """Information (place, site, parameter, parameter) in natural units, the places (y, x), and those units."""
     elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad
     check_modelled(elastic, "placing taxels")
-    # what a taxel feels depends on its distance from the press alone: one press in the middle of all distances
+    # the reading depends only on the distance from the press: one press in the middle covers all distances
     ny, nx = (2 * n - 1 for n in shape)
     array = AreaArray(
         shape=(ny, nx),

@@ -46,10 +46,10 @@ def _sensed(pad: Pad, planes: Sequence[Array], kx: Floats, ky: Floats) -> Comple
 def highest_wavenumbers(
     pad: Pad, planes: Sequence[Array], press: Press, components: tuple[str, ...]
 ) -> dict[str, tuple[float, str]]:
-    """Highest wavenumber [rad/m] of each component whose amplitude, of the press's mean traction all over the array, is told, and what limits it.
+    """Highest wavenumber [rad/m] of each component that is recovered at the amplitude of the press's mean traction, and its limit.
 
-    A wave t cos(k.x) over an array of area A with M(k) its matrix has information (A/2) M^H W M per area. Components are told beside each other. Shear is
-    taken as strong as pressure times the friction.
+    A wave t cos(k.x) over an array of area A with M(k) its matrix has information (A/2) M^H W M per area. Components are estimated together. The
+    amplitude of shear is that of pressure times the friction.
     """
     d = planes[0].dimensions
     names = COMPONENTS[d]
@@ -88,7 +88,7 @@ def highest_wavenumbers(
 def point_spread(
     pad: Pad, planes: Sequence[Array], press: Press, components: tuple[str, ...]
 ) -> tuple[Floats, dict[str, Floats]]:
-    """Distance [m] and, of each component, what the best linear estimate makes of a point of it (1 in the middle).
+    """Distance [m] and, of each component, the best linear estimate of a point load (1 in the middle).
 
     Wiener's filter of traction that is white up to the press's size: S M^H (M S M^H + N)^-1 M for each wavevector below Nyquist's, with S the square of the
     mean traction times the contact's area and N the noise times the area of a taxel.
@@ -135,7 +135,7 @@ def full_width(x: Floats, profile: Floats) -> float:
 def separable_pair(
     model: PressModel, kinds: Sequence[str] | None, uncertainty: Uncertainty | None, farthest: float
 ) -> float:
-    """Smallest distance [m] of two tips that are told to be two, along the worse axis; infinite where that is more than ``farthest``.
+    """Smallest resolved distance [m] of two tips, along the worse axis; infinite if it is more than ``farthest``.
 
     Each tip has half of the force on half of the radius. The unknowns are forces and places of both, their radius, their elongation along the axis
     (or one long contact would count as two), offsets and the uncertain properties of the skin. The tips are resolved if the distance is at least

@@ -1,4 +1,4 @@
-"""What readings do when a press changes: the operator near the press, and derivatives of the readings."""
+"""Changes of the readings with the press: the operator near the press, and derivatives of the readings."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ FARTHEST = 3.0
 
 @dataclass(frozen=True)
 class Design:
-    """What a skin resolves at best. Lengths in m, forces in N (N/m in line contact).
+    """The best possible resolution of a skin. Lengths in m, forces in N (N/m in line contact).
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class Design:
         return "\n".join(self.lines())
 
     def lines(self) -> list[str]:
-        """The numbers, one a line, then what to note in plain words.
+        """The numbers, one a line, then the notes.
 
         Examples
         --------

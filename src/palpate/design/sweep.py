@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NUMBERS", "Sweep", "combinations", "sweep", "swept"]
 
-#: Columns of a table: what each is, its factor from SI and its unit there.
+#: Columns of a table: name, factor from SI and unit.
 NUMBERS: dict[str, tuple[str, float, str]] = {
     "force": ("standard deviation of the normal force", 1e3, "mN"),
     "shear": ("standard deviation of the shear force", 1e3, "mN"),
@@ -224,7 +224,7 @@ class Sweep:
         return out
 
     def dataset(self) -> xarray.Dataset:
-        """A dataset with the axis "design": what was varied, and the numbers in SI units.
+        """A dataset with the axis "design": the variables, and the numbers in SI units.
 
         Examples
         --------
@@ -276,7 +276,7 @@ class Sweep:
         return "\n".join([*lines, *([f"... and {left} more"] if left else [])])
 
     def csv(self) -> str:
-        """All designs as comma-separated text: what was varied, the numbers in SI units, the score.
+        """All designs as comma-separated text: the variables, the numbers in SI units, the score.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""A pad and its array with something changed: what a sweep tries."""
+"""A changed pad and its array: a candidate of a sweep."""
 
 from __future__ import annotations
 

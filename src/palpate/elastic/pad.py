@@ -32,7 +32,7 @@ Complexes = npt.NDArray[np.complexfloating[Any, Any]]
 
 @runtime_checkable
 class Pad(Protocol):
-    """An elastic body under a plane surface z = 0, alike in x and y.
+    """An elastic body under a plane surface z = 0, uniform in x and y.
 
     A pad may offer more, and is then faster and more exact:
 

@@ -1,4 +1,4 @@
-"""What presses the pad: contact patches, radius of a ball or a flat, stiffness and texture.
+"""Identification of what presses the pad: contact patches, radius of a ball or a flat, stiffness and texture.
 
 In: readings, a skin and, if known, the indentation.
 Out: each property with its interval, or the reason why the readings do not determine it.

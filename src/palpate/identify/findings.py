@@ -18,7 +18,7 @@ READ = {"m": (1e3, "mm"), "m^2": (1e6, "mm^2"), "Pa": (1e-3, "kPa"), "N/m": (1e-
 
 @dataclass(frozen=True)
 class Finding:
-    """A number with its 95 % interval, or the reason why the readings do not tell it.
+    """A number with its 95 % interval, or the reason why the readings do not determine it.
 
     Attributes
     ----------

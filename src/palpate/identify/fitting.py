@@ -118,7 +118,7 @@ def fit_of(shapes: Shapes, data: Data, found: Fit) -> Fit:
 
 
 def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) -> tuple[float, float, list[Fit]]:
-    """Ends of the radii [m] whose best fit has squares of at most ``rise`` more; 0 or inf where there is no end, and the fits on the way."""
+    """Ends of the radii [m] whose best fit has squares of at most ``rise`` more; 0 or inf if there is no end, and the fits on the way."""
     ends, fits = [], []
     start = min(max(best.std("radius", contact), 0.02), 0.5)
     for sign in (-1.0, 1.0):
@@ -150,7 +150,7 @@ def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) ->
 
 
 def columns_of(shapes: Shapes, data: Data, best: Fit) -> Floats:
-    """Orthonormal rows that span what all numbers of a fit change in the readings over their noise."""
+    """Orthonormal rows that span the change of the whitened readings with all numbers of a fit."""
     now = _project(shapes, data, best.shape, best.centers, best.radii)
     slopes = _slopes(shapes, data, best.shape, best.centers, best.radii, now)
     sizes = np.linalg.norm(slopes, axis=1)
@@ -186,7 +186,7 @@ def _project(shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Flo
 def _slopes(
     shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Floats, now: _Projected, *, projected: bool = True
 ) -> Floats:
-    """Change of the model (x, y, log a of each contact; reading) over its noise, less what forces and offsets take up."""
+    """Change of the whitened model (x, y, log a of each contact; reading), without the part that forces and offsets explain."""
     cells = []
     steps = []
     for center, radius in zip(centers, radii):

@@ -50,5 +50,5 @@ class Frame:
 
     @property
     def quantile(self) -> float:
-        """Standard deviations to an end of an interval, scaled by what the residuals exceed the noise."""
+        """Half-width of an interval in standard deviations, scaled by the residuals over the noise."""
         return math.sqrt(self.rise)

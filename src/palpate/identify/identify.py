@@ -37,7 +37,7 @@ __all__ = ["Skinlike", "identify"]
 
 #: Misfit probability below which contacts do not explain a frame.
 REFUSED = 0.01
-#: Odds at which a ball is told from a flat: 100 to 1.
+#: Odds for a ball against a flat: 100 to 1.
 ODDS = math.log(100.0)
 #: Largest number of patches, and smallest pressure of a further one over the largest.
 MOST, SHARE = 4, 0.15
@@ -78,7 +78,7 @@ def identify(
     indentation: npt.ArrayLike | None = None,
     shape: str | None = None,
 ) -> Identified | IdentifiedPress:
-    """What presses the pad, from readings and the touch that was found in them; see `palpate.Skin.identify`.
+    """Identify what presses the pad, from readings and their touch; see `palpate.Skin.identify`.
 
     Raises
     ------
@@ -271,7 +271,7 @@ def _shapes(body: Body, components: Sequence[str], touch: Touch, pressure: Float
 def _explained(
     shapes: Shapes, data: Data, starts: list[tuple[Floats, float]], wanted: str | None
 ) -> tuple[Fit, Fit | None, Data | None]:
-    """The fewest contacts that explain a frame; of a single one, the other shape too, and the frame with its texture where that is needed."""
+    """The fewest contacts that explain a frame; of a single one, the other shape too, and the frame with its texture if that is needed."""
     place, radius = starts[0]
     if len(starts) > 1:
         middle = np.mean([p for p, _ in starts], axis=0)

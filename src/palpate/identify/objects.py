@@ -110,7 +110,7 @@ def _best(frame: Frame) -> Fit:
 class Contact:
     """One round contact with its uncertainty.
 
-    ``radius`` [m], ``force`` [N]; ``ends`` pairs of both at either end of the interval (None where there is none); ``shifts`` both with a pad that is
+    ``radius`` [m], ``force`` [N]; ``ends`` pairs of both at either end of the interval (None if there is none); ``shifts`` both with a pad that is
     described otherwise, and the standard deviation of that over the change; ``std`` of log radius and log force by noise alone; ``quantile`` of it.
     """
 

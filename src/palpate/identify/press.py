@@ -20,7 +20,7 @@ FEWEST, SPAN = 3, 2.0
 
 
 def joint_shape(frames: Sequence[Frame], odds: float) -> str:
-    """The shape that all frames with one contact tell together; their noise is independent."""
+    """The most likely shape over all frames with one contact; their noise is independent."""
     gain = 0.0
     for frame in frames:
         if frame.best is not None and frame.other is not None:
@@ -55,7 +55,7 @@ def combine_frames(frames: Sequence[Frame], depths: Floats, shape: str) -> Ident
 
 
 def _shared(found: Contact) -> float:
-    """What all frames are off by together: no mean makes it less (standard deviation of the logarithm)."""
+    """Common error of all frames, which no mean reduces (standard deviation of the logarithm)."""
     by = sum((s * (3.0 * math.log(a / found.radius) - math.log(f / found.force))) ** 2 for a, f, s in found.shifts)
     return math.hypot(math.sqrt(by), modulus_std(found))
 

@@ -78,7 +78,7 @@ class Shapes:
         return np.asarray(found)
 
     def read(self, cells: Sequence[Floats]) -> Floats:
-        """Readings (n, component, reading) of tractions (n, *cell), in each component by itself."""
+        """Readings (n, component, reading) of tractions (n, *cell), separately for each component."""
         every = self.grid.components
         given = np.zeros((len(cells), len(self.components), len(every), *self.grid.shape))
         for i, name in enumerate(self.components):

@@ -1,4 +1,4 @@
-"""From readings to traction: methods and what each needs.
+"""From readings to traction: methods and their needs.
 
 In: readings and a `Problem` (operator, surface, noise, prior, friction).
 Out: an `Estimate`: traction, errors, status and notes of each frame.

@@ -1,4 +1,4 @@
-"""What a skin does, as a few matrices and formulas that PyTorch and JAX can differentiate.
+"""A skin as a few matrices and formulas that PyTorch and JAX can differentiate.
 
 readings = gains * A(modulus, depth) traction + noise. The traction sought is the minimum of
 
@@ -44,7 +44,7 @@ __all__ = [
 
 #: Quantities, besides readings and traction, with gradients.
 NAMES = ("modulus", "depth", "gains", "noise")
-#: Depths at which the map is worked out, for a range of it.
+#: Depths at which the map is computed, for a range of it.
 DEPTHS = 12
 #: Widest range of depths: beyond it twelve polynomials are worth less than 1e-5.
 WIDEST = 0.5

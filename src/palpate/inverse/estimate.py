@@ -94,16 +94,16 @@ class Estimate:
     (`Errors`), ``stated`` (`Stated`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
     (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
     analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
-    ``sliding`` (probability that the contact slides as a whole; NaN where nothing touches). ``method`` (*batch) is the short name of what
+    ``sliding`` (probability that the contact slides as a whole; NaN if nothing touches). ``method`` (*batch) is the short name of what
     decided each frame, where it was not the same for all. ``said`` is what the method says of the batch in words. ``sign`` (*batch)
-    is 1 where traction was found as a push, -1 as a pull, 2 as a push with pull about it, 0 where it does both. ``fit`` (*batch) is the misfit probability
+    is 1 where traction was found as a push, -1 as a pull, 2 as a push with pull about it, 0 if it does both. ``fit`` (*batch) is the misfit probability
     (`palpate.inverse.fit`), ``nuisance`` and
     ``nuisance_std`` (*batch, term) the sizes of what readings hold besides contact, ``nuisance_names`` the label and unit of each, ``at_limit``
     (*batch, reading) the readings at an end of their range. ``discrepancy`` (*batch) is the share of the readings that the pad's model leaves unexplained, and
     ``unexplained`` (*batch) where no contact explains them; ``undecided`` (*batch) where noise or an offset does, and contact may; ``one_penalty`` (*batch) where one even penalty found the
     contact; ``overload`` (*batch) where readings at the end of
     their range leave the load without an upper end. ``force_bounds`` (*batch, component, 2) are net
-    forces that the readings do not rule out besides, NaN where there are none.
+    forces that the readings do not rule out besides, NaN if there are none.
     """
 
     traction: Any

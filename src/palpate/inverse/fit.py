@@ -70,7 +70,7 @@ def misfit_probability(
     Parameters
     ----------
     residual : array (reading,)
-        What is left, in units of the noise (0 where nothing was observed).
+        What is left, in units of the noise (0 if nothing was observed).
     observed : array (reading,) of bool
     pairs : two arrays (pair,)
         Readings that are neighbours (`neighbours`).

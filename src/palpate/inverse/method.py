@@ -101,7 +101,7 @@ class Method(abc.ABC):
     narrows: ClassVar[bool] = False
     #: Whether it solves one frame after another, in a hundredth of a second or more each.
     by_frame: ClassVar[bool] = False
-    #: Rules that choose ``parameter`` where it is not given; the first one by default.
+    #: Rules that choose ``parameter`` if it is not given; the first one by default.
     rules: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
@@ -134,7 +134,7 @@ class Method(abc.ABC):
 
     @abc.abstractmethod
     def prepare(self, problem: Problem) -> Prepared:
-        """What depends on skin and method and not on the frame; `check` first."""
+        """Prepare the part that depends on skin and method and not on the frame; call `check` first."""
 
     def resolved(self, problem: Problem) -> Method:
         """The method that runs on a skin: the method itself, or the one that it chooses."""

@@ -139,12 +139,12 @@ def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
 
 
 def presses(pad: Pad, planes: Sequence[Array], shears: Sequence[str], least: float = ACTS) -> bool:
-    """Whether pressure moves readings that these shears explain as well: by ``least`` of what as much shear does, at some wavelength."""
+    """Whether pressure moves readings that these shears explain as well: by ``least`` of the effect of equal shear, at some wavelength."""
     return is_observable(pad, planes, shears) and bool((pressing(pad, planes, shears, most=True) > least).any())
 
 
 def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str], *, most: bool = False) -> Floats:
-    """What pressure does to the readings over what as much shear does, at nine wavelengths from the array's width to a tenth of it.
+    """Effect of pressure on the readings over that of equal shear, at nine wavelengths from the array's width to a tenth of it.
 
     In area contact along the axis where it does less, or ``most``: a channel with less noise counts for more, and may be that of either axis.
     """
@@ -163,7 +163,7 @@ def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str], *, most: 
 def check_observable(
     pad: Pad, planes: Sequence[Array], components: Sequence[str], *, narrowed: bool = False, remedied: bool = False
 ) -> None:
-    """Raise `NotObservable`, naming a remedy, unless the components can be told apart.
+    """Raise `NotObservable`, naming a remedy, unless the components can be separated.
 
     ``narrowed``: constraints may separate components that the channels do not; each must still affect the readings. ``remedied``: a method that does
     so serves this skin.
@@ -204,7 +204,7 @@ def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str])
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
     k = np.array([1e-5, 1.0]) * 2 * np.pi / size
-    # both in the same units: the displacement of a bonded layer stays what it is as the wavelength grows
+    # both in the same units: the displacement of a bonded layer stays constant as the wavelength grows
     matrix = _whitened(pad, planes, k, 0.3 if len(names) == 3 else 0.0, scaled=np.full(2, k[-1]))
     response = np.abs(matrix).max(axis=-2)
     # (wavelength, component): the response at wavelengths far above the size of the array

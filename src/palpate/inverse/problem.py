@@ -30,7 +30,7 @@ __all__ = ["Kept", "Problem"]
 
 Value = TypeVar("Value")
 
-#: What is prepared is kept up to this many entries and bytes: two decompositions of 64 x 64 x 3 readings are 0.6 GB.
+#: Largest size of the cache of prepared methods, in entries and bytes: two decompositions of 64 x 64 x 3 readings are 0.6 GB.
 MOST_ENTRIES, MOST_BYTES = 64, 2_000_000_000
 
 
@@ -156,7 +156,7 @@ class Problem:
         return found
 
     def with_even_noise(self) -> Problem:
-        """The same problem with one noise for all channels of a kind: its root mean square where it is given, else 1 in the unit of the channel.
+        """The same problem with one noise for all channels of a kind: its root mean square if it is given, else 1 in the unit of the channel.
 
         The misfit of a pad's model, spread evenly (`palpate.inverse.contact.discrepancy`).
         """

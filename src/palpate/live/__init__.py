@@ -1,4 +1,4 @@
-"""The live view: a page on this machine that shows what touches the pad while it happens.
+"""The live view: a page on this machine that shows the touches of a stream.
 
 In: frames from a source (recording, network, camera, Python) and a tracker.
 Out: packets for the page, for Foxglove, Rerun and the sinks of `recordings`.

@@ -27,7 +27,7 @@ _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 class Connections:
-    """The open connections, oldest first; one too many ends the oldest that has asked for nothing, or else the oldest that is no page.
+    """The open connections, oldest first; one too many ends the oldest that has requested nothing, or else the oldest that is no page.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def packed(
 
 
 def unpacked(packet: bytes) -> tuple[dict[str, Any], Any]:
-    """(numbers, maps (n,) as float32 in a row) of a packet; `InvalidInput` where it is not one."""
+    """(numbers, maps (n,) as float32 in a row) of a packet; `InvalidInput` if it is not one."""
     if len(packet) < 8 or packet[:4] != MAGIC:
         raise InvalidInput("not a palpate packet: it does not begin with PLP1.")
     (size,) = struct.unpack("<I", packet[4:8])
@@ -224,7 +224,7 @@ class Session:
         self.tracker.close()
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
-        """Call ``wake`` whenever there is a new packet; returns what ends it."""
+        """Call ``wake`` for each new packet; return the function that ends it."""
         with self._lock:
             self._listeners.add(wake)
 

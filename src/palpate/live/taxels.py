@@ -85,7 +85,7 @@ def _spacing(points: Any) -> float:
 
 
 def _names(p: Array) -> list[str]:
-    """What messages call the taxels: row and column on a grid, else the number."""
+    """Names of the taxels in messages: row and column on a grid, else the number."""
     return [",".join(map(str, place)) for place in np.ndindex(*p.shape)]
 
 

@@ -12,7 +12,7 @@ __all__ = ["publish_touches"]
 
 
 def publish_touches(session: Session, connection: Any, *, key: str) -> Callable[[], None]:
-    """Publish each packet of a session (`palpate.live.unpacked` reads it); returns what ends it.
+    """Publish each packet of a session (`palpate.live.unpacked` reads it); return the function that ends it.
 
     Parameters
     ----------

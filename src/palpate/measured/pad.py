@@ -35,7 +35,7 @@ MAX_OFFSET = 0.05
 #: Modulus of the half-space that replaces the pad for an elastic model [Pa]. It is so stiff that no reading, in any unit, exceeds what an elastic pad
 #: bears.
 STIFF = 1e12
-#: A table is refused where presses that are left out are foretold no better than this part of their readings, and noise does not explain it: places are
+#: A table is refused where presses that are left out are predicted no better than this part of their readings, and noise does not explain it: places are
 #: farther apart than the response is wide, or readings belong to other presses.
 USELESS = 0.6
 #: Reject predictions with a relative error above this, with or without noise: hardly better than zero.
@@ -87,7 +87,7 @@ class Measured:
     >>> round(float(touch.force[2]), 1)
     1.0
 
-    The table tells its own noise (none was simulated), and the part of a reading that the response is off by between the places.
+    The table gives its own noise (none was simulated), and the relative error of the response between the places.
 
     >>> bool(pad.fit.noise[0] < 1.0), round(pad.uncertainty.gain, 2)  # less than 1 Pa; 1 %
     (True, 0.01)
@@ -221,7 +221,7 @@ class Measured:
         Raises
         ------
         InvalidInput
-            A table that does not tell its own presses from each other.
+            A table that does not separate its own presses.
         """
         t = self.table
         found = fitted(
@@ -291,7 +291,7 @@ class Measured:
 
     @property
     def modelled(self) -> bool:
-        """False: what asks for an elastic model refuses (`palpate.Skin.design`, `palpate.Skin.observability`)."""
+        """False: functions that need an elastic model refuse (`palpate.Skin.design`, `palpate.Skin.observability`)."""
         return False
 
     # -- as every pad --------------------------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ BLOCK = 4000
 LENGTHS = (0.25, 0.4, 0.6, 0.85, 1.2, 1.8, 2.7)
 #: Margin beside the lags, in distances of neighbouring presses: without it, waves wrap round.
 ROOM = 2.0
-#: Places between those that were pressed, at which the uncertainty is worked out.
+#: Places between those that were pressed, at which the uncertainty is computed.
 PLACES = 120
 #: Parts of the table for cross-validation.
 FOLDS = 5
@@ -260,7 +260,7 @@ class _Fit:
         return np.tile(self.lags.prior(length).ravel(), self.components)
 
     def rows(self, data: _Data, channel: int, press: npt.NDArray[np.intp], taxel: npt.NDArray[np.intp]) -> Floats:
-        """What waves of the shared response do to readings (row, component and wave)."""
+        """Readings of waves of the shared response (row, component and wave)."""
         lag = data.presses[press] - data.taxels[taxel]
         radii, which = np.unique(data.radius[press], return_inverse=True)
         seen = spread(self.lags.size, radii, data.shape)
@@ -331,7 +331,7 @@ class _Fit:
         return np.stack([waves * data.forces[:, c, None] for c in range(self.components)])
 
     def kernel(self, one: _Data, other: _Data, length: float) -> Floats:
-        """Covariance of what presses read (press, press), for a process of variance 1."""
+        """Covariance of the readings of presses (press, press), for a process of variance 1."""
         left, right = self.seen(one, length), self.seen(other, length)
         return np.asarray(sum(a @ b.T for a, b in zip(left, right)))
 

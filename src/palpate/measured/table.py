@@ -24,7 +24,7 @@ MAX_PRESSES = 3000
 LARGEST = 2.0
 #: A component is loaded if its largest force is at least this part of the largest of all.
 LOADED = 1e-6
-#: A reading that changes by less than this part of what the others do is dead.
+#: A reading that changes by less than this part of the others' change is dead.
 DEAD = 1e-6
 #: A frame whose force is below this part of the largest is at rest.
 REST_FRACTION = 1e-9

@@ -1,4 +1,4 @@
-"""Traction as what adhesions make: sampled (`palpate.microscopy.sampler`), and read on the field's own grid."""
+"""Traction as a sum of adhesions: sampled (`palpate.microscopy.sampler`), and evaluated on the field's own grid."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def sampled(
     inner = tuple(slice(m, m + n) for m, n in zip(margin, shape))
     weight = np.full(power.shape, OUTSIDE)
     weight[inner] = 1.0 if likely is None else np.where(likely, 1.0, OUTSIDE)
-    if likely is not None:  # a cell that the edge of the field cuts goes on beyond it
+    if likely is not None:  # a cell that the edge of the field cuts continues beyond it
         weight = np.pad(weight[inner], [(m, n - m - k) for m, n, k in zip(margin, weight.shape, shape)], mode="edge")
     proposal = power * weight / max(float((power * weight).sum()), 1e-300) + weight / weight.sum()
     places = Places(weight / weight.sum() / pitch**2, proposal / proposal.sum() / pitch**2, margin, pitch)
@@ -297,7 +297,7 @@ def _find_outliers(left: Floats, modelled: Floats, noise: Floats, bad: Flags, th
 
 
 def _shared(left: Floats, there: Flags) -> float:
-    """Sum of the correlations of residuals over neighbours; 1 where they are independent."""
+    """Sum of the correlations of residuals over neighbours; 1 if they are independent."""
     r = np.where(there, left, 0.0)
     power = float((r**2).sum()) / max(float(there.sum()), 1.0)
 

@@ -1,4 +1,4 @@
-"""What a cell does to its gel: the numbers that papers report, each with its error."""
+"""The effect of a cell on its gel: the numbers that papers report, each with its error."""
 
 from __future__ import annotations
 

@@ -221,7 +221,7 @@ class Film:
         processes: int | None = None,
         shown: Callable[[float], None] | None = None,
     ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """All frames: rows of cells and of labels, in order. Each frame is written to ``partial`` as it is done, and not done again when the film is run anew.
+        """All frames: rows of cells and of labels, in order. Each frame is written to ``partial`` as it is done, and not done again when the film is run again.
 
         A frame that cannot be solved has a row that says why.
 
@@ -234,7 +234,7 @@ class Film:
         left = [j for j in jobs if j.number not in done]
         if shown is not None:
             shown(len(done))
-        # anew, so that a line that was cut off does not spoil the next one
+        # again, so that a line that was cut off does not spoil the next one
         lines = [{"key": self.key()}, *({"number": n, "found": found} for n, found in done.items())]
         text = "".join(json.dumps(line) + "\n" for line in lines)
         atomically(path, lambda at: _write(at, text))

@@ -40,7 +40,7 @@ SIZES = np.logspace(-6.0, 2.0, 25)
 
 
 def suspected(field: Field, pad: Pad, *, depth: float, noise: float) -> str:
-    """Which of the axes looks wrong: "v's sign", "u for v", "u for v and a sign"; "" where the field concentrates traction best as it is.
+    """Which of the axes looks wrong: "v's sign", "u for v", "u for v and a sign"; "" if the field concentrates traction best as it is.
 
     Examples
     --------

@@ -525,7 +525,7 @@ def _placed(
 
 
 def _levels(values: Floats) -> tuple[float, float]:
-    """The least coordinate and the distance between neighbouring ones; 0 where they are not even."""
+    """The least coordinate and the distance between neighbouring ones; 0 if they are not even."""
     levels = np.unique(np.round(values, 6))
     gaps = np.diff(levels)
     if not len(gaps):

@@ -49,18 +49,18 @@ REFUSALS = (
 class Limits:
     """How patient a listener is; times in seconds.
 
-    ``quiet``: silence after which another sender is served. ``hold``: a connection refused for so long because another is served is told
-    so and closed. ``hello``: for the first frame of a connection. ``stall``: for a frame that has begun. ``idle``: for the next frame of
-    a connection. ``connections``: at the same time; one more closes the oldest that is not served.
+    ``silence``: time without frames after which another sender is served. ``hold``: time before a refused connection, while another is served,
+    gets a message and is closed. ``hello``: for the first frame of a connection. ``stall``: for a frame that has begun. ``idle``: for the next
+    frame of a connection. ``connections``: largest number at the same time; one more closes the oldest that is not served.
 
     Examples
     --------
     >>> from palpate.network import Limits
-    >>> Limits(quiet=0.5).quiet
+    >>> Limits(silence=0.5).silence
     0.5
     """
 
-    quiet: float = 1.0
+    silence: float = 1.0
     hold: float = 2.0
     hello: float = 10.0
     stall: float = 10.0
@@ -211,7 +211,7 @@ class Admission:
 
     def _patience(self, session: _Session) -> float:
         turns = self._before.get(session.sender, 0)
-        return min(LONGEST, max(self.limits.quiet, INTERVALS * session.interval) * 2.0 ** min(turns, 10))
+        return min(LONGEST, max(self.limits.silence, INTERVALS * session.interval) * 2.0 ** min(turns, 10))
 
     def _next(
         self, session: _Session, sequence: int, time: float, values: Any, now: float

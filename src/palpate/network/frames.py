@@ -68,7 +68,7 @@ def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
 
 
 def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
-    """(sequence, time [s], readings (channel, row, column)) of a frame; `InvalidInput` where it is not one.
+    """(sequence, time [s], readings (channel, row, column)) of a frame; `InvalidInput` if it is not one.
 
     Examples
     --------

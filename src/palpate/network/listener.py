@@ -21,7 +21,7 @@ from palpate.network.waiting import FrameSource
 __all__ = ["FrameListener"]
 
 
-def _quiet() -> logging.Logger:
+def _silent_logger() -> logging.Logger:
     """Handshakes that fail are the sender's affair."""
     logger = logging.getLogger("palpate.network")
     logger.setLevel(logging.CRITICAL)
@@ -215,7 +215,7 @@ class FrameListener(FrameSource):
         # pages in a browser bring an Origin; a sensor's driver does not
         async with serve(
             self._hear, sock=self._socket, max_size=self._admission.largest, compression=None, origins=[None],
-            open_timeout=self._limits.hello, close_timeout=self._limits.hold, create_connection=Counted, logger=_quiet(),
+            open_timeout=self._limits.hello, close_timeout=self._limits.hold, create_connection=Counted, logger=_silent_logger(),
         ):  # fmt: skip
             await self._end.wait()
             self._abort_all()
@@ -283,7 +283,7 @@ class FrameListener(FrameSource):
         self._admission.gone(sender)
 
     def _unwanted(self, sender: str, result: str) -> bool:
-        """Whether a connection has been refused for so long, because another is served, that it must be told."""
+        """Whether a connection has been refused for so long, because another is served, that it gets a message."""
         if result != "busy":
             self._refused.pop(sender, None)
             return False

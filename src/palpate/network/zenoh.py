@@ -98,7 +98,7 @@ def zenoh_key(key: str) -> str:
 class ZenohListener(FrameSource):
     """Takes in the frames that are published on a key; the rules are those of `FrameListener`.
 
-    A frame is what `palpate.network.frame_bytes` makes. Publishers are told apart where they say who they are (``source_info`` of zenoh);
+    A frame is what `palpate.network.frame_bytes` makes. Publishers are separated where they say who they are (``source_info`` of zenoh);
     those that do not are one sender, so that a key must have one of them.
 
     Parameters

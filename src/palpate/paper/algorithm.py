@@ -141,7 +141,7 @@ def sliding(
         Inversion for pressure alone: `divide` (the paper), `solve_linear` (ours), which also gives the net pressure then,
         or `divide_slowly`.
     half_samples : int, optional
-        M where it is given, and not found from the even part.
+        M if it is given, and not found from the even part.
     """
     even = solve(even_part(readings), channel)
     m = half_width(even) if half_samples is None else half_samples

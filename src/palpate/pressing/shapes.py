@@ -31,11 +31,11 @@ class Local:
     sharp : bool
         An edge or a corner, which no smooth contact touches.
     disc : float
-        Radius [m] of the flat disc that is touched, 0 where there is none.
+        Radius [m] of the flat disc that is touched, 0 if there is none.
     center : array (3,)
         Middle of that disc.
     length : float
-        Of the straight line along which a cylinder or capsule touches [m], 0 where there is none.
+        Of the straight line along which a cylinder or capsule touches [m], 0 if there is none.
 
     Examples
     --------

@@ -448,7 +448,7 @@ class _Pairs:
             limit = self.friction * pressure
             part = size / np.where(limit > 0, limit, 1.0)
             some = (limit > 0) & (part < SLIDES)
-            # Mindlin: the shear of sliding, less that of the part that sticks, which is alike in shape
+            # Mindlin: the shear of sliding, less that of the part that sticks, which is equal in shape
             stick = np.where(some, np.cbrt(1.0 - np.minimum(part, 1.0)), 0.0)
         outer = 1.0 / np.maximum(1.0 - stick**3, 1e-12)
         force = np.concatenate(

@@ -48,7 +48,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Skin files need pydantic, recordings do not: loaded when first asked for."""
+    """Skin files need pydantic, recordings do not: loaded when first requested."""
     if name == "read_skin":
         from palpate.recordings import skinfile
 

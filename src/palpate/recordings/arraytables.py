@@ -128,7 +128,7 @@ class Npy(_ArrayTable):
 
 
 def _held(path: Path) -> Any:
-    """The array in a .npy file, on the disk; what is no plain array of numbers is refused unread."""
+    """The array in a .npy file, memory-mapped; anything but a plain array of numbers is refused unread."""
     try:
         with path.open("rb") as file:
             version = np.lib.format.read_magic(file)

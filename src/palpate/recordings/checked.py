@@ -1,4 +1,4 @@
-"""What stands between a damaged file and a plausible number: a checksum over all that was written, and limits on what a header may claim."""
+"""Checks against damaged files: a checksum over everything written, and limits on the sizes in a header."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CHECKSUM = "palpate_crc32"
 SALVAGED = "salvaged"
 #: Bytes of a block in which numbers are read to be checked.
 BLOCK = 1 << 22
-#: The most that deflate can shrink (1032), and what small files may claim in any case.
+#: Largest ratio of deflate (1032), and the size that small files may always state.
 DEFLATE, SMALL = 1032, 1 << 20
 
 

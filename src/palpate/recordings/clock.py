@@ -7,7 +7,7 @@ Frames keep the order in which they were received, and none is dropped. Increasi
   the frame was recorded, where the source knows that, and else by the rate;
 - numbers without a unit are dates or advance as the recorder's clock does in one unit, or they are taken as seconds.
 
-What was done is one note with counts. Which stamps are right is the cheapest explanation of all: `COSTS`.
+One note with counts states the repairs. The explanation with the least cost decides which stamps are right: `COSTS`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["Clock", "LiveClock", "read_clock", "stored_clock", "unit_of_name"]
 
 Ints = npt.NDArray[np.int64]
 
-#: A step of up to so many usual ones is no jump.
+#: Smaller steps, in usual ones, are no jump.
 LEAP = 10.0
 #: Largest lead of the stamps on the recorder's clock in one step [s]: frames that waited in a network are recorded all at once. A lag has no limit: a
 #: waiting frame is recorded late.
@@ -37,7 +37,7 @@ LATE = 1.0
 STOPPED_CLOCK = 1e-6
 #: A step ahead by more than this [s] and `FAR_STEPS` usual ones is a clock that was set, not a pause.
 FAR, FAR_STEPS = 30 * 86400.0, 1000.0
-#: What an explanation costs: a wrong stamp, a jump within a clock, a wrap, a restart.
+#: Costs of an explanation: a wrong stamp, a jump within a clock, a wrap, a restart.
 COSTS = {"wrong": 1.0, "jump": 1.0, "wrap": 1.0, "restart": 2.5}
 #: Runs of stamps that may be wrong between two that are right.
 RUNS = 12
@@ -45,14 +45,14 @@ RUNS = 12
 EDGE = 2
 #: Part of the steps that go back from which on the frames are not in the order of time: lines in any order have half.
 DISORDER = 0.4
-#: Counts of a second, and counts after which a counter begins anew; clocks of the day, the hour, the minute and the second do too.
+#: Counts of a second, and counts after which a counter begins again; clocks of the day, the hour, the minute and the second do too.
 _COUNTS = (1.0, 1e-3, 1e-6, 1e-9)
 _PERIODS = tuple(2.0**k for k in (8, 10, 12, 16, 24, 32))
 _CLOCKS = (1.0, 60.0, 3600.0, 86400.0, 604800.0)
 _ALL = tuple(sorted((*_CLOCKS, *(c * p for c in _COUNTS for p in _PERIODS))))
 #: Smallest period, and largest step across its end, in usual steps.
 _LONG, _SHORT = 30.0, 3.0
-#: How programs count dates: in words, seconds in a 1, and what 1970 is.
+#: Formats of dates in programs: name, unit in seconds, and the value of 1970.
 _CALENDARS = (
     ("milliseconds since 1970", 1e-3, 0.0),
     ("microseconds since 1970", 1e-6, 0.0),
@@ -309,7 +309,7 @@ def _plain(values: Floats, log: Floats | None) -> bool:
 
 
 def _trusted(usual: float, log: Floats | None) -> Floats | None:
-    """The recorder's clock, where it goes as fast as the stamps: bags are played again at another speed."""
+    """The recorder's clock, if it is as fast as the stamps: bags may be replayed at another speed."""
     return log if log is not None and 0.5 < float(np.median(np.diff(log))) / usual < 2.0 else None
 
 
@@ -334,7 +334,7 @@ def _usual(values: Floats) -> float | None:
 def _mended(
     values: Floats, log: Floats | None, count: float | None, source: str, remedies: tuple[str, str], words: list[str]
 ) -> Floats:
-    """Increasing times from stamps that do not increase; ``words`` gains what was done."""
+    """Increasing times from stamps that do not increase; ``words`` gains the repairs."""
     number = len(values)
     by = "the time at which each was recorded" if log is not None else "the rate"
     known = np.isfinite(values)
@@ -441,7 +441,7 @@ def _explained(
 def _joined(
     values: Floats, frames: Ints, i: int, j: int, usual: float, log: Floats | None, count: float | None
 ) -> tuple[str, float, float]:
-    """How stamp ``j`` follows stamp ``i``: in words ("": one clock), what is added to the clock from then on, and the cost."""
+    """The relation of stamp ``j`` to stamp ``i``: in words ("": one clock), the offset of the clock from then on, and the cost."""
     step, gap = float(values[j] - values[i]), int(frames[j] - frames[i])
     recorded = None if log is None else float(log[frames[j]] - log[frames[i]])
     jumps = bool(_jumps(step, gap, usual, recorded))

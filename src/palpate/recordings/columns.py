@@ -1,4 +1,4 @@
-"""How the columns of a table of another program become readings: which column is what, and what a 1 in it means."""
+"""From the columns of another program's table to readings: role and unit of each column."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.units import KIND_OF_SI, UNITS, is_number, parse_quantity
 
 __all__ = ["TableMapping", "columns_of", "columns_of_text", "per_count"]
 
-#: What stands for the number of a taxel in the name of a column.
+#: Placeholder of a taxel's number in the name of a column.
 NUMBER = "{}"
 _ROLES = ("frame", "time", "marker", "x", "y", "only")
 _VALUES = ("unit", "position_unit", "pixel", "time_unit", "rate", "reference", "shape", "sort")
@@ -34,7 +34,7 @@ _USUAL = {
 
 @dataclass(frozen=True, kw_only=True)
 class TableMapping:
-    """What the columns of a table are: one line per frame and marker (long), or one line per frame (wide).
+    """Roles of the columns of a table: one line per frame and marker (long), or one line per frame (wide).
 
     A column is named by its title, with or without a unit in brackets at its end ("dx (mm)"), or by its number from 1 where it has no
     title. In a wide table the columns of x, y and each channel are listed, or written with ``{}`` for the number of the taxel ("S{}"), or as a
@@ -205,7 +205,7 @@ def _wide(column: str | Sequence[str]) -> bool:
 
 
 def per_count(text: str, kind: str, what: str = "unit") -> float:
-    """What 1 in a file means: "25 Pa", "-1 kPa", or a unit alone."""
+    """Meaning of 1 in a file: "25 Pa", "-1 kPa", or a unit alone."""
     return parse_quantity(f"1 {text}" if text in UNITS[kind] and text != "1" else text, kind, what)
 
 

@@ -179,7 +179,7 @@ def is_palpate_csv(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Columns:
-    """What the header of a table says: channels, the shape of a frame, the place of each column in it, and factors to SI units."""
+    """The header of a table: channels, the shape of a frame, the place of each column in it, and factors to SI units."""
 
     channels: tuple[str, ...]
     shape: tuple[int, ...]

@@ -105,7 +105,7 @@ class TimeCells:
         return seconds
 
     def settled(self, values: Floats) -> Floats:
-        """The values of the whole column: which of month and day comes first is what all lines allow."""
+        """The values of the whole column, with the order of month and day that all lines allow."""
         there = np.isfinite(values)
         if self.kind and self._count < np.count_nonzero(there):
             raise InvalidInput(

@@ -102,7 +102,7 @@ class Format:
         return False
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
-        """The recording in a file; ``salvage``: what is whole of a torn one."""
+        """The recording in a file; ``salvage``: the intact part of a torn one."""
         raise self._cannot("read", path)
 
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
@@ -141,7 +141,7 @@ class Format:
         resume: bool = False,
         replace: bool = False,
     ) -> Iterator[TouchStream]:
-        """What takes the touches of ``count`` frames piece by piece; the result is at ``path`` when the ``with`` ends well.
+        """A writer for the touches of ``count`` frames piece by piece; the result is at ``path`` when the ``with`` ends well.
 
         ``run`` describes the run for formats whose broken-off runs can go on (``resume``); ``replace``: what is there may be replaced.
         """

@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 class HeldFile:
-    """What h5py wants of a file object; `commit` writes to the disk, and alone can fail.
+    """A file object for h5py; only `commit` writes to the disk, and only it can fail.
 
     Parameters
     ----------
@@ -176,8 +176,8 @@ class HeldFile:
 class Apart:
     """Does things in one thread of its own, one after the other.
 
-    Ctrl-C reaches the main thread only: there it can break into what HDF5 calls back, or between two arrays of a block, and leave a file
-    that is torn or, worse, shifted. Here it finds something that is done, or not begun.
+    Ctrl-C reaches the main thread only. There it can interrupt a callback of HDF5, or the writing of two arrays of a block, and leave a torn file. In
+    this thread every write is complete or has not started.
     """
 
     def __init__(self) -> None:

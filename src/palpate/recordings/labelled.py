@@ -347,7 +347,7 @@ CHARTS: dict[str, Any] = {chart.__name__: chart for chart in (SphereChart, Cylin
 
 
 def _described(grid: Grid) -> dict[str, Any]:
-    """What makes the same grid again, to the last bit: coordinates alone would not."""
+    """The arguments that recreate the same grid exactly: coordinates alone would not."""
     if isinstance(grid, LineGrid):
         return {"count": grid.count, "spacing": grid.spacing, "center": grid.center}
     out: dict[str, Any] = {"shape": grid.shape, "spacing": grid.spacing, "center": grid.center}

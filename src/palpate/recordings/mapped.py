@@ -46,7 +46,7 @@ def read_mapped(
     ------
     InvalidInput
         Columns that are not there, no unit, lines that cannot be numbers, a marker that is twice in a frame or in the place of another, markers that
-        move without numbers or have no rest, or are numbered anew from frame to frame.
+        move without numbers or have no rest, or are numbered again from frame to frame.
     """
     roles: dict[str, list[int]] = {}
     labels: list[list[str]] = []
@@ -175,7 +175,7 @@ def plain_name(title: str) -> str:
 
 
 def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]]) -> dict[str, float]:
-    """What multiplies each role to SI units: the mapping, or the title."""
+    """Factors of each role to SI units, from the mapping or the title."""
     channels = list(mapping.channels)
     scales = np.broadcast_to(np.nan if mapping.scale is None else np.asarray(mapping.scale, float), (len(channels),))
     place = np.broadcast_to(np.nan if mapping.position_scale is None else np.asarray(mapping.position_scale), (2,))

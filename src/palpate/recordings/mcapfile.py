@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 
-#: Bytes after which a chunk is written: what a killed process can lose.
+#: Bytes in a chunk: the most that a killed process loses.
 CHUNK = 64 * 1024
 #: Name of the metadata record before the first readings that says their shape, which a message of one row does not tell: ``shape``, JSON.
 SHAPE = "palpate.shape"
@@ -256,7 +256,7 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
     ours = not salvage and own(path) is not None
     with path.open("rb") as file:
         try:
-            if salvage or ours:  # the index is not needed; what is torn is read as far as it goes
+            if salvage or ours:  # the index is not needed; a torn file is read up to the damage
                 reader = mcap.reader.NonSeekingReader(file, validate_crcs=True, record_size_limit=limit)
                 yield from reader.iter_messages(topic, log_time_order=False)
             else:
@@ -386,7 +386,7 @@ def _sum(facts: Mapping[str, str]) -> int:
 
 
 def own(path: Path) -> dict[str, Any] | None:
-    """What palpate wrote down about its own file: channels, positions, meta, and the shape of a frame without its channels."""
+    """palpate's own metadata in its file: channels, positions, meta, and the shape of a frame without its channels."""
     _library()
     import mcap.records
     import mcap.stream_reader

@@ -34,7 +34,7 @@ _IMAGE, _WRENCH = "sensor_msgs/msg/Image", "geometry_msgs/msg/WrenchStamped"
 
 @dataclass(frozen=True)
 class Kind:
-    """What a topic carries: name and definition of its messages, and how they are packed."""
+    """The messages of a topic: name, definition, and packing."""
 
     topic: str
     name: str

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NetCDFStream"]
 
-#: Bytes of a block at the most: HDF5 keeps one of each variable in memory while it is filled.
+#: Bytes of a block at most: HDF5 keeps one of each variable in memory while it is filled.
 BLOCK = 1 << 20
 
 
@@ -49,7 +49,7 @@ class NetCDFStream(Arrays):
 
     def _add(self, start: int, piece: Piece) -> None:
         super()._add(start, piece)
-        self._held.commit()  # a disk that is full is said now, and not after hours
+        self._held.commit()  # report a full disk now, not after hours
 
     def _dimension(self, name: Any, size: int) -> None:
         if name not in self._file.dimensions:

@@ -1,4 +1,4 @@
-"""A recording that is read piece by piece: its head in memory, its readings where they lie."""
+"""A recording that is read piece by piece: only its head is in memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What sections of a skin.toml share, and the pads with edges among them."""
+"""Common parts of the sections of a skin.toml, and the sections of pads with edges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings from what robots record: MCAP files, ROS 2 bags (folders) and ROS 1 bags, without ROS installed."""
+"""Readings from recordings of robots: MCAP files, ROS 2 bags (folders) and ROS 1 bags, without ROS installed."""
 
 from __future__ import annotations
 
@@ -311,7 +311,7 @@ class _McapStream(TouchStream):
 
 
 class Bag(Format):
-    """What ROS records: a folder (ROS 2, with db3 or mcap inside) or a file (ROS 1). Their messages carry no checksums."""
+    """A bag of ROS: a folder (ROS 2, with db3 or mcap inside) or a file (ROS 1). Its messages have no checksums."""
 
     name = "bag"
     libraries = ("rosbags",)

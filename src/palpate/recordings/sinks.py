@@ -13,7 +13,7 @@ __all__ = ["Recorder", "Sink"]
 
 
 class Sink(Protocol):
-    """What takes readings, touches and events of a stream: a recorder, or a server that shows them elsewhere.
+    """A receiver of readings, touches and events of a stream: a recorder, or a server.
 
     Examples
     --------

@@ -70,7 +70,7 @@ class Titles:
         return places[0]
 
     def matching(self, pattern: str) -> dict[str, int]:
-        """What stands for ``{}`` -> the place of the column, numbers in their order."""
+        """The number in place of ``{}`` -> the index of the column, in numerical order."""
         before, _, after = pattern.partition("{}")
         expression = re.compile(f"{re.escape(before)}(.+?){re.escape(after)}")
         found: dict[str, int] = {}
@@ -345,7 +345,7 @@ def _refused(path: Path, head: list[tuple[int, str]]) -> str:
 
 #: Characters that are no separators.
 _NONE = ""
-#: The first column where it has no title: the index of a data frame.
+#: Title of the first column without one: the index of a data frame.
 _INDEX = "index"
 _BOTH = " If commas stand for the decimal point too, save the table with a decimal point, or with semicolons or tabs between cells."
 _NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", None: "blanks"}
@@ -407,7 +407,7 @@ class _Decimals:
         self._sure = False
 
     def plain(self, cells: Sequence[str], line: int) -> list[float] | None:
-        """The numbers of a line all at once, where nothing in it needs a second look: much the same as `value`, in a tenth of its time."""
+        """All numbers of a line at once, if it has no special cells: as `value`, in a tenth of its time."""
         whole = " ".join(cells)
         if _NUMERIC.fullmatch(whole) is None:
             return None

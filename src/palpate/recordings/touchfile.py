@@ -1,4 +1,4 @@
-"""Results in and out of files, with what is needed to make them again."""
+"""Results in and out of files, with their provenance."""
 
 from __future__ import annotations
 

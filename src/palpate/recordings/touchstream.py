@@ -29,7 +29,7 @@ _COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names", 
 
 @dataclass(frozen=True)
 class Piece:
-    """The touches of some frames as they are written, and what became of them."""
+    """The touches of some frames as they are written, with their outcomes."""
 
     dataset: xarray.Dataset
     outcome: Outcome

@@ -1,4 +1,4 @@
-"""Touches of a long recording as a Zarr store, piece by piece, with a list of what is done: a run that was broken off goes on."""
+"""Touches of a long recording as a Zarr store, piece by piece, with a list of what is done: a run that was interrupted goes on."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def growing(
     Raises
     ------
     InvalidInput
-        A run that was broken off is there, and ``resume`` and ``replace`` are not asked for; it was another run; or it is not broken off, but runs.
+        A run that was interrupted is there, and ``resume`` and ``replace`` are not requested; it was another run; or it is not interrupted, but runs.
     """
     with (
         sole_writer(path),
@@ -112,7 +112,7 @@ class ZarrStream(Arrays):
         self._written(self._announce)
 
     def _announce(self) -> None:
-        """Processes that find this word beside the store see the same disk, and belong to this run."""
+        """Write a word beside the store: processes that find it see the same disk, and belong to this run."""
         self._word = uuid.uuid4().hex
         (self.path.parent / MARKER).write_text(self._word, encoding="utf-8")
 

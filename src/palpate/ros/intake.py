@@ -1,6 +1,6 @@
 """Messages of a topic become frames: read by the mapping, from one publisher at a time, in order, with the stamps that answers will carry.
 
-Publishers are told apart by their identifiers, frames by the sequence numbers that the middleware gives them; `palpate.network.admission` decides
+Publishers are separated by their identifiers, frames by the sequence numbers that the middleware gives them; `palpate.network.admission` decides
 as it does for frames from the network. A publisher that is killed and started again is another one: it is served when the first has left the
 graph, or has been silent for a while.
 """

@@ -34,7 +34,7 @@ DEPTH = 10
 PAST = 100
 #: Between diagnostics [s]; a topic without a message for longer is stale.
 PERIOD = 1.0
-#: Parameters that are positive numbers, 0 where there is none; what each is.
+#: Parameters that are positive numbers, 0 if there is none; what each is.
 NUMBERS = {
     "friction": "coefficient of friction of what is touched; 0: not known, found from the shear",
     "max_pressure": "an event when the peak pressure exceeds this [Pa]; 0: none",

@@ -1,4 +1,4 @@
-"""What is measured, where, and how well: arrays of sensing elements (taxels, markers, beads)."""
+"""Arrays of sensing elements (taxels, markers, beads): channels, positions, noise."""
 
 from __future__ import annotations
 

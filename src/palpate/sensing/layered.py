@@ -1,7 +1,7 @@
 """Influence of a surface cell on a sensing element in bonded layers.
 
 The matrix of a wavevector has no closed form in space. It is brought there by quadrature over wavenumbers, not by a DFT:
-no copies of the pad appear, whatever decays slowly is integrated, and any position can be asked for.
+no copies of the pad appear, whatever decays slowly is integrated, and any position can be requested.
 
 Near the surface the matrix falls off slowly with k. There the uppermost material's half-space response, high-passed by
 1 - exp(-k d), is taken out and put back in closed form (damping by exp(-k d) only moves the potentials down by d), so that what

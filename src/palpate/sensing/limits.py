@@ -38,7 +38,7 @@ class _Ranged(Protocol):
 
 
 def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -> Floats | None:
-    """Low and high end (channel, 2) of the range of each channel, or (channel, 2, *shape) of each reading; infinite where there is none."""
+    """Low and high end (channel, 2) of the range of each channel, or (channel, 2, *shape) of each reading; infinite if there is none."""
     if limits is None:
         return None
     out = _parse_limits(limits, len(channels), shape)

@@ -1,6 +1,6 @@
 """What maps traction on a surface to readings: `LinearMap`, and a matrix as one.
 
-A pad that is alike everywhere is mapped by convolution, which `palpate.sensing.Operator` makes of it. A pad that is not (it ends, it bends, it was
+A pad that is the same everywhere is mapped by convolution, which `palpate.sensing.Operator` makes of it. A pad that is not (it ends, it bends, it was
 measured) makes its maps itself: it has the members of `Body` besides those of `palpate.elastic.Pad`. Whatever inverts, tracks, plots or writes files
 sees maps alone, so that a new kind of pad is one new class.
 """

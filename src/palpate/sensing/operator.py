@@ -365,7 +365,7 @@ class Operator:
     surface : grid
     boundary : "free" or "periodic"
     recall : Recall, optional
-        Influences that an earlier run worked out.
+        Influences that an earlier run computed.
 
     Raises
     ------
@@ -496,7 +496,7 @@ class Operator:
         return np.concatenate(blocks)
 
     def columns(self, components: Sequence[int], cells: npt.NDArray[np.intp]) -> Floats:
-        """Some columns of `dense`, (reading, component, cell): the components and flat cell indices asked for. In memory they lie
+        """Some columns of `dense`, (reading, component, cell): the components and flat cell indices requested. In memory they lie
         column by column.
         """
         sizes = [len(a.channels) * int(np.count_nonzero(a.valid)) for a in self.planes_of]

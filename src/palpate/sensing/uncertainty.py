@@ -16,7 +16,7 @@ from palpate.units import is_number
 
 __all__ = ["EXACT", "GAIN", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty", "scale_free", "stretched"]
 
-#: Relative change from which the effect of depth and thickness is worked out: a one-sided difference, wrong by a few per cent of the effect.
+#: Relative change from which the effect of depth and thickness is computed: a one-sided difference, wrong by a few per cent of the effect.
 STEP = 0.02
 #: Default uncertainty of the modulus (a convention): moduli by hardness are off by 10 to 30 %, by a test of the batch by 5 to 10 %.
 MODULUS = 0.15

@@ -29,7 +29,7 @@ __all__ = ["Factor", "LocalFields", "Solid"]
 
 Index = npt.NDArray[np.intp]
 
-#: Entries of the matrices of elements that are worked out at a time (200 MB).
+#: Entries of the matrices of elements that are computed at a time (200 MB).
 AT_A_TIME = 25_000_000
 #: Right-hand sides to solve at a time.
 BLOCK = 128

@@ -449,7 +449,7 @@ class SolidPad:
         """Error of readings by the mesh, for ``Uncertainty(gain=...)``: rms difference to another mesh of the pad, over the rms of the readings.
 
         Presses of Hertz's pressure and shears like it, of ``radius`` [m] (by default half the thickness), lie over every sensing element.
-        `InvalidInput` where the other pad is not of the same shape and material, or has the same mesh.
+        `InvalidInput` if the other pad is not of the same shape and material, or has the same mesh.
 
         Examples
         --------
@@ -481,7 +481,7 @@ class SolidPad:
         write(str(path), {"fields": (places, names, widths, fields)}, {"pad": self._digest})
 
     def load(self, path: str | Path) -> None:
-        """Take what `save` wrote for this very pad; `InvalidInput` where it is of another, or damaged.
+        """Take what `save` wrote for this very pad; `InvalidInput` if it is of another, or damaged.
 
         Examples
         --------

@@ -41,7 +41,7 @@ def check_half_space(pad: object) -> None:
 
 
 def slip_ratio(friction: float, tangential_force: float, normal_force: float) -> float:
-    """|Q|/(mu P), or `InvalidInput` where the contact would slide."""
+    """|Q|/(mu P), or `InvalidInput` if the contact would slide."""
     ratio = abs(tangential_force) / (positive("friction", friction, "(dimensionless)") * normal_force)
     if not ratio < 1.0:
         raise InvalidInput(

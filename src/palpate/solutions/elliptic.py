@@ -59,7 +59,7 @@ def hertz_ellipse(
     Returns
     -------
     a, b : arrays (...)
-        Semi-axes along the lesser and the greater curvature; 0 where there is no force.
+        Semi-axes along the lesser and the greater curvature; 0 if there is no force.
 
     Raises
     ------

@@ -51,7 +51,7 @@ def errors(touch: Numbers) -> Errors:
 
 
 def _unknown(touch: Numbers) -> bool:
-    """Whether error bars are only missing here: no frame has an answer, or those of a tracker are not worked out yet."""
+    """Whether error bars are only missing here: no frame has an answer, or those of a tracker are not computed yet."""
     codes = np.ravel(touch.status) if touch.status is not None else ()
     found = [Status.coded(int(code)) for code in codes]
     if not found:

@@ -275,7 +275,7 @@ class Outcome:
                 f"{begins} {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
             )
         if self.rough:
-            # the widest of many intervals is not typical: it is a frame with hardly any contact
+            # the widest of many intervals is not typical: it is a frame with almost no contact
             wide = f"more than +- {ROUGH:.0%} of the load" if self.batch else f"+- {_of_load(self.roughest)}"
             said.append(f"{ROUGHLY}{some(self.rough)}: {wide} (95 %)")
         if self.poor:

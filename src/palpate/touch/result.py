@@ -213,7 +213,7 @@ class Touch(Numbers):
         return found if where.ndim else replace(found, assumptions=tuple(map(for_one_frame, found.assumptions)))
 
     def frame(self, index: int) -> Touch:
-        """One frame, counted over all batch axes (the touch itself where there is no batch).
+        """One frame, counted over all batch axes (the touch itself if there is no batch).
 
         Raises
         ------

@@ -14,7 +14,7 @@ DIGITS = 4
 
 
 def decimals(half_width: float) -> int:
-    """Decimals that show two digits of half an interval's width; 0 where that is 10 or more.
+    """Decimals that show two digits of half an interval's width; 0 if that is 10 or more.
 
     Examples
     --------

@@ -94,8 +94,8 @@ class CalibratedTracker(Tracker):
         flat, like = super()._flat(reading)
         return self._unit * flat, like
 
-    def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
-        touch = super()._answer(status, now, converged, like, note)
+    def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
+        touch = super()._answer(status, converged, now=now, like=like, note=note)
         actual = self._actual
         if status is Status.CAPTURING_ZERO or actual is None:
             return touch

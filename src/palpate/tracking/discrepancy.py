@@ -9,16 +9,20 @@ is found, and widens every interval as an error that all readings share.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.answer import hidden, nothing_known
+from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.discrepancy import posterior
 from palpate.inverse.contact.policy import Fit
 from palpate.inverse.estimate import Stated
 from palpate.sensing.grids import Grid
+from palpate.touch import Touch
 
-__all__ = ["LARGEST", "Discrepancy", "share_of", "widened"]
+__all__ = ["LARGEST", "Discrepancy", "share_of", "widened", "without_numbers"]
 
 _POLICY = Fit()
 #: Of readings whose noise a zero tells, a pad's model leaves at least the first share; beyond the second it does not explain them.
@@ -104,3 +108,24 @@ def widened(stated: Stated | None, traction: Floats, grid: Grid, share: float) -
     if stated is None:
         return Stated(**more)
     return Stated(**{name: np.hypot(getattr(stated, name), value) for name, value in more.items()})
+
+
+def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Floats) -> Touch:
+    """A touch whose ``readings`` (in units of their deviations, NaN where none came) nothing explains, as a frame by itself tells it: no number, and a
+    bound. The stream goes on with the numbers that it has.
+    """
+    if touch.errors is None:
+        bound, errors = None, None
+    else:
+        bound, errors = hidden(estimator, np.nan_to_num(readings) * estimator.readings.std), nothing_known(touch.errors)
+    return replace(
+        touch,
+        values=math.nan * touch.values,
+        errors=errors,
+        stated=None,
+        force_bounds=bound,
+        drag=None,
+        drag_std=None,
+        sticking=None,
+        strain=None,
+    )

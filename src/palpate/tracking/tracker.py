@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from palpate.touch import Touch
 from palpate.tracking.anchor import Anchor, beyond
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
-from palpate.tracking.discrepancy import widened
+from palpate.tracking.discrepancy import widened, without_numbers
 from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
@@ -334,9 +335,8 @@ class Tracker:
         """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
         flat, like = self._flat(reading)
-        seconds = None if time is None else as_second(time)
         known = None if std is None else self._typical(std)
-        frame = self._times.next(seconds)
+        frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
         try:
             with few_threads(self.unknowns):
@@ -347,12 +347,12 @@ class Tracker:
             self._offsets.clear()
             status, converged = Status.FAILED, False
 
-        def answer(status: Status, converged: bool) -> Touch:
-            return self._answer(status, frame.now, converged, like, note)
-
+        answer = partial(self._answer, now=frame.now, like=like, note=note)
         touch = answer(status, converged)
         if self._touching and status.known:
             touch = self._compare(touch, answer)
+            if touch.status == Status.UNEXPLAINED and self._frame is not None:
+                touch = without_numbers(touch, self.estimator, np.where(self._check.unused, 0.0, self._frame.actual))
         self._seconds = clock.perf_counter() - started
         return touch
 
@@ -635,7 +635,7 @@ class Tracker:
 
     # -- the answer ----------------------------------------------------------------------------------------------------
 
-    def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
+    def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
         estimator, learning, contact = self.estimator, self._learning, self._contact
         grid, noise = estimator.surface, learning.noise
         values: Floats = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))

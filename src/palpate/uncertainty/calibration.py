@@ -38,7 +38,7 @@ __all__ = [
 
 #: Methods whose error bars are those of a Gaussian model, in which traction has either sign: used as they are where nothing calibrated them.
 GAUSSIAN = ("tikhonov", "local", "hilgers", "truncated", "wiener")
-#: Contact on an area whose pressure and shear the channels alone do not tell apart.
+#: Contact on an area whose pressure and shear the channels alone do not separate.
 AMBIGUOUS = "area, ambiguous"
 #: What is added to the contact on an area with so few taxels: noise presses on few cells beside the contact, and adds up to little.
 FEW, FEW_TAXELS = ", few taxels", 144

@@ -218,7 +218,7 @@ def _clean_recording(frame: Frame, recorded: Recorded, options: dict[str, Any]) 
 
 
 def _answered(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tuple[Touch, tuple[str, ...]]:
-    """The touch of a recording's last frame, and what the reader of its table warns of."""
+    """The touch of a recording's last frame, and the warnings of the reader of its table."""
     skin = frame.skin
     if recorded.road == "reconstruct":
         last = recorded.steps[-1]
@@ -239,7 +239,7 @@ def _answered(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tupl
 def _through_a_table(
     readings: Floats, times: Floats, channels: tuple[str, ...]
 ) -> tuple[Floats, Floats, tuple[str, ...]]:
-    """Readings and times as they come out of a table, and what its reader warns of."""
+    """Readings and times after a table, with the warnings of its reader."""
     count, shape = len(readings), readings.shape[2:]
     titles = [f"{c}_{i}" for c in channels for i in range(int(np.prod(shape)))]
     lines = [",".join(["t", *titles])]

@@ -1,4 +1,4 @@
-"""What presses on the random sensors: balls, punches, cylinders and more, one or several, resting, sliding, sticking or twisting."""
+"""Loads on the random sensors: balls, punches, cylinders and more, one or several, resting, sliding, sticking or twisting."""
 
 from __future__ import annotations
 

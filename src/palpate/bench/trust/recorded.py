@@ -267,7 +267,7 @@ def all_at_their_end(rng: np.random.Generator) -> Case:
 
 
 def even_press(rng: np.random.Generator) -> Case:
-    """A press that is even over the whole array and goes on beyond it: as an offset would look, but for the zero."""
+    """A press that is even over the whole array and continues beyond it: as an offset would look, but for the zero."""
     sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 1.2, 5.0)
     case = Case(rng, sensor, load, sensed(sensor, load))
     case.words.append("pressed evenly and beyond the array")

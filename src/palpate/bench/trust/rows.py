@@ -1,4 +1,4 @@
-"""The rows of the table: what is wrong with the readings, the description of the sensor, or the load.
+"""The rows of the table: defects of the readings, of the description of the sensor, or of the load.
 
 Every frame is made from its own random numbers, those of (seed, row, index): frame 17 of a row is the same whatever else is run.
 """
@@ -303,7 +303,7 @@ def _off(low: float, high: float) -> Factor:
 
 
 def _stated(std: float) -> Factor:
-    """A truth drawn from what is stated, a relative standard deviation ``std``, two of them at the most."""
+    """A truth drawn from the stated relative standard deviation ``std``, at most two of them away."""
     return lambda rng: float(1.0 / (1.0 + std * np.clip(rng.standard_normal(), -2.0, 2.0)))
 
 

@@ -55,7 +55,7 @@ class Line:
     words, though_right : int
         Frames with a note; those of them whose force is neither wrong nor far outside.
     coverage : dict
-        Part of the true values inside the 95 % interval, each frame counting once; NaN where no frame has an interval.
+        Part of the true values inside the 95 % interval, each frame counting once; NaN if no frame has an interval.
     without : int
         Frames answered without an interval of the force.
     refused, late, broken : int

@@ -32,7 +32,7 @@ def step_of(size: tuple[int, int]) -> int:
 
 
 def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """A colour picture from 0 to 1 in blocks, (row, column, 3), and where it is saturated or black.
+    """A colour picture from 0 to 1 in blocks, (row, column, 3), and its saturated or black blocks.
 
     Raises
     ------

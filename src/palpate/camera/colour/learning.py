@@ -1,4 +1,4 @@
-"""From presses of one ball to what the colours of a gel mean."""
+"""From presses of one ball to the slopes behind the colours of a gel."""
 
 from __future__ import annotations
 

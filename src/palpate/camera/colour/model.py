@@ -1,4 +1,4 @@
-"""What was learnt of a colour gel, and the relief of a picture by it."""
+"""The learnt model of a colour gel, and the relief of a picture by it."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class SlopeModel:
 
     @property
     def bases(self) -> Floats:
-        """What the response depends on at each block (row * columns + column, term)."""
+        """The terms of the response at each block (row * columns + column, term)."""
         return self._grid()[1]
 
     def prepared(self, image: npt.ArrayLike, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -320,7 +320,7 @@ class SlopeModel:
             causes.append(np.clip(moved, -limit, limit).T.reshape(2, *shape) * known * window)
         # common error of the slopes, in cross-validation
         causes.append(self.gain_std * used)
-        # hidden slopes, and those at the limit of what was learnt: half of the steepest more, downhill
+        # hidden slopes, and those at the learnt limit: an error of half of the steepest, downhill
         steep = np.hypot(*slopes.T).reshape(shape) > self.response.steepest
         doubtful = (~known | steep) & (depth > 0.1 * max(float(depth.max()), 1e-12))
         way = used / np.maximum(np.hypot(*used), 1e-6)

@@ -1,4 +1,4 @@
-"""Relief to touch: depth is what the surface moves down, a reading of displacement_z at depth 0, and the elastic inversion takes it from there."""
+"""Relief to touch: depth is a reading of displacement_z at depth 0, which the elastic inversion solves."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ class ColourTouches:
     def _with_errors(
         self, touch: Touch, skin: Skin, errors: Floats, near: npt.NDArray[np.bool_], noise: float
     ) -> Touch:
-        """With what depth may be off by as a whole in its intervals: the traction in contact that each error makes, by regularised least squares."""
+        """Add the common error of the depth to the intervals: the traction in contact due to each cause, by regularised least squares."""
         values = to_numpy(touch.values)
         pressure = values[-1]
         peak = float(np.abs(pressure).max(initial=0.0))

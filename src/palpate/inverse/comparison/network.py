@@ -75,7 +75,7 @@ class _AnalogNetwork(WholeMap):
         return hessian
 
     def _flow(self, p: Frame, parameter: float) -> tuple[Floats, float, bool]:
-        """Run the network from rest until its outputs are within `SETTLED` of where they end.
+        """Run the network from rest until its outputs are within `SETTLED` of their final values.
 
         Time is in units of RC = 1/(largest conductance). Outputs saturate: pressure in (0, top) by a diode and a limiter,
         shear in (-top, top) by a limiter.

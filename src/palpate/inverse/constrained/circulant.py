@@ -26,7 +26,7 @@ RIDGE = 1e-3
 
 
 class Circulant:
-    """C^-1 on a box, of a symbol (component, component, *k) of what is scaled to a diagonal of one."""
+    """C^-1 on a box, for a symbol (component, component, *k) scaled to a unit diagonal."""
 
     def __init__(self, shape: tuple[int, ...], size: tuple[int, ...], symbol: Any) -> None:
         self.shape, self.size = shape, size

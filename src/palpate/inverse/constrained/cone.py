@@ -108,7 +108,7 @@ class Solution:
     """Minimiser (component, cell), and how it was reached.
 
     ``residual`` is the largest entry of x - P_K(x - d (Hx - h)) over the largest entry of x. ``face`` and ``factor``, where
-    asked for, are the directions free to move on the face of K that the solution lies on, and a factor of H there: their
+    requested, are the directions free to move on the face of K that the solution lies on, and a factor of H there: their
     covariance is the inverse. ``hard``: Newton's method cycled.
     """
 
@@ -158,7 +158,7 @@ def minimise(
     Returns
     -------
     Solution
-        ``converged`` is False where the steps ran out; the traction then lies in the cone and is the best one met.
+        ``converged`` is False if the steps ran out; the traction then lies in the cone and is the best one met.
     """
     c, n = linear.shape
     scale = cone.scales

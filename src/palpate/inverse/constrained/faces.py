@@ -136,7 +136,7 @@ class Face:
 class Ray(Face):
     """Free directions of cells whose traction is one vector (component,) times a pressure, and of that vector's changes.
 
-    ``turned`` (change, component * cell) is what the changes that are possible do to the traction.
+    ``turned`` (change, component * cell) is the effect of the possible changes on the traction.
     """
 
     def __init__(self, ray: Floats, free: npt.NDArray[np.bool_], turned: Floats) -> None:

@@ -273,7 +273,7 @@ class Chain:
         return on, below
 
     def entries(self, i: Index, j: Index) -> Floats:
-        """Entries (i, j), i >= j, of the inverse; NaN where they are neither of one block nor of neighbouring ones."""
+        """Entries (i, j), i >= j, of the inverse; NaN if they are neither of one block nor of neighbouring ones."""
         on, below = self._near
         (block, r), (other, c) = np.divmod(i, self.width), np.divmod(j, self.width)
         out = on[block, r, c]
@@ -320,7 +320,7 @@ class FewReadings:
     """H = G'G + P by the identity of Woodbury.
 
     ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that order. ``blocks`` are
-    G L'^-1 of the parts, P = L L', where they are known, and ``products`` what they are times themselves.
+    G L'^-1 of the parts, P = L L', if they are known, and ``products`` what they are times themselves.
     """
 
     def __init__(

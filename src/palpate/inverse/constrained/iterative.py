@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 __all__ = ["SAMPLES", "Iterative"]
 
-#: One Newton step is solved to this part of its right side: the next one goes on from there. Samples are solved to this part of their size.
-#: What errors of sums are made of is solved to this one, by exact products.
+#: Tolerances: of a Newton step, relative to its right side (the next step corrects it); of samples, relative to their size; and of errors of sums, by
+#: exact products.
 STEP, SAMPLE, SHARP = 1e-2, 2e-2, 1e-3
 #: Largest number of steps of conjugate gradients.
 MAX_STEPS = 400
-#: Samples that variances are made of, and where they are only to be added to squared gradients and smoothed.
+#: Number of samples for variances, and for variances that are only added to squared gradients and smoothed.
 SAMPLES, FEW = 16, 8
 
 
@@ -79,7 +79,7 @@ class Iterative:
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
     def _near(self, r: Any) -> Any:
-        """What is near H^-1 r, of (k, free) in single precision: by circulants of H (`palpate.inverse.constrained.circulant`)."""
+        """An approximation of H^-1 r, of (k, free) in single precision, by circulants of H (`palpate.inverse.constrained.circulant`)."""
         matrix, face = self.hessian.matrix, self.face
         c, n = self._shape
         r = self._small * r
@@ -111,7 +111,7 @@ class Iterative:
         return np.asarray(np.where(np.isfinite(found), found, 0.0))
 
     def _solved(self, right: Floats, tolerance: float, *, about: bool = True) -> Floats:
-        """H^-1 right (k, free), in single precision, relative to the size of each; not a number where that overflows: errors are then not known."""
+        """H^-1 right (k, free), in single precision, relative to the size of each; NaN on overflow: errors are then unknown."""
         with np.errstate(over="ignore", invalid="ignore"):
             return self._descended(right, tolerance, about=about)
 

@@ -115,7 +115,7 @@ class Level:
 
 
 class Rounds(threading.local):
-    """While a frame is solved: columns of the cells that its rounds have asked for so far, by the ratio of the level.
+    """While a frame is solved: columns of the cells that its rounds have requested so far, by the ratio of the level.
 
     They are let go of at its end, so that no frame's answer depends on another's. So is what a matrix-free linear model makes of the frame.
     """
@@ -179,7 +179,7 @@ class Columns:
         return self._room[: self.count].reshape(self.count * self.components, -1)
 
     def lost(self, observed: Flags) -> Index | None:
-        """Those among the readings that are no longer observed, where they are few: of independent readings they are left out one by one."""
+        """Those among the readings that are no longer observed, if they are few: independent readings can be removed one by one."""
         if np.array_equal(observed, self.observed):
             return np.zeros(0, dtype=np.intp)
         gone = self.observed & ~observed

@@ -403,7 +403,7 @@ class Applied:
     def squares(self) -> Floats:
         """The diagonal (component * cell,) of the normal matrix."""
         if self.ray is not None:
-            # of rays, as if components were told apart: it only makes iterations short
+            # of rays, as if components were separated: it only makes iterations short
             whole = copy.copy(self)
             whole.ray = None
             each = Applied.squares.func(whole).reshape(len(self.ray), -1)
@@ -461,7 +461,7 @@ class Products:
         return np.asarray(self.many(x[None])[0])
 
     def many(self, x: Any, *, about: bool = False) -> Any:
-        """H x, of (k, component, cell), in its precision; ``about``: of taxels for ever, where that is next to the same."""
+        """H x, of (k, component, cell), in its precision; ``about``: with an endless array, if that is nearly the same."""
         scales = self.scales.astype(x.dtype)[None, :, None]
         x = x * scales
         out = self.matrix.together(x) if about else self.matrix.adjoint(self.matrix.forward(x))
@@ -506,7 +506,7 @@ class Products:
         return Iterative(self, face, more)
 
     def exactly(self) -> Quadratic:
-        """With a matrix of the readings, where they are few enough for one."""
+        """With a matrix of the readings, if they are few enough."""
         readings, unknowns = self.matrix.shape
         if readings**2 * unknowns > MATRIX:
             return self

@@ -41,7 +41,7 @@ class Responses:
 
     @cached_property
     def _matrix(self) -> Floats | None:
-        """(reading, component * cell), where it is so small that products with it are sooner than transforms."""
+        """(reading, component * cell), if it is so small that matrix products are faster than transforms."""
         cells = math.prod(self.operator.surface.shape)
         if len(self.readings.std) * len(self.columns) * cells > SMALL:
             return None

@@ -1,4 +1,4 @@
-"""Sparse rows over cells, whose variances are asked for: differences between neighbours, means over a few cells."""
+"""Sparse rows over cells, whose variances are requested: differences between neighbours, means over a few cells."""
 
 from __future__ import annotations
 

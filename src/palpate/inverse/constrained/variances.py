@@ -44,15 +44,15 @@ def covariance_of(solution: Solution, rows: Floats) -> Floats:
 
 
 def told_by_each(model: ContactModel, rows: Floats, white: Floats) -> Floats:
-    """What each reading has in sums ``rows`` (row, component * cell) of a contact, (reading, row): dF/dy y, with dF/dy = A H^-1 rows' on the face of the
-    contact. ``white``: the readings, whitened.
+    """Contribution of each reading to sums ``rows`` (row, component * cell) of a contact, (reading, row): dF/dy y, with dF/dy = A H^-1 rows' on the
+    face of the contact. ``white``: the readings, whitened.
     """
     told = seen_of(model, carried(model.solution, rows))
     return np.asarray(told * white[:, None])
 
 
 def seen_of(model: ContactModel, moved: Floats) -> Floats:
-    """What steps (free, k) in the free directions do to the readings, whitened, (reading, k)."""
+    """Change of the whitened readings with steps (free, k) in the free directions, (reading, k)."""
     face = face_of(model.solution)[0]
     return np.asarray(model.data.matrix @ np.asarray(face.directions().T @ moved))
 
@@ -72,7 +72,7 @@ def face_of(solution: Solution) -> tuple[Face, Factor]:
 
 
 def taken_by(model: ContactModel) -> float:
-    """How many degrees of freedom of the readings a model takes up: worked out once for each factor, as rounds compare with the first."""
+    """How many degrees of freedom of the readings a model takes up: computed once for each factor, as rounds compare with the first."""
     face, factor = face_of(model.solution)
     if model.taken is None or model.taken[0] is not factor:
         if isinstance(factor, Dense) and len(model.data.matrix) > len(factor.lower):
@@ -95,7 +95,7 @@ def taken_of_each(model: ContactModel) -> Floats:
 
 
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
-    """K (free, unknown): what a model owes to unknowns that act on many readings at once, so that K K' adds to its covariance.
+    """K (free, unknown): the error of a model due to unknowns that act on many readings at once, so that K K' adds to its covariance.
 
     ``columns`` (reading, unknown) is the effect of each unknown on the readings, whitened; ``prior`` (unknown,) its standard deviation. With
     X = H^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -X c. An infinite deviation is determined by the

@@ -111,8 +111,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
         region = dilated(size > self.quiet(y) * size.max(), 1)
         regions = [region]
-        beyond = first[-1].reshape(size.shape)[~self.inside]
-        if policy.parts.ends_on_surface and (beyond > 0).any() and (region & self.inside).any():
+        if (first[-1].reshape(size.shape)[~self.inside] > 0).any() and (region & self.inside).any():
             regions.append(region & self.inside)
         shares = [1.0] if len(regions) == 1 else [1.0 - policy.prior.ends, policy.prior.ends]
         ways = [self]
@@ -138,11 +137,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """The models of a frame with contact in a region, with their weights."""
         policy = self.policy
         grid, c = self.operator.surface, len(self.columns)
-        possible = int(region.sum())
-        if not self.cone.free and policy.parts.narrowed:
-            # what the models would trim in any case makes them slow
-            pressure = first[-1].reshape(grid.shape)
-            region = region & dilated(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
         count = int(region.sum())
 
         def refined(ratio: int) -> tuple[Normal, Floats]:
@@ -153,7 +147,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
         data, start = refined(ratio)
-        found = self._compact(data, first, y, noise, observed, parameter, possible)
+        found = self._compact(data, first, y, noise, observed, parameter, count)
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
         if fields < 0.5:
@@ -292,8 +286,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """Widths in cells of the local means that differ on this grid; without the variance weak shear would be lost."""
         policy = self.policy
         cell, shear = min(level.grid.spacings), len(self.columns) > 1
-        wide = (max(policy.prior.reach * self.depth / cell, 1.0), shear and policy.parts.posterior_variance)
-        narrow = (1.0, policy.parts.posterior_variance)
+        wide = (max(policy.prior.reach * self.depth / cell, 1.0), shear)
+        narrow = (1.0, True)
         chosen = [r for r, on in ((wide, policy.parts.wide_weights), (narrow, policy.parts.narrow_weights)) if on]
         return list(dict.fromkeys(chosen))
 

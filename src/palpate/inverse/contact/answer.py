@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,19 +12,17 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, noise_ratio, proportional_part
-from palpate.inverse.contact.no_contact import detection_limit
+from palpate.inverse.contact.no_contact import WIDE, detection_limit
 from palpate.inverse.contact.notes import single_taxel_share, smallness
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.screening import shallow
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import doubtful, inflate_for_misfit, nuisance_errors, share
+from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.estimate import Errors
-from palpate.inverse.fit import POOR_FIT
 
-__all__ = ["combined", "framed", "unexplained"]
+__all__ = ["combined", "framed", "hidden", "nothing_known", "unexplained"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -39,9 +36,7 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
     each = np.full(prepared.noise.count, run.scale) if run.levels is None else run.levels
     if not run.members:
         rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
-        # a reading that stands alone may be a small contact right over a shallow taxel
-        alone = np.where(shallow(prepared.operator.planes_of, prepared.policy), observed.data, 0.0)
-        nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
+        nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out)
         fit = misfit_of(prepared, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
         errors, unknown = detection_limit(prepared, run, fit, nothing.known)
         result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
@@ -51,8 +46,6 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
         for m in run.members:
             share(prepared, m, run, deviation, at_limit)
         fit, left, free = fit_of(prepared, run)
-        if fit < POOR_FIT:
-            inflate_for_misfit(prepared, run, fit)
         result = combined(prepared, run, each, fit, left, rng)
         # the models may explain on a finer grid what cells of the surface cannot
         pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
@@ -97,8 +90,6 @@ def combined(
     members = [m for r in runs for m in r.members]
     large = any(m.data.at_size for m in members)
     summary = Summary(members, prepared.posterior)
-    limit = policy.fit.alike if len(prepared.readings.std) <= policy.fit.few else policy.fit.doubted
-    summary.alike = prepared.readings.independent and prepared.problem.nuisance is None and fit < limit
     summary.noise_ratio = noise_ratio(prepared, run, left)
     summary.gain = prepared.problem.uncertainty.assumed_gain
     summary.whites = [
@@ -132,15 +123,13 @@ def combined(
     )
 
 
-def _nothing(
-    prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
-) -> Frame:
-    """No contact; ``alone`` is what readings that are left out may yet say of it."""
+def _nothing(prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags) -> Frame:
+    """No contact."""
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
     # from the readings themselves: the residual is all noise
     rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
-    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
+    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, 0.0, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
     noise = np.full(prepared.noise.count, scale)
     return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
@@ -149,12 +138,11 @@ def _nothing(
 def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:
     """A frame that no contact explains: nothing is known."""
     nothing = _nothing(prepared, math.nan, math.nan, data, outliers)
-    unknown = {f.name: np.full_like(getattr(nothing.known, f.name), math.nan) for f in fields(Errors)}
     gap, terms = math.nan * nothing.traction, np.full(len(prepared.terms), math.nan)
     return replace(
         nothing,
         traction=gap,
-        errors=Errors(**unknown),
+        errors=nothing_known(nothing.known),
         contact=True,
         pushed=False,
         fit=chance,
@@ -162,3 +150,15 @@ def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float
         nuisance_std=terms,
         at_limit=np.zeros(len(data), dtype=bool),
     )
+
+
+def nothing_known(errors: Errors) -> Errors:
+    """Errors of a frame of which nothing is known, as large as others."""
+    return Errors(**{f.name: np.full_like(getattr(errors, f.name), math.nan) for f in fields(Errors)})
+
+
+def hidden(prepared: Prepared, data: Floats) -> Floats:
+    """Net forces (component, 2) of contact as large as the largest of readings allows that no contact explains."""
+    largest = float(np.abs(data / prepared.readings.std).max(initial=0.0))
+    force = WIDE * prepared.undetected(largest, data).force
+    return np.stack([-force, force], axis=-1)

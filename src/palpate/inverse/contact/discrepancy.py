@@ -22,7 +22,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.answer import unexplained
+from palpate.inverse.contact.answer import hidden, unexplained
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.policy import Fit, Policy
 from palpate.inverse.contact.prepared import Prepared
@@ -129,9 +129,7 @@ def _with_shares(
     if estimator.problem.zeroed:
         return nothing
     # offsets may be in readings without a zero: contact is as large as the largest reading allows
-    largest = float(np.abs(data / estimator.readings.std).max(initial=0.0))
-    hidden = 1.96 * estimator.undetected(largest, data).force
-    return replace(nothing, bounds=np.stack([-hidden, hidden], axis=-1))
+    return replace(nothing, bounds=hidden(estimator, data))
 
 
 def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None) -> Frame:

@@ -22,7 +22,7 @@ Flags = npt.NDArray[np.bool_]
 class Frame:
     """One frame's result. Errors of a contact too large for matrices are worked out when they are asked for. ``small``: it may be a disc of about a
     pitch or less (`palpate.inverse.contact.compact`); 2 where one taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
-    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: 1 where `quiet.unproven`, 2 where `quiet.short_line_load`;
+    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: as `no_contact.detection_limit` has it;
     ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given. ``discrepancy``: share of the readings that the pad's model leaves
     unexplained; ``unexplained``: nothing explains the readings; ``undecided``: noise or an offset explains them, and so may
     contact; ``one_penalty``: found by one even penalty

@@ -9,16 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
-from palpate.inverse.contact.few_cells import heavy_tails
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.estimate import Errors
-from palpate.inverse.fit import PROVEN, misfit_probability
+from palpate.inverse.fit import PROVEN
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
+__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise"]
 
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
@@ -36,6 +36,7 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
     plain = estimator.evidence(linear, rows, None)
+    trace.decided("log evidence of contact over noise alone", plain.gain, policy.detection.evidence + loud)
     if not more_than_noise(plain.gain, loud, policy):
         return Explanation(1, nothing, none, none > 0)
     if not estimator.terms:
@@ -43,6 +44,7 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     shifts = estimator.shifts[:, : estimator.usual]
     patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in shifts.T])
     found = estimator.start.evidence(linear, rows, None, patterns)
+    trace.decided("log evidence of contact over noise about offsets", found.gain, policy.detection.evidence + loud)
     if more_than_noise(found.gain, loud, policy):
         return None
     noise = 1.0 if estimator.noise_known else None
@@ -58,23 +60,6 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
     none[: estimator.usual] = sizes
     return Explanation(1, nothing, np.where(present, none, 0.0), present)
-
-
-def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:
-    """Whether "no contact" hides what may be contact: noise explains the readings ill (``fit``), or nobody gave it and it has tails
-    that Gaussian noise has not, as contact that few taxels feel leaves.
-    """
-    if fit < PROVEN or estimator.noise_known:
-        return fit < PROVEN
-    data, channel = (run.data / estimator.readings.std)[run.observed], estimator.noise.index[run.observed]
-    count = np.maximum(np.bincount(channel, None, estimator.noise.count), 1)
-    level = np.sqrt(np.bincount(channel, data**2, estimator.noise.count) / count)[channel]
-    relative = np.divide(data, level, out=np.zeros_like(data), where=level > 0)
-    return bool(
-        len(data)
-        and relative.any()
-        and heavy_tails(relative, channel, len(data), estimator.policy) > estimator.policy.detection.heavy_tails
-    )
 
 
 def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
@@ -111,9 +96,10 @@ def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
 
 
 def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
-    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where `short_line_load`."""
+    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where noise explains the readings ill, 2 where
+    `short_line_load` does."""
     why = 0
-    if unproven(estimator, run, fit):
+    if fit < PROVEN:
         # as large as the largest reading says
         why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
         errors = estimator.undetected(largest, run.data)
@@ -124,19 +110,5 @@ def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors
 
 
 def uneven_noise(estimator: Prepared, data: Floats, observed: Flags, known: float | None) -> float:
-    """What noise of another level in each channel explains (`ChannelNoise.uneven`); nothing where the readings are in an order that
-    noise has seldom.
-    """
-    policy = estimator.policy
-    if not policy.parts.uneven_evidence:
-        return 0.0
-    found = estimator.noise.uneven(data, observed, known)
-    if not found > 0.0:
-        return found
-    channel = estimator.noise.index[observed]
-    power = np.bincount(channel, data[observed] ** 2, estimator.noise.count)
-    count = np.bincount(channel, None, estimator.noise.count)
-    level = np.sqrt(power / np.maximum(count, 1))
-    relative = np.where(observed, data / np.maximum(level[estimator.noise.index], 1e-300), 0.0)
-    chance = misfit_probability(relative, observed, estimator.pairs, taken=0.0, known=False)
-    return 0.0 if chance < policy.detection.ordered else found
+    """What noise of another level in each channel explains (`ChannelNoise.uneven`)."""
+    return estimator.noise.uneven(data, observed, known) if estimator.policy.parts.uneven_evidence else 0.0

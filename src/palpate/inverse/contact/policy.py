@@ -59,11 +59,9 @@ class Parts:
     second_derivative: bool = part("model of the second derivative")
     wide_weights: bool = part("local weights, wide")
     narrow_weights: bool = part("local weights, narrow")
-    posterior_variance: bool = part("posterior variance in local weights")
     finer_grid: bool = part("finer grid")
     finer_sliding: bool = part("finer grid of sliding contact", needs="friction")
     wide_surface: bool = part("surface beyond the edge")
-    ends_on_surface: bool = part("models that end on the surface")
     sliding: bool = part("sliding as a whole", needs="friction")
     trim: bool = part("trimming of faint cells")
     channel_noise: bool = part("noise of each channel", needs="channels")
@@ -76,7 +74,6 @@ class Parts:
     common_shear: bool = part("shear in proportion to the pressure", needs="shear")
     screening: bool = part("broken readings left out before contact is sought")
     nuisances: bool = part("offsets of the readings")
-    narrowed: bool = part("faint cells left out early")
     few_cells: bool = part("contact smaller than a pitch, seen in a few cells")
     compact: bool = part("discs of any place and radius")
 
@@ -97,12 +94,6 @@ class Detection:
     )
     unexplained_signal: float = number(0.03, "and this part of the signal, a convention")
     most_left: float = number(0.5, "a contact that leaves most of the readings tells nothing of them")
-    ordered: float = number(
-        1e-3, "chance of neighbours as alike below which uneven noise explains nothing: an empty frame in a thousand"
-    )
-    heavy_tails: float = number(
-        4.0, "log likelihood of heavy tails from which a few readings stand out: none of 40 Gaussian frames has 3"
-    )
     student: float = number(
         2.0, "degrees of freedom of Student's distribution: as heavy as noise that still has a scale"
     )
@@ -121,17 +112,16 @@ class Detection:
 class Explanations:
     """What a frame is taken to be: push, pull or both; with offsets and ramps or without; refuted and doubted explanations."""
 
-    doubt: float = number(0.15, "others are tried where a push leaves this part of the readings")
+    doubt: float = number(0.15, "a pull is tried where a push leaves this part of the readings")
     edge: float = number(
         0.4,
-        "or where the cells over the outermost taxels are loaded on this part: one end of a line, two sides of an area",
+        "where the cells over the outermost taxels are loaded on this part (one end of a line, two sides of an area), a level may be theirs",
     )
     ring: float = number(0.7, "loaded nearly all round, an offset may hide even if none was found")
     nuisance: float = number(4.0, "deviations at which a nuisance is there: once in 16 000 frames without it")
     nuisance_rounds: int = number(
         12, "rounds of nuisances and contact in turn: they settle in three, in ten where hard to tell apart"
     )
-    per_nuisance: float = number(3.0, "gain that each nuisance, or another sign than pushing, must bring")
     largest_nuisance: float = number(
         0.4, "part of the largest reading of its kind that one is at most: sensors are zeroed"
     )
@@ -143,10 +133,6 @@ class Explanations:
     everywhere: float = number(
         0.6, "pressure that channels do not tell from shear is none where it covers this part of the surface"
     )
-    undecided: float = number(10.0, "gain over the simplest that counts where the whole edge is loaded")
-    exceeded: float = number(
-        0.03, "given noise is exceeded where contact leaves this part of the readings, and `unexplained` times it"
-    )
     half: float = number(
         0.5, "what is half as large as what counts is looked at closely: an outlier raises the noise that judges it"
     )
@@ -156,7 +142,6 @@ class Explanations:
     sure: float = number(
         2.0, "standard errors, 1/sqrt(2 n), by which a root mean square exceeds the noise that was given"
     )
-    compact: float = number(0.8, "a compact contact leaves this part of the readings' degrees of freedom")
     same: float = number(0.1, "sizes of nuisances that differ by less than this part are the same")
     followed: int = number(2, "so many rivals take the place of an explanation that is refuted")
     least_weight: float = number(0.05, "of two weighed explanations one with less is left out")
@@ -170,10 +155,6 @@ class Fit:
         0.05, "one that takes another's place explains the frame as well as one good frame in twenty"
     )
     doubted: float = number(0.1, "below it, one good frame in ten, a rival that gained nearly as much is weighed too")
-    alike: float = number(
-        0.3, "below it noise of few readings may be alike from taxel to taxel, as in three good frames of ten"
-    )
-    few: int = number(150, "of more readings noise that is alike is refuted as such, and `doubted` counts")
     most_louder: float = number(3.0, "given noise is exceeded by this at most in the errors: more is a misfit")
     shows: float = number(
         4.0, "log likelihood at which a part of the residual in proportion to the readings shows: a clean frame in 400"
@@ -189,10 +170,6 @@ class Fit:
     prior_weight: float = number(4.0, "readings that the prior of the discrepancy counts for")
     shares: tuple[float, ...] = number((0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies that are tried in turn")
     faint: float = number(3.0, "noise of a zero so many times below the least discrepancy is not tried by itself")
-    refuted_load: float = number(
-        0.25, "deviation of the force by drift of refuted readings: half of 50 were off by a tenth, three by a half"
-    )
-    proof: float = number(1e-4, "misfit probability that refutes for certain")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,7 +332,6 @@ class Discs:
         (3.0, 6.0), "taxels pressed half as hard as the peak on which a contact is small, line and area"
     )
     drawn: int = number(8, "discs that become models")
-    detail: float = number(0.015, "part of the largest reading that discs leave: their edges are not those of contact")
     least: float = number(
         0.02, "weight below which they are not worth solving: of 60 plain frames 40 have none and 16 all"
     )
@@ -395,11 +371,6 @@ class Errors:
         4e-3, "the same of a contact too large for matrices: balls on 64 and 128 squared read 0.2 % off"
     )
     sums_at_size: float = number(1.25, "factor of their deviations: errors of 12 frames of 128 squared are 1.2 of them")
-    alike: float = number(
-        2.0,
-        "factor of the force's deviation where noise may be alike: what correlation over two pitches does on a line",
-    )
-    most_alike: float = number(0.1, "by this part of the force at most")
     beyond: float = number(
         0.5, "deviation of what lies beyond the outermost taxels, of what may: two of them are all of it"
     )
@@ -412,12 +383,10 @@ class Errors:
     stands_out: float = number(4.0, "deviations at which a reading, or the squares of many, is no noise")
     beside: float = number(1.5, "taxels within so many pitches are neighbours, across too")
     even_press: float = number(0.2, "an even press explains offsets where it leaves less than this part of them")
-    hidden_offset: float = number(0.1, "part of the largest reading that an offset has which a loaded edge hides")
     hidden_drift: float = number(
-        0.1, "the same of displacements that wide pressure hides: half of `largest_nuisance` is two deviations"
+        0.1,
+        "part of the largest reading of an offset that a loaded edge hides, and of drift of displacements: half of `largest_nuisance` is two deviations",
     )
-    refuted_drift: float = number(0.1, "the same of any channel in readings that are not explained")
-    unsure: float = number(2.0, "deviations below which a ramp is not there once contact is solved with it")
     ambiguous_force: float = number(
         0.05, "of the force, where channels do not tell pressure from shear: 1.86 to 1.95 N for 2 N (in_plane.md)"
     )

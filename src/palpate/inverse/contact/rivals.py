@@ -35,10 +35,8 @@ def with_rivals(
     policy = estimator.policy
     h, rivals = run.explanation, run.explanation.rivals
     plain = replace(observed, filled=observed.data)
-    # load all round with an offset against it leaves the rest free, and explains anything
-    anything = h.present.any() and h.rough.ring > policy.explanations.ring
-    if frame.fit < POOR_FIT or anything:
-        for rival in rivals[: 1 if anything else policy.explanations.followed]:
+    if frame.fit < POOR_FIT:
+        for rival in rivals[: policy.explanations.followed]:
             # what is refuted, or refutes nothing, gives way to what is not
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:
@@ -48,13 +46,11 @@ def with_rivals(
             if rival.sign != h.sign:
                 continue
             # at best it explains the frame as well as any
-            if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
+            if share_of(rival_odds(h, frame.fit, rival, 1.0)) < policy.explanations.least_weight:
                 continue
             second = solve(estimator, rival, plain)
             other = framed(estimator, second, observed, rng)
-            weight = (
-                share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if other.fit > policy.fit.accepted else 0.0
-            )
+            weight = share_of(rival_odds(h, frame.fit, rival, other.fit)) if other.fit > policy.fit.accepted else 0.0
             if other.contact and weight > policy.explanations.least_weight:
                 return (
                     other

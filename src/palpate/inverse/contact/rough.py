@@ -88,7 +88,5 @@ def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags
 def exceeded(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
     """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
     policy = estimator.policy
-    white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
-    size = math.sqrt(float(np.mean(white**2)))
     misfit = h.rough.left * math.sqrt(h.rough.free / max(float(observed.sum()), 1.0))
-    return misfit > max(policy.detection.unexplained, policy.explanations.exceeded * size)
+    return misfit > policy.detection.unexplained

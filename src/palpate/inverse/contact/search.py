@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.answer import framed, unexplained
 from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.frame import Frame
@@ -45,6 +46,7 @@ def search(prepared: Prepared, readings: Sequence[Floats], rng: np.random.Genera
     if policy.parts.outliers and noise_alone is None:
         h, fewer = without_outliers(prepared, h, filled, usable)
         if (usable & ~fewer).any():
+            trace.decided("readings left out, of so many", float((usable & ~fewer).sum()), float(usable.sum()))
             told = h.sign * h.rough.explained + prepared.shifts @ h.sizes
             counted = replace(observed, filled=np.where(fewer, filled, told), usable=fewer)
     if prepared.ambiguous and noise_alone is None:
@@ -54,5 +56,7 @@ def search(prepared: Prepared, readings: Sequence[Floats], rng: np.random.Genera
             return unexplained(prepared, observed.data, ~counted.usable, chance)
     run = solve(prepared, h, counted)
     frame = framed(prepared, run, observed, rng)
+    trace.chosen("solved", run.explanation, prepared.terms)
+    trace.decided("misfit probability", frame.fit, policy.fit.doubted)
     frame = with_rims(prepared, run, frame, observed, rng) or frame
     return with_rivals(prepared, run, frame, observed, rng)

@@ -210,7 +210,7 @@ class _Solving:
         rules = self.policy.noise
         if not self.h.present.any() or self.refined >= rules.most_offset_rounds:
             return False
-        change, unsure = change_of_nuisances(
+        change = change_of_nuisances(
             self.estimator,
             self.h,
             self.first_model,
@@ -222,7 +222,7 @@ class _Solving:
         self.refined += 1
         if not change.any():
             return False
-        self.h = replace(self.h, sizes=self.h.sizes + self.sign * change, present=self.h.present & ~unsure)
+        self.h = replace(self.h, sizes=self.h.sizes + self.sign * change)
         self.data = self.data - self.estimator.shifts @ change
         self._refill()
         return True
@@ -304,8 +304,7 @@ class _Solving:
         white, rules = self.estimator.readings.white, self.policy.detection
         signal = white(self.y[self.observed], self.observed)
         left = signal - white((self.explained / self.noise)[self.observed], self.observed)
-        limit = max(rules.unexplained, rules.unexplained_signal * float(np.sqrt(np.mean(signal**2))))
-        return float(np.sqrt(np.mean(left**2))), limit
+        return float(np.sqrt(np.mean(left**2))), rules.unexplained
 
     def _members(self) -> Sequence[ContactModel]:
         return [self.first_model, *self.models] if self.pressed else []

@@ -179,7 +179,6 @@ class Summary:
             for p, m in zip(self._parts, members)
         ]
         self._weights = np.array([m.weight for m in members])
-        self.alike = False  # whether noise may be alike from taxel to taxel
         self.noise_ratio = 1.0  # what is left of the readings over the noise that was given
         self.gain = 0.0  # what gains are taken to be known to
         self.whites: list[Floats] = []  # the readings of each model, whitened
@@ -258,10 +257,6 @@ class Summary:
         large = any(m.data.at_size for m in self.members)
         known = policy.errors.force_at_size if large else policy.errors.force
         least = np.maximum(known * np.abs(total), hidden * self._normal_force())
-        if self.alike:
-            variance = variance + np.minimum(
-                (policy.errors.alike**2 - 1.0) * variance, (policy.errors.most_alike * np.linalg.norm(total)) ** 2
-            )
         return self._along(np.sqrt(variance + least**2))
 
     def _normal_force(self) -> float:

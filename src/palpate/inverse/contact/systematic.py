@@ -24,12 +24,10 @@ from palpate.inverse.constrained.variances import (
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.proposals.levels import reach_of_kind
-from palpate.inverse.fit import POOR_FIT
 from palpate.sensing.grids import block_means
 from palpate.sensing.nuisance import nuisances
 
-__all__ = ["change_of_nuisances", "doubtful", "inflate_for_misfit", "nuisance_errors", "owe", "share", "state"]
+__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -49,7 +47,7 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     if run.members and h.rough.ring > policy.explanations.ring:
         reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
         offsets = np.array([t.kind == "offset" for t in estimator.terms])
-        deviation = np.maximum(deviation, np.where(offsets, policy.errors.hidden_offset * reach, 0.0))
+        deviation = np.maximum(deviation, np.where(offsets, policy.errors.hidden_drift * reach, 0.0))
     return np.asarray(deviation)
 
 
@@ -62,10 +60,9 @@ def change_of_nuisances(
     observed: Flags,
     *,
     sure: bool = False,
-) -> tuple[Floats, Flags]:
-    """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact; and which of those
-    that are only sought where offsets leave doubt are then no more than `UNSURE` of their standard deviations. ``sure``: only where they are far off
-    (`Policy`): the contact's cells change with them, so that smaller steps need not end.
+) -> Floats:
+    """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact. ``sure``: only where
+    they are far off (`Policy`): the contact's cells change with them, so that smaller steps need not end.
     """
     policy = estimator.policy
     out = np.zeros(len(estimator.terms))
@@ -76,12 +73,9 @@ def change_of_nuisances(
     precision = _told(model, rows)
     step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=1e-6)[0]
     deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
-    joint = _deviations(precision)
-    least = policy.explanations.nuisance * joint if sure else 0.5 * deviation
+    least = policy.explanations.nuisance * _deviations(precision) if sure else 0.5 * deviation
     out[h.present] = np.where(np.abs(step) > least, step, 0.0)
-    unsure = h.present & (np.arange(len(out)) >= estimator.usual)
-    unsure[h.present] &= np.abs(h.sizes[h.present] + (h.sign or 1) * step) < policy.errors.unsure * joint
-    return np.where(unsure, -(h.sign or 1) * h.sizes, out), unsure
+    return out
 
 
 def _told(model: ContactModel, rows: Floats) -> Floats:
@@ -172,36 +166,6 @@ def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, devi
             force = float((total * one.solution.traction).sum())
             run.adrift += model.weight * (drift > max(rest, (policy.errors.much * force) ** 2))
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
-
-
-def inflate_for_misfit(estimator: Prepared, run: Solved, fit: float) -> None:
-    """What the errors of a frame's models owe to drift of any channel, where what contact and the nuisances leave is no noise (`Touch.fit` says so).
-
-    Something is in such readings that is not in the model; offsets and ramps stand for it, with a prior of `Policy` of the largest
-    reading of their kind. What the readings tell of them, they tell by the model that they refute: the prior is taken as it is, up to `REFUTED` of the load.
-    A misfit of which one good frame in a hundred has more is no proof: the part grows with the logarithm of the probability, to all of it at `PROOF`.
-    Where ``nuisance`` is named, nothing else drifts.
-    """
-    policy = estimator.policy
-    proof = math.log(max(fit, policy.fit.proof) / POOR_FIT) / math.log(policy.fit.proof / POOR_FIT)
-    part = proof * policy.errors.refuted_drift
-    if estimator.problem.nuisance is not None or not part > 0.0:
-        return
-    rows = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, ("offset", "ramp"))], axis=1)
-    scaled = (rows * (part * reach_of_kind(estimator, rows, run.data)) / run.noise[:, None])[run.observed]
-    columns = estimator.readings.white(scaled, run.observed)
-    for one in (each for m in run.members for each in (m, m.contact)):
-        if one is not None:
-            more = shared_errors(one, columns, np.full(columns.shape[1], 1.0 / STATED))
-            t, cell = one.solution.traction, one.level.grid.cell
-            sums = np.zeros((len(t), *t.shape))
-            for i, total in enumerate(sums):
-                total[i] = cell
-            local = face_of(one.solution)[0].columns(sums.reshape(len(t), -1))
-            deviation = np.sqrt(((local @ more) ** 2).sum(axis=1)).max()
-            load = cell * float(np.sqrt((t**2).sum(axis=0)).sum())
-            more = more * min(1.0, proof * policy.fit.refuted_load * load / max(STATED * float(deviation), 1e-300))
-            one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
 def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float], *, pulls: bool) -> Floats:

@@ -1,4 +1,4 @@
-"""Marginal likelihood of one frame under a linear Gaussian model: what the contact methods start from.
+"""Marginal likelihood of one frame under a linear Gaussian model: the start of the contact methods.
 
 readings = A t + B c + noise, where the sizes c of the patterns B (`palpate.sensing.nuisance`, single broken readings) may be
 anything: a flat prior, so that they are marginalised as in restricted maximum likelihood (H. D. Patterson, R. Thompson, Biometrika 58,
@@ -30,7 +30,7 @@ class LinearEvidence:
 
     ``logdet`` is that of the readings' covariance over the noise's, patterns included; ``objective`` is misfit and penalty together in
     units of the whitening; ``freedom`` the readings less the patterns; ``sizes`` (pattern,) of the patterns. The traction may be given as what
-    makes it: of most evidence the numbers alone are asked for.
+    makes it: of most evidence the numbers alone are requested.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ def _with_patterns(
 
 
 def _independent(patterns: Floats) -> tuple[Floats, float]:
-    """Orthonormal rows that span the patterns, and what these add to the log determinant of their normal matrix."""
+    """Orthonormal rows that span the patterns, and their term in the log determinant of their normal matrix."""
     _, sizes, rows = np.linalg.svd(patterns, full_matrices=False)
     seen = sizes**2 > MIN_EIGENVALUE * sizes[0] ** 2
     return rows[seen], 2.0 * float(np.log(sizes[seen]).sum())

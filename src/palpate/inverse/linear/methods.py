@@ -37,7 +37,7 @@ class Tikhonov(Method):
     parameter : float, optional
         lambda.
     rule : str, optional
-        How lambda is chosen for each frame where it is not given: "evidence" (default), "gcv", "lcurve" or "discrepancy" (needs the
+        How lambda is chosen for each frame if it is not given: "evidence" (default), "gcv", "lcurve" or "discrepancy" (needs the
         array's noise).
 
     Raises

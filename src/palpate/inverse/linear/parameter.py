@@ -48,7 +48,7 @@ Filter = Callable[[Floats, Floats], Floats]
 #: Candidates span this many decades below the largest eigenvalue (all that double precision tells from zero) and two above, at this many
 #: to a decade; the minimum is then refined by a parabola, so that a step of a fifth costs nothing.
 DECADES, PER_DECADE = 16, 12
-#: Cut-offs lie between eigenvalues above this part of the largest, a few roundings of it: what is below is not told from zero.
+#: Cut-offs lie between eigenvalues above this part of the largest, a few roundings of it: smaller values count as zero.
 SMALLEST = 1e-15
 #: Eigenvalues that differ by less than this part are one: a few thousand readings know them to some 1e-12.
 PAIR = 1e-9
@@ -78,9 +78,7 @@ MODEL_ERROR = 2e-4
 
 
 class Choice(NamedTuple):
-    """What a rule chose for each frame (frame,): parameter, noise variance relative to the whitening, and where the rule gave way to
-    another one, ``fallback``.
-    """
+    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, and where the rule used another one, ``fallback``."""
 
     parameter: Floats
     noise_variance: Floats
@@ -161,7 +159,7 @@ def choose(
     Returns
     -------
     Choice
-        The noise variance is relative to the whitening (1 where it is known).
+        The noise variance is relative to the whitening (1 if it is known).
     """
     check_rule(rule, filter_factors, noise_known=noise_known)
     least = np.zeros(len(power)) if floor is None else floor
@@ -214,7 +212,7 @@ def check_rule(rule: str, filter_factors: Filter, *, noise_known: bool) -> None:
 
 
 class Curves(Protocol):
-    """What every rule is made of, at the parameters ``grid`` (candidate,) from strong to weak.
+    """Inputs of every rule, at the parameters ``grid`` (candidate,) from strong to weak.
 
     ``residual`` sum r^2, ``penalty`` of the traction and ``explained`` sum c^2 (1 - phi), all (frame, candidate); ``free`` sum (1 - phi) and ``logdet``
     -sum log(1 - phi) (candidate,); ``inside`` the candidates among the eigenvalues; ``count`` the readings.
@@ -403,7 +401,7 @@ def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.
 def amplitude(
     eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None, tried: Tried | None = None
 ) -> tuple[Floats, Floats]:
-    """What the frames say of the size of traction and noise: mean prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
+    """Posterior means of the size of traction and noise: prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
 
     Means over lambda by its marginal likelihood, with equal prior weight for every decade: if the readings show nothing, this gives the largest
     amplitude that would not show. ``floor`` (frame,) is the lower bound of the noise variance, or None if the noise is known; ``tried`` as in

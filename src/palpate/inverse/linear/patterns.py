@@ -39,7 +39,7 @@ COARSE = 3
 IMPROBABLE = 1e-3
 #: Note a pattern if it is at least this many standard deviations.
 SURE = 2.0
-#: Directions of the estimate's error that patterns add, at the most: the largest.
+#: Directions of the estimate's error that patterns add, at most: the largest.
 DIRECTIONS = 6
 
 
@@ -142,7 +142,7 @@ class Patterns:
         logdet: Floats,
         inner: Floats,
     ) -> Removed:
-        """What is left of ``c``: c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c (frame, candidate, pattern) decide."""
+        """The residual of ``c``: c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c (frame, candidate, pattern) decide."""
 
         def score(left: Floats, more: Floats) -> tuple[Floats, Floats]:
             """-2 log evidence and noise variance."""

@@ -98,7 +98,7 @@ def center_rows(grid: Grid, pressure: Floats) -> Floats:
 
 
 class Variances:
-    """Prior and posterior variances of sums of the traction, for any parameter: what does not depend on the frame."""
+    """Prior and posterior variances of sums of the traction, for any parameter: the part that does not depend on the frame."""
 
     def __init__(self, spectrum: Spectrum, grid: Grid, columns: tuple[int, ...]) -> None:
         self.spectrum, self.grid, self.columns = spectrum, grid, columns
@@ -245,7 +245,7 @@ _NAMES = tuple(f.name for f in fields(Errors))
 
 @dataclass(frozen=True)
 class Source:
-    """What the errors of some frames are made of, and how each is made."""
+    """Functions that compute the errors of some frames, and their inputs."""
 
     variances: Variances
     filter: Filter

@@ -87,7 +87,7 @@ class DifferencePrior:
         return tables
 
     def _prepared(self, x: Any) -> tuple[list[Any], Any]:
-        """What a transform of ``x`` multiplies by, and W in sines, in its kind."""
+        """The factors of a transform of ``x``, and W in sines, in its kind."""
         key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
         if key not in self._copies:
             tables = [] if self.order == 0 or self._by_fft(x) else [from_numpy(s, x) for s in self._sines]
@@ -181,7 +181,7 @@ class SpectralPrior:
     def _evaluate(self, k: Floats) -> Floats:
         try:
             value = np.asarray(self._density(k), dtype=np.float64) * self.scale
-        except (TypeError, ValueError) as error:  # what it returns is no number; or what it takes is no array
+        except (TypeError, ValueError) as error:  # it returns no number, or accepts no array
             raise InvalidInput(
                 f"spectrum must be a function that takes an array of wavenumbers [rad/m] and returns densities of the same shape; this one fails: {error}."
             ) from error

@@ -32,7 +32,7 @@ BLIND = "noise cannot be separated from traction"
 
 @dataclass(frozen=True)
 class Decomposition:
-    """The spectrum of an operator under a prior: what does not depend on filter, parameter or readings.
+    """The spectrum of an operator under a prior: independent of filter, parameter and readings.
 
     ``scales`` are the standard deviations that the readings were divided by (channel, per plane), and ``noise_known`` says whether they
     are the true noise.

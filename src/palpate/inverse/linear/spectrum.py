@@ -53,7 +53,7 @@ SAME_CENTRE = 1e-9
 
 
 class Spectrum(Protocol):
-    """What every linear method needs: the squared singular values, and the changes of basis to and from them."""
+    """The interface of linear methods: the squared singular values, and the changes of basis to and from them."""
 
     operator: Operator
     #: s^2 of the whitened operator, and how many real data each coefficient stands for.

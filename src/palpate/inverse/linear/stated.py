@@ -75,7 +75,7 @@ class InDoubt:
         return lambda rows: self.linear.again(rows, np.full(len(rows[0]), parameter))
 
     def directions(self, readings: list[Floats], traction: Floats, again: Callable[[list[Floats]], Floats]) -> Floats:
-        """What an estimate is off by (direction, component, *surface), one standard deviation each; ``again`` makes tractions of readings as it did."""
+        """Errors of an estimate (direction, component, *surface), one standard deviation each; ``again`` solves for readings as the estimate did."""
         known, out = self.known, []
         columns, size = self.problem.doubtful(known, traction)
         rows = list((columns * size).T)
@@ -94,7 +94,7 @@ class InDoubt:
 
 
 def deviations(directions: Floats, traction: Floats, grid: Grid) -> Stated:
-    """Standard deviations of a frame's quantities from what its ``traction`` (component, *surface) is off by."""
+    """Standard deviations of a frame's quantities from the errors of its ``traction`` (component, *surface)."""
 
     def size(values: Floats) -> Floats:
         return np.asarray(np.sqrt((values**2).sum(axis=0)))

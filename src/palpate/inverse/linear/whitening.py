@@ -56,7 +56,7 @@ class Readings:
         self._spans: dict[bytes, Floats] = {}
 
     def allowing(self, patterns: Floats | None) -> Readings:
-        """The same, with ``patterns`` (reading, nuisance), in the unit of the channels, marginalised: what they explain counts no more."""
+        """The same with ``patterns`` (reading, nuisance), in the unit of the channels, marginalised: the part that they explain has no weight."""
         out = copy.copy(self)
         out.patterns = None if patterns is None else patterns / self.std[:, None]
         out._spans = {}

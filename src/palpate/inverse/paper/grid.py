@@ -1,4 +1,4 @@
-"""What the founding paper's methods share: one regular, complete grid on which traction and readings both lie."""
+"""Common part of the founding paper's methods: one regular, complete grid for both traction and readings."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class LinearSystem(Method):
 
 
 class LinearSystemEstimator:
-    """Solve the non-periodic system exactly (least squares where there are more readings)."""
+    """Solve the non-periodic system exactly (least squares if there are more readings)."""
 
     def __init__(self, pad: Pad, planes: Sequence[Array], columns: Sequence[int]) -> None:
         self.grid = common_grid(planes, columns, "linear")

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
@@ -58,12 +59,19 @@ def explanation_of(
         return Explanation(1, Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0), none, none > 0)
     search = Search(estimator, data, observed, terms, signs, total, noise)
     for propose in PROPOSALS:
+        before = list(search.tried)
         search.add(propose(search))
+        proposal = propose.__module__.rpartition(".")[2]
+        trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms)
     best = best_of(search.tried, policy)
+    trace.chosen("best of these", best, terms)
     free = next((h for h in search.tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
         # one sign leaves an order that noise does not have
         chance = rough_fit(estimator, best, data, observed)
+        trace.decided(
+            "probability that noise has the order which one sign leaves", chance, policy.explanations.structured_chance
+        )
         best = free if chance < policy.explanations.structured_chance else best
-    best = replace(best, rivals=rivals_of(best, search.tried, policy))
+    best = replace(best, rivals=rivals_of(best, search.tried))
     return best if noise is None else replace(best, noise=noise)

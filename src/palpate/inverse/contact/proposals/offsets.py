@@ -15,11 +15,10 @@ __all__ = ["propose"]
 
 def propose(search: Search) -> Iterator[Explanation]:
     """Offsets with contact of either sign, the likelier one first: the other is left where it cannot catch up."""
-    if not search.terms or not (search.doubt.sought or search.doubt.wide):
+    if not search.terms:
         return
-    estimator, doubt = search.estimator, search.doubt
-    signs = likelier_signs(search.tried, doubt.hopeless) if doubt.sought else [doubt.best.sign]
-    for sign in signs:
+    estimator = search.estimator
+    for sign in likelier_signs(search.tried, search.hopeless):
         lowest = lowest_levels(estimator, search.data, search.observed, search.terms, sign)
         for k, start in enumerate([*search.levels, *lowest]):
             found = with_nuisances(search, sign, start, search.usual)

@@ -1,4 +1,4 @@
-"""Contact with offsets and ramps, where offsets leave doubt."""
+"""Contact with offsets and ramps, where the outermost taxels show a ramp."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ __all__ = ["propose"]
 
 def propose(search: Search) -> Iterator[Explanation]:
     """A ramp that the outermost taxels show."""
-    usual = search.usual
-    if usual.all() or not search.doubt.sought:
+    usual, estimator, observed = search.usual, search.estimator, search.observed
+    if usual.all():
         return
-    doubt, least = search.doubt, search.estimator.policy.explanations.nuisance
-    tilted = edge_drift(search.estimator, search.data, search.observed, search.terms)
-    if not (np.abs(tilted) * doubt.unit > least * doubt.level)[~usual].any():
+    readings = estimator.readings
+    columns = np.stack([term.rows for term in search.terms], axis=1)
+    unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
+    level = max(max(search.tried, key=lambda h: h.rough.gain).rough.left, estimator.least_noise(search.data))
+    tilted = edge_drift(estimator, search.data, observed, search.terms)
+    if not (np.abs(tilted) * unit > estimator.policy.explanations.nuisance * level)[~usual].any():
         return
-    for sign in likelier_signs(search.tried, doubt.hopeless):
+    for sign in likelier_signs(search.tried, search.hopeless):
         found = with_nuisances(search, sign, tilted, np.ones_like(usual))
         if found is not None:
             yield found

@@ -12,30 +12,13 @@ from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.proposals.levels import edge_levels, reach
+from palpate.inverse.contact.proposals.levels import edge_levels
 from palpate.inverse.contact.score import hopeless_signs, same
 from palpate.sensing.nuisance import Nuisance
 
-__all__ = ["Doubt", "Search"]
+__all__ = ["Search"]
 
 Flags = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """Whether nuisances are worth seeking after push and pull alone.
-
-    ``sought``: what contact leaves asks for them, or the array's edge is loaded all round. ``wide``: nothing does, but an offset of displacement on a half-space
-    is explained by wide pressure, and nothing is left over. ``unit`` (term,): size of each nuisance in the whitened readings; ``level``: the noise that the best
-    leaves; ``hopeless``: signs that no offset saves.
-    """
-
-    sought: bool
-    wide: bool
-    best: Explanation
-    unit: Floats
-    level: float
-    hopeless: Sequence[int]
 
 
 @dataclass
@@ -65,7 +48,7 @@ class Search:
 
     @property
     def usual(self) -> Flags:
-        """Nuisances that are sought first; ramps only where these leave doubt."""
+        """Nuisances that are sought first; ramps only where the outermost taxels show one."""
         return np.arange(len(self.terms)) < self.estimator.usual
 
     @cached_property
@@ -86,28 +69,8 @@ class Search:
         return h.rough.left > policy.noise.again * linear.scale
 
     @cached_property
-    def doubt(self) -> Doubt:
-        """What push and pull alone leave; asked for once these were tried."""
-        estimator, rules = self.estimator, self.estimator.policy.explanations
-        readings, observed, usual = estimator.readings, self.observed, self.usual
-        columns = np.stack([term.rows for term in self.terms], axis=1)
-        best = max(self.tried, key=lambda h: h.rough.gain)
-        left = (self.data - best.sign * best.rough.explained) / readings.std
-        rest = np.zeros(len(self.terms))
-        rest[usual] = readings.allowing(columns[:, usual]).sizes_of(left, observed)
-        unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
-        level = max(best.rough.left, estimator.least_noise(self.data))
-        seen = (np.abs(rest) * unit > rules.nuisance * level) & usual
-        large = estimator.taxels >= rules.many_taxels
-        if estimator.at_size or large:
-            # so many readings tell an offset that is far too small to be looked for
-            seen &= np.abs(rest) > rules.half * rules.smallest_nuisance * reach(columns, self.data)
-        sought = bool(seen.any() or best.rough.ring > rules.edge)
-        sought = sought or self.worth_more(best)
-        wide = (
-            estimator.far
-            and estimator.problem.pad.thickness is None
-            and best.rough.free < rules.compact * observed.sum()
-        )
-        hopeless = hopeless_signs(self.tried, estimator.policy) if large and not estimator.far else []
-        return Doubt(sought, bool(wide), best, unit, level, hopeless)
+    def hopeless(self) -> Sequence[int]:
+        """Signs of contact that no offset saves; asked for once push and pull were tried."""
+        estimator = self.estimator
+        large = estimator.at_size or estimator.taxels >= estimator.policy.explanations.many_taxels
+        return hopeless_signs(self.tried, estimator.policy) if large and not estimator.far else []

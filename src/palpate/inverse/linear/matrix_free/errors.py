@@ -21,7 +21,7 @@ __all__ = ["SampledSource"]
 
 @dataclass(frozen=True)
 class SampledSource(Source):
-    """What the errors of some frames are made of, by solutions and draws."""
+    """Errors of some frames by solutions and draws."""
 
     variances: SampledVariances
 
@@ -46,7 +46,7 @@ class SampledSource(Source):
             yield variance, i
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
-        """Samples of the posterior (frame, draw, component, *surface): the estimate, plus what it errs by on drawn traction and noise."""
+        """Samples of the posterior (frame, draw, component, *surface): the estimate, plus its errors on drawn traction and noise."""
         size, noise = self._sizes
         columns = list(self.variances.columns)
         out = np.repeat(self._all[:, None], count, axis=1)

@@ -25,12 +25,12 @@ __all__ = ["Gaps", "gaps_of"]
 MAX_FACTORED_GAPS = 1500
 #: Largest total count of numbers in cached factors.
 CACHE_NUMBERS = 30_000_000
-#: What is added to the diagonal, as a part of its largest, in double and in single precision: rounding there is taken up, and not divided by.
+#: Added to the diagonal, as a part of its largest entry, in double and in single precision, against division by rounding errors.
 ROUNDING = {np.dtype(np.float64): 1e-13, np.dtype(np.float32): 1e-6}
 
 
 class Gaps:
-    """What is missing on one lattice: ``index`` among the entries of a row."""
+    """The missing entries of one lattice: ``index`` among the entries of a row."""
 
     def __init__(self, index: npt.NDArray[np.intp], blocks: Sequence[Floats], kind: Any) -> None:
         """``blocks`` are B_mm of each parameter."""
@@ -44,7 +44,7 @@ class Gaps:
             self._factors.append(cho_factor(block, lower=True, overwrite_a=True, check_finite=False))
 
     def weights(self, values: Any, place: npt.NDArray[np.intp]) -> Any:
-        """(B_mm)^{-1} of what an inverse makes of rows (frame, missing), each with the parameter at its ``place``."""
+        """(B_mm)^{-1} of the inverse applied to rows (frame, missing), each with the parameter at its ``place``."""
         from scipy.linalg import cho_solve
 
         out = np.empty(values.shape)

@@ -67,7 +67,7 @@ def solve(
 
     M. R. Hestenes, E. Stiefel, J. Res. Natl. Bur. Stand. 49, 1952, 409-436. ``inverse(rows, which frames)`` is about (M + lambda)^{-1},
     symmetric and positive definite; it and ``product`` keep the precision of rows. Steps are made in single precision and the residual is
-    worked out in double, again and again (iterative refinement: J. H. Wilkinson, Rounding Errors in Algebraic Processes, 1963). The residual that is
+    computed in double, again and again (iterative refinement: J. H. Wilkinson, Rounding Errors in Algebraic Processes, 1963). The residual that is
     returned belongs to the solution; unless ``checked``, it is that of the steps. With ``energy`` residuals r are measured by r^T (M +
     lambda)^{-1} r, about, where their parts differ in scale.
     """

@@ -213,7 +213,7 @@ class _Common(abc.ABC):
 
     @abc.abstractmethod
     def _between(self, entry: Any, lattice: _Lattice, to: Sequence[Index], of: Sequence[Index]) -> Floats:
-        """What an entry (*wave) of a matrix makes at some places (axis by axis) of ones at others: (place, place)."""
+        """Entries (*wave) of a matrix between some places (axis by axis) and others: (place, place)."""
 
     @abc.abstractmethod
     def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:

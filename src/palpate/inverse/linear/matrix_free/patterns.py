@@ -30,7 +30,7 @@ CACHE_SIZE = 12
 
 
 class SolvedPatterns(Patterns):
-    """The patterns of a system; what was solved for one frame serves the next."""
+    """The patterns of a system; solutions of one frame serve the next."""
 
     def __init__(
         self,

@@ -28,7 +28,7 @@ __all__ = ["SampledVariances"]
 
 #: Draws of a map: standard deviations are then known to 1/sqrt(2 DRAWS), 13 %; with mirror images (four in area contact) to 6 %.
 DRAWS = 32
-#: Draws solved at a time, and to which residual: over scattered beads it makes deviations 2 % too large, 6 % where it is five times as much.
+#: Draws per batch, and the tolerance of their solution: over scattered beads it makes deviations 2 % too large, 6 % with five times the tolerance.
 TOGETHER, LOOSE, MOST = 4, 1e-4, 200
 #: Maps are made for so many parameters per decade, and a frame uses the nearest: within 10 % of its own.
 MAPS_PER_DECADE = 12

@@ -1,4 +1,4 @@
-"""What makes the iteration short: an approximation of M on its lattice, balanced with the longest waves, which it misses most."""
+"""Preconditioner: an approximation of M on its lattice, balanced with the longest waves, where its error is largest."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ TOLERANCE, AGAIN, MOST = 1e-4, 1e-3, 400
 PART, ANEW, LEAST, LOOSEST = 0.02, 1.2e-3, 1e-5, 3e-3
 #: Most solutions on the way to a parameter.
 ROUNDS = 8
-#: From a solution the rule moves on by no more than this (in log lambda, a decade), and nearer than CLOSE the degrees of freedom are worked out.
+#: From a solution the rule moves on by no more than this (in log lambda, a decade), and nearer than CLOSE the degrees of freedom are computed.
 STEP, CLOSE = 2.3, 1.2
 #: Rules that need the slope of the residual, and so another solution.
 SECOND = ("gcv", "lcurve")

@@ -96,7 +96,7 @@ class MatrixFree:
         )
 
     def _frames(self, readings: Sequence[Floats], tolerance: float) -> dict[str, Any]:
-        """Of some frames (frame, channel, *array) per plane: traction and what belongs to it, each with the frame first."""
+        """Traction and further results of some frames (frame, channel, *array) per plane, each with the frame first."""
         system = self.system
         rows = system.normal.rows(readings)
         floor = None if self.noise_known else self._floor(readings)

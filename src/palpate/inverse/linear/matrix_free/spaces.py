@@ -28,7 +28,7 @@ __all__ = ["OnArray", "OnSurface", "Space", "Sums", "space"]
 
 
 class Sums(NamedTuple):
-    """Of sums w^T t (row,), with u = (M + lambda)^{-1} H W w: w^T W w - u^T H W w, u^T u and, where asked for, u^T (M + lambda)^{-1} u."""
+    """Of sums w^T t (row,), with u = (M + lambda)^{-1} H W w: w^T W w - u^T H W w, u^T u and, if requested, u^T (M + lambda)^{-1} u."""
 
     left: Floats
     size: Floats
@@ -173,7 +173,7 @@ class OnArray:
         return Solved(out, residual, products), traction
 
     def _rounded(self, rows: Floats, error: Floats) -> bool:
-        """Whether M u in single precision errs by less than a fifth of ``error`` (frame,): as much as rounding of rows makes, all alike."""
+        """Whether M u in single precision errs by less than a fifth of ``error`` (frame,): as much as rounding of rows makes, all equal."""
         return bool((2.0**-24 * self._mean * np.linalg.norm(rows, axis=1) < 0.2 * error).all())
 
     def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""A system prepared: what does not depend on parameter, rule or readings."""
+"""A prepared system: the part that does not depend on parameter, rule or readings."""
 
 from __future__ import annotations
 

@@ -1,0 +1,51 @@
+"""What a frame was tried as, and by which numbers it was decided, for whoever asks why.
+
+    logging.basicConfig()
+    logging.getLogger("palpate.contact").setLevel("DEBUG")
+
+prints a line for each decision of `palpate.inverse.contact.search`. Nothing is worked out where nobody listens.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+
+from palpate.inverse.contact.explanation import Explanation
+from palpate.sensing.nuisance import Nuisance
+
+__all__ = ["chosen", "decided", "explanations", "named"]
+
+_log = logging.getLogger("palpate.contact")
+SIGNS = {1: "push", -1: "pull", 0: "push and pull (linear model)"}
+
+
+def named(h: Explanation, terms: Sequence[Nuisance]) -> str:
+    """An explanation in words: "push, offset of stress_zz 267 Pa"."""
+    parts = [f"{t.label} {s:.4g} {t.unit}" for t, s, here in zip(terms, h.sizes, h.present) if here]
+    return ", ".join([SIGNS[h.sign], *parts])
+
+
+def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance]) -> None:
+    """What a proposal came to."""
+    if not _log.isEnabledFor(logging.DEBUG):
+        return
+    every = list(found)
+    for h in every:
+        _log.debug(
+            "%s: %s: gain %.1f, noise left %.4g, edge loaded %.2f",
+            proposal, named(h, terms), h.rough.gain, h.rough.left, h.rough.ring,
+        )  # fmt: skip
+    if not every:
+        _log.debug("%s: nothing", proposal)
+
+
+def chosen(what: str, h: Explanation, terms: Sequence[Nuisance]) -> None:
+    """The explanation that a frame is taken to be."""
+    if _log.isEnabledFor(logging.DEBUG):
+        _log.debug("%s: %s", what, named(h, terms))
+
+
+def decided(what: str, value: float, limit: float) -> None:
+    """A number and the limit that it was compared with."""
+    _log.debug("%s: %.4g, limit %.4g", what, value, limit)

@@ -1,0 +1,32 @@
+"""Whoever asks why a frame was taken for what it is gets the decisions and their numbers."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+import palpate as pp
+
+
+def test_the_log_tells_what_was_tried_and_by_which_numbers(caplog: pytest.LogCaptureFixture) -> None:
+    array = pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=20.0)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    readings = np.asarray(
+        skin.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=0.3), rng=np.random.default_rng(0))
+    )
+    with caplog.at_level(logging.DEBUG, "palpate.contact"):
+        skin.reconstruct(readings + 1000.0)
+    log = caplog.text
+    for words in (
+        "contact over noise alone",
+        "push: push: gain",
+        "offsets: push, offset of stress_zz",
+        "best of these",
+        "misfit",
+    ):
+        assert words in log, log
+    caplog.clear()
+    skin.reconstruct(readings)
+    assert not caplog.records  # nobody asked
