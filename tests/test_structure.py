@@ -90,6 +90,7 @@ def modules() -> dict[str, Path]:
 MODULES = modules()
 
 
+@functools.cache
 def imports(path: Path) -> set[str]:
     """Modules of palpate that a file imports: at its top, inside functions, and for type checking alone."""
     found = set()
