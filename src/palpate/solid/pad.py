@@ -45,10 +45,6 @@ LARGEST_RATIO = 0.4999
 OUTSIDE = 0.1
 #: Components of traction that channels on a rigid base are.
 ON_BASE = {"stress_xz": 0, "stress_yz": 1, "stress_zz": 2}
-#: The density of the base's reactions is too large at corners of elements and too small between them, or the other way round, by 5 % where elements are
-#: half a thickness wide (benchmarks/solid.py). A reading is the sum over places around it (in elements) with the weights that cancel what alternates so, and keep
-#: polynomials up to third degree.
-EVENED = ((-1.0, -1 / 16), (-0.5, 1 / 4), (0.0, 5 / 8), (0.5, 1 / 4), (1.0, -1 / 16))
 #: What is kept of fields at the surface [bytes].
 KEPT = 2_000_000_000
 #: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
@@ -624,11 +620,10 @@ class SolidPad:
                 columns = np.array([i for i, k in enumerate(some) if k[3] == name])
                 middles = np.array([some[i][:3] for i in columns])
                 flush = self._flush and name in ON_BASE and middles[0, 2] > self.thickness * (1.0 - FLAT)
-                if flush and moved_base is not None:  # pressure and shear on the base: the density of its reactions
-                    evened = [(d * self._element, w) for d, w in EVENED]
-                    spots = list(itertools.product(zip(*rules[0]), zip(*rules[1]), evened, evened))
-                    parts = np.array([math.prod(w for _, w in spot) for spot in spots])
-                    steps = np.array([[b + e, a + d] for (a, _), (b, _), (d, _), (e, _) in spots])
+                if flush and moved_base is not None:  # pressure and shear on the base: from its reactions
+                    spots = list(itertools.product(zip(*rules[0]), zip(*rules[1])))
+                    parts = np.array([v * w for (_, v), (_, w) in spots])
+                    steps = np.array([[b, a] for (a, _), (b, _) in spots])
                     x, y = (middles[:, None, :2] + steps).reshape(-1, 2).T
                     positions, axes = self._at(x, y, np.full_like(x, self.thickness))
                     shape = (3, len(columns), len(spots))
