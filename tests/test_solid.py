@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -255,3 +256,43 @@ def test_from_a_skin_file(tmp_path: Path) -> None:
         skin = pp.Skin.from_file(tmp_path / "skin.toml")
         assert isinstance(skin.pad, pp.SolidPad)
         assert skin.pad.outline == ((-4e-3, 4e-3), (-3e-3, 3e-3))
+
+
+def test_the_error_of_the_mesh_travels_with_the_pad(tmp_path: Path) -> None:
+    """Into skins, the file of responses and skin.toml."""
+    array = pp.AreaArray(shape=(2, 2), pitch=1.5e-3, depth="base", channels=["stress_zz"], noise=20.0)
+    pad, coarser = (pp.SolidPad.box(4e-3, 4e-3, 1e-3, element=e, **MATERIAL) for e in (0.5e-3, 1e-3))
+    known = pad.compared_with(coarser, array)
+    assert known.accuracy == pad.mesh_error(coarser, array) > 0.0
+    assert pp.Skin(known, array).uncertainty.gain == known.accuracy
+    stated = pp.Uncertainty(gain=0.01, depth=0.1)
+    assert pp.Skin(known, array, uncertainty=stated).uncertainty == stated
+    known.save(tmp_path / "gel.npz")
+    assert pad.load(tmp_path / "gel.npz").accuracy == known.accuracy
+    text = """
+    [pad]
+    kind = "solid_box"
+    length = "4 mm"
+    width = "4 mm"
+    thickness = "1 mm"
+    element = "0.5 mm"
+    youngs_modulus = "{modulus} Pa"
+    poissons_ratio = {ratio}
+    {more}
+
+    [[plane]]
+    kind = "area"
+    shape = [2, 2]
+    pitch = "1.5 mm"
+    depth = "base"
+    channels = ["stress_zz"]
+    """
+    for more, expected in (('responses = "gel.npz"', known.accuracy), ('accuracy = "3 %"', 0.03), ("", None)):
+        words = {"modulus": MATERIAL["youngs_modulus"], "ratio": MATERIAL["poissons_ratio"], "more": more}
+        (tmp_path / "skin.toml").write_text(text.format(**words))
+        skin = pp.Skin.from_file(tmp_path / "skin.toml")
+        assert skin.uncertainty.gain == expected
+        assert isinstance(skin.pad, pp.SolidPad)
+        assert bool(skin.pad._kept) == (more.startswith("responses"))
+    with pytest.raises(pp.InvalidInput, match="gain must be"):
+        replace(pad, accuracy=2.0)
