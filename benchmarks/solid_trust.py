@@ -3,7 +3,7 @@
     pip install "palpate[solid]" && python benchmarks/solid_trust.py [--frames 10] [--seed 0] [--write]
 
 Presses, faults and the judge are those of `palpate bench trust` (`palpate.bench.trust`), in rows that need no other sensor. Readings are those of a finer mesh than the
-model's, whose error is worked out with a third one that is coarser, as a user would, and stated. Nobody states the noise. `--write` writes
+model's, whose error is worked out with a third one and stated. Nobody states the noise. `--write` writes
 docs/_generated/solid_trust.md.
 """
 
@@ -33,9 +33,9 @@ CHANNELS = ("stress_xz", "stress_yz", "stress_zz")
 FINE = 56
 #: Makers by name: of the readings, of the model, and what it is compared with.
 PADS = {
-    "box 16 x 16 x 4 mm": [(pp.SolidPad.box, (16e-3, 16e-3, 4e-3), e) for e in (0.8e-3, 1.0e-3, 1.33e-3)],
-    "box 20 x 12 x 3 mm": [(pp.SolidPad.box, (20e-3, 12e-3, 3e-3), e) for e in (0.75e-3, 1.0e-3, 1.2e-3)],
-    "dome, radius 10 mm, 4 mm thick": [(pp.SolidPad.dome, (10e-3, 4e-3), e) for e in (1.0e-3, 4e-3 / 3, 1.5e-3)],
+    "box 16 x 16 x 4 mm": [(pp.SolidPad.box, (16e-3, 16e-3, 4e-3), e) for e in (1.0e-3, 4e-3 / 3, 1.2e-3)],
+    "box 20 x 12 x 3 mm": [(pp.SolidPad.box, (20e-3, 12e-3, 3e-3), e) for e in (0.75e-3, 1.0e-3, 0.9e-3)],
+    "dome, radius 10 mm, 4 mm thick": [(pp.SolidPad.dome, (10e-3, 4e-3), e) for e in (1.15e-3, 4e-3 / 3, 1.5e-3)],
 }
 
 
@@ -51,14 +51,14 @@ class Bench:
     """One pad: what makes readings, and what a user has."""
 
     def __init__(self, name: str) -> None:
-        truth, model, coarser = (make(*sizes, element=e, **MATERIAL) for make, sizes, e in PADS[name])
+        truth, model, other = (make(*sizes, element=e, **MATERIAL) for make, sizes, e in PADS[name])
         (x0, x1), (y0, y1) = truth.outline
         #: Part of the pad under taxels: of the dome what a flat sensor sees of it.
         part = 0.55 if truth.chart is not None else 0.8
         shape = (4, 5)
         pitch = (part * (y1 - y0) / shape[0], part * (x1 - x0) / shape[1])
         array = pp.AreaArray(shape=shape, pitch=pitch, depth="base", channels=CHANNELS)
-        self.error = model.mesh_error(coarser, array)
+        self.error = model.mesh_error(other, array)
         self.skin = pp.Skin(model, array, uncertainty=pp.Uncertainty(gain=self.error))
         step = min(x1 - x0, y1 - y0) / FINE
         shape_of_cells = (round((y1 - y0) / step), round((x1 - x0) / step))
@@ -158,7 +158,7 @@ def main() -> None:
         f"Made by `python benchmarks/solid_trust.py --frames {chosen.frames} --seed {chosen.seed} --write`.",
         "",
         "Balls of 1.2 to 2.5 mm radius and 0.3 to 2 N, one or two, sliding with up to 0.6 of that, anywhere over 4 x 5 x 3 taxels on the base. Readings of a finer mesh; the error of the "
-        "model's mesh is worked out with a coarser one and stated; noise is not. What is done to readings, and what counts as wrong, as a word and as far outside is said by "
+        "model's mesh is worked out with a third one and stated; noise is not. What is done to readings, and what counts as wrong, as a word and as far outside is said by "
         "`palpate bench trust` (net force off by more than 30 % of the load; outside of its 95 % interval by more than half its half-width).",
         "",
         *table(chosen.frames, chosen.seed, chosen.rows, chosen.pads),
