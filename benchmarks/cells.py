@@ -131,17 +131,17 @@ def population(cells: range, methods: list[str], held: Path | None) -> list[str]
 @contextlib.contextmanager
 def plain_samples() -> Iterator[None]:
     """Numbers as the samples have them, not widened."""
-    before = dict(spread.WIDER), spread.OTHERS, dict(spread.SHIFT)
+    before = dict(spread.WIDER), spread.OTHER_SPREAD, dict(spread.SHIFT)
     hidden = labels._hidden
     spread.WIDER.clear()
     spread.SHIFT.clear()
-    spread.OTHERS = (1.0, 0.0)
+    spread.OTHER_SPREAD = (1.0, 0.0)
     labels._hidden = lambda *_: 0.0
     try:
         yield
     finally:
         spread.WIDER.update(before[0])
-        spread.OTHERS = before[1]
+        spread.OTHER_SPREAD = before[1]
         spread.SHIFT.update(before[2])
         labels._hidden = hidden
 
@@ -175,7 +175,7 @@ def fitted(rows: Any, logarithmic: bool) -> str:
     error = off - mean
 
     def parts(p: Any) -> tuple[Any, Any]:
-        shift = np.minimum(p[0] * std, spread.MOST) if logarithmic else 0.0
+        shift = np.minimum(p[0] * std, spread.MAX_MISSING) if logarithmic else 0.0
         return error - shift, np.sqrt((np.exp(p[1]) * std) ** 2 + (np.exp(p[2]) * size) ** 2)
 
     def worth(p: Any) -> float:

@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 import palpate as pp
 from palpate.bench.trust import ROWS, make_frame
-from palpate.bench.unseen import KINDS, unseen
+from palpate.bench.unseen import CONTACT_KINDS, unseen
 from palpate.errors import PalpateError
 from palpate.touch import Touch
 
@@ -63,7 +63,7 @@ def _of_trust(row: str, index: int) -> Touch:
 
 def unseen_frames() -> Iterator[tuple[str, Solve]]:
     """Frames of the population that tuned nothing; every fourth by the method of one penalty, every fifth with draws."""
-    for k, kind in enumerate(KINDS):
+    for k, kind in enumerate(CONTACT_KINDS):
         for i in range(OF_A_KIND):
             yield f"unseen {kind} {i}", lambda k=k, i=i, kind=kind: _of_unseen(k, i, kind)
 

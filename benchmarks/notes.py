@@ -36,12 +36,14 @@ RETURNS = frozenset(
         "_misplaced",
         "_note",
         "calibration_note",
-        "taken_as_they_are",
+        "saturation_notes",
+        "_notes",
+        "_notes_of",
         "look",
     }
 )
 #: Calls that say something at once: methods of sessions and listeners, warnings, and the shell's way to say things beside its answer.
-CALLS = frozenset({"note", "report", "_report", "_say", "warn", "_warn"})
+CALLS = frozenset({"note", "report", "_report", "_report_text", "_say", "warn", "_warn"})
 #: Modules whose notes lie in a list of another name; and names that are used there for what a message says.
 ALSO = {"inverse.words": "found"}
 #: Rooms of which `words` and such return something else.
@@ -63,7 +65,7 @@ NAMED = {
     "camera.pictures": ("DAMAGED",),
 }
 #: Notes that are said in place of others, from a dictionary.
-MAPS = {"microscopy.doubts": ("WORDS",)}
+MAPS = {"microscopy.doubts": ("REMEDIES",)}
 #: Words of an advice that notes have besides those of messages.
 ADVICE = (
     messages.ADVICE

@@ -15,7 +15,7 @@ FLOORS = {
         *("_arrays", "_batches", "_extras", "_recall"),
     ),
     "physics": ("elastic", "solutions", "sensing", "solid", "measured"),
-    "inversion": ("inverse", "uncertainty", "_plot", "touch"),
+    "inversion": ("inverse", "comparison", "uncertainty", "_plot", "touch"),
     "streams and files": ("grasp", "tracking", "recordings", "network"),
     "front door": ("design", "calibrate", "identify", "_skin_properties", "skin"),
     "uses": (

@@ -12,7 +12,7 @@ import palpate as pp
 from command_line import CliRunner
 from palpate import bench
 from palpate.bench.ablation import Ablated, Outcome, acts, variants
-from palpate.bench.unseen import KINDS, Sample, unseen
+from palpate.bench.unseen import CONTACT_KINDS, Sample, unseen
 from palpate.cli import app
 from palpate.inverse.contact.policy import Detection, Parts, Policy, changed, numbers
 
@@ -60,11 +60,10 @@ def test_parts_that_are_left_out_are_missed() -> None:
 
 def test_every_part_has_a_row_and_every_tried_number_two() -> None:
     rows, listed = variants(), list(numbers())
+    changed_by = [[n.name for n, m in zip(numbers(p), listed) if n.value != m.value] for p in rows.values()]
     for one in listed:
         assert one.why, one.name
-        changes = [
-            p for p in rows.values() if [n.name for n, m in zip(numbers(p), listed) if n.value != m.value] == [one.name]
-        ]
+        changes = [names for names in changed_by if names == [one.name]]
         assert len(changes) == (1 if one.part else 2 if one.tried else 0), one.name
     assert {one.name for one in listed if one.part} == {f"parts.{f.name}" for f in fields(Parts)}
     assert all(policy != Policy() for policy in rows.values())
@@ -89,7 +88,7 @@ def test_what_does_not_act_on_a_frame_changes_nothing() -> None:
         assert error(sample, policy) == whole
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.parametrize("kind", list(CONTACT_KINDS))
 def test_the_population_is_what_it_says(kind: str) -> None:
     for seed in range(1):
         sample, again = (unseen(np.random.default_rng((seed, 5)), kind) for _ in range(2))

@@ -10,7 +10,7 @@ import pytest
 
 import palpate as pp
 from palpate import grasp
-from palpate.calibrate import ALONE, Weight, calibrate, find_delay, read_calibration, write_calibrated
+from palpate.calibrate import FORCE_ONLY_NOTE, Weight, calibrate, find_delay, read_calibration, write_calibrated
 from palpate.calibrate.regressions import ridge
 from palpate.errors import InvalidInput, NotObservable
 from palpate.status import Status
@@ -127,7 +127,7 @@ def test_a_rejected_model_gives_force_alone(calibrated: pp.Skin) -> None:
     readings, force, _ = bench(2, 5003)
     touch = alone.reconstruct(readings)
     assert np.isnan(np.asarray(touch.pressure)).all()
-    assert ALONE in touch.notes
+    assert FORCE_ONLY_NOTE in touch.notes
     assert float(touch.force[0, 2]) == pytest.approx(force[0], rel=0.2)
     assert np.isfinite(touch.table()["force_z_high (N)"]).all()
     assert "net force z" in touch[0].summary()

@@ -237,6 +237,7 @@ def test_a_modulus_that_presses_do_not_tell_is_not_written(
     assert f"write           {written}" in done.stdout
 
 
+@pytest.mark.long
 def test_how_well_a_force_is_known_is_said_before_it_is_solved(tmp_path: Path) -> None:
     """Dots on the surface that move sideways tell a normal force to about its own size, with an exact modulus too; half a millimetre deeper they tell it."""
     found = {}

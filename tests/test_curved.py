@@ -190,17 +190,15 @@ def test_the_core_bears_what_presses(dome: pp.SolidPad) -> None:
 def test_reciprocity_and_adjoint_of_a_dome() -> None:
     dome = pp.SolidPad.dome(10e-3, 4e-3, element=4e-3, **MATERIAL)
     names = ["displacement_x", "displacement_y", "displacement_z"]
-    places = np.array([[2e-3, 5e-3], [-6e-3, -3e-3]])
-    h = 1e-3
-    array = pp.ScatteredArray(positions=places, depth=0.0, channels=names, aperture=h)
-    surface = dome.grid(shape=(14, 14), spacing=h)
+    h, shape = 0.4e-3, (34, 34)
+    surface = dome.grid(shape=shape, spacing=h)
+    centres = np.array([[2.6e-3, 5.4e-3], [-5.4e-3, -3.4e-3]])
+    array = pp.ScatteredArray(positions=centres[:, ::-1], depth=0.0, channels=names, aperture=h)
     operator = pp.Skin(dome, array, surface=surface).operator
     rng = np.random.default_rng(1)
-    t, r = rng.standard_normal((3, 14, 14)), rng.standard_normal((3, 2))
+    t, r = rng.standard_normal((3, *shape)), rng.standard_normal((3, 2))
     assert (operator.forward(t)[0] * r).sum() == pytest.approx((operator.adjoint([r]) * t).sum(), rel=1e-9)
-    centres = np.array([[2.5e-3, 5.5e-3], [-5.5e-3, -3.5e-3]])
-    array = pp.ScatteredArray(positions=centres[:, ::-1], depth=0.0, channels=names, aperture=h)
-    dense = pp.Skin(dome, array, surface=surface).operator.dense().reshape(3, 2, 3, 14, 14)
+    dense = operator.dense().reshape(3, 2, 3, *shape)
     cells = [(int(np.abs(surface.y - a).argmin()), int(np.abs(surface.x - b).argmin())) for a, b in centres]
     for i in range(3):
         for j in range(3):
@@ -224,7 +222,7 @@ def test_a_dome_is_alike_all_round(dome: pp.SolidPad) -> None:
 
 
 def test_a_ball_on_the_side_of_a_dome(skin: pp.Skin, touch: pp.Touch) -> None:
-    grid = skin.pad.grid(shape=(160, 160), spacing=0.05e-3, center=(5e-3, 0.0))  # type: ignore[attr-defined]
+    grid = skin.pad.grid(shape=(80, 80), spacing=0.1e-3, center=(5e-3, 0.0))  # type: ignore[attr-defined]
     fine = pp.Skin(skin.pad, skin.planes, surface=grid).sample(
         pp.solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.2).shifted(5e-3, 0.0)
     )

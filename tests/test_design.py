@@ -298,6 +298,7 @@ def test_an_array_without_noise_is_refused() -> None:
 # -- placement -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_placed_taxels_know_a_force_better_than_a_grid_of_as_many() -> None:
     extent, press = 16e-3, Press(force=1.0, contact_radius=2e-3)
     skin = pp.Skin(SOFT, taxels(shape=(4, 4), pitch=4e-3, depth=3e-3))

@@ -410,8 +410,16 @@ def test_an_origin_that_is_no_address_is_refused(skin: pp.Skin, feed: Feed, orig
         assert live.refused == {"origin": 2}
 
 
-@pytest.mark.parametrize("ending", ["mcap", "nc", "h5", "zarr"])
-@pytest.mark.parametrize("spelling", [("--token", "S3CRET 7"), ("--token=S3CRET 7",)])
+@pytest.mark.parametrize(
+    ("ending", "spelling"),
+    [
+        ("mcap", ("--token", "S3CRET 7")),
+        ("mcap", ("--token=S3CRET 7",)),
+        ("nc", ("--token", "S3CRET 7")),
+        ("h5", ("--token=S3CRET 7",)),
+        ("zarr", ("--token", "S3CRET 7")),
+    ],
+)
 def test_a_token_is_in_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, spelling: tuple[str, ...]
 ) -> None:

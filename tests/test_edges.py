@@ -53,6 +53,7 @@ def test_pads_without_such_a_table() -> None:
     assert edge_error(gel(), [line]) is None
 
 
+@pytest.mark.long
 def test_the_table_is_what_a_solid_pad_reads() -> None:
     """One entry again, on a mesh of its own: taxels at the base, a ball one thickness from the side."""
     pytest.importorskip("skfem")

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import palpate
+from long_runs import long_runs
 
 #: Rooms whose public names each have an example.
 ROOMS = ("palpate", "palpate.solutions", "palpate.elastic", "palpate.sensing", "palpate.recordings", "palpate.network")
@@ -51,7 +52,11 @@ def modules() -> list[str]:
     return [".".join(("palpate", *path.relative_to(root).with_suffix("").parts)) for path in files]
 
 
-@pytest.mark.parametrize("name", modules())
+#: Modules whose examples take seconds.
+SLOW = ("palpate.design.placement", "palpate.design.sweep", "palpate.measured.pad", "palpate.pads")
+
+
+@pytest.mark.parametrize("name", [*(name for name in modules() if name not in SLOW), *long_runs(*SLOW)])
 def test_examples_run(name: str) -> None:
     failed, tried = doctest.testmod(importlib.import_module(name))
     assert tried > 0

@@ -70,7 +70,7 @@ def check(touch: pp.Touch) -> None:
 # -- the cases that were found -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, *long_runs(2, 3, 4, 5)])
 @pytest.mark.parametrize("baseline", [0, 6])
 def test_zero_frames_before_a_contact_that_grows(seed: int, baseline: int) -> None:
     """10 x 10 normal stresses at 2 mm in 8 mm of glued gel: the normal matrix was not positive definite in one of three."""

@@ -21,7 +21,7 @@ from palpate.live.session import Session
 from palpate.recordings import read_touch, write_recording, write_touch
 from palpate.sensing.zero import FRAMES, STANDS, Levels, Rest, zero_of
 from palpate.touch import Forces
-from palpate.touch.rounding import decimals, said
+from palpate.touch.rounding import decimals, format_interval
 from palpate.touch.table import table_words
 
 SKIN = """
@@ -70,9 +70,9 @@ def touch(press: tuple[pp.Skin, Any]) -> pp.Touch:
 
 
 def test_numbers_and_their_intervals_are_rounded_alike() -> None:
-    assert said(1.00234, 0.986, 1.0191, unit="N") == "1.002 N (0.986 to 1.019)"
-    assert said(-1e-9, -0.02, 0.02, unit="N") == "0.000 N (-0.020 to 0.020)"  # no minus before a zero
-    assert said(math.nan, 0.0, 1.0) == "not known"
+    assert format_interval(1.00234, 0.986, 1.0191, unit="N") == "1.002 N (0.986 to 1.019)"
+    assert format_interval(-1e-9, -0.02, 0.02, unit="N") == "0.000 N (-0.020 to 0.020)"  # no minus before a zero
+    assert format_interval(math.nan, 0.0, 1.0) == "not known"
     assert [decimals(w) for w in (0.013, 0.5, 70.0, math.inf, 0.0)] == [3, 2, 0, 0, 0]
     assert [nice(v) for v in (3.7e4, 1e3, 0.0)] == [2e4, 1e3, 1.0]
 
@@ -406,7 +406,7 @@ def test_numbers_of_many_frames_wait_in_a_file_and_are_the_same(
 ) -> None:
     skin, _ = press
     few = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "few.nc", baseline=10, chunk=3)
-    monkeypatch.setattr("palpate.archives.numbers.MANY", 5)
+    monkeypatch.setattr("palpate.archives.numbers.MAX_FRAMES_IN_MEMORY", 5)
     many = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "many.nc", baseline=10, chunk=3)
     one, other = few.table, many.table
     base = other["force_z (N/m)"].to_numpy()
@@ -420,7 +420,7 @@ def test_numbers_of_many_frames_wait_in_a_file_and_are_the_same(
 
 def test_frames_that_lack_a_number_are_unknown_in_the_file_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A frame that is missing may lack the slip margin; the frames may come in any order."""
-    monkeypatch.setattr("palpate.archives.numbers.MANY", 1)
+    monkeypatch.setattr("palpate.archives.numbers.MAX_FRAMES_IN_MEMORY", 1)
     numbers = Numbers(5, tmp_path)
     time = 0.5 * np.arange(5)
     margin = np.array([7.0, 8.0])

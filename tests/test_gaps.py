@@ -75,8 +75,8 @@ def test_missing_vectors_cost_hardly_a_step(missing: str) -> None:
 def test_more_missing_than_a_factor_serves_is_solved_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     mask = holes((24, 26), 30)
     answers = []
-    for most in (gaps.MOST, 10):
-        monkeypatch.setattr(gaps, "MOST", most)
+    for most in (gaps.MAX_FACTORED_GAPS, 10):
+        monkeypatch.setattr(gaps, "MAX_FACTORED_GAPS", most)
         one = system(CHANNELS["displacements"], mask)
         rows = np.random.default_rng(1).standard_normal((1, one.normal.total)) * one.normal.valid
         answers.append(one.solve(rows, np.array([1e-4 * one.space.largest]), tolerance=1e-8, most=4000).rows)

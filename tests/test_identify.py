@@ -98,6 +98,7 @@ def test_two_balls_are_two_patches() -> None:
     assert "2 patches" in found.radius.reason
 
 
+@pytest.mark.long
 def test_a_square_is_neither() -> None:
     skin = skin_of()
     readings, touch = read(skin, patch(half_widths=(4e-3, 1e-3), traction=3e4))
@@ -126,6 +127,7 @@ def test_a_contact_smaller_than_the_blur_has_an_upper_bound_alone() -> None:
     assert holds(found.patches[0].force[2], 1.0)
 
 
+@pytest.mark.long
 def test_a_soft_ball_is_told_with_its_indentation() -> None:
     pads, balls = plane_strain_modulus(PAD), 3e5  # E/(1 - nu^2)
     both = 1.0 / (1.0 / pads + 1.0 / balls)

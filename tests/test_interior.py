@@ -82,6 +82,7 @@ def swapped(side: int = 8, *, depth: float = 2.1e-3, radius: float = 3e-3) -> tu
     return skin, clean[[1, 0, 2]] + noise * np.random.default_rng(3).standard_normal(clean.shape)
 
 
+@pytest.mark.long
 def test_every_fit_of_a_frame_ends_although_newtons_method_cycles() -> None:
     """Such fits stopped short: of what a hypothesis was worth, twice the force and more was made of."""
     skin, frame = swapped()

@@ -236,10 +236,10 @@ def test_friction_on_a_layer_reads_the_kernel_off_a_table(aperture: float, monke
     pad = pp.BondedLayers([layer(2.0, 1.0, 0.45)])
     array = pp.LineArray(count=21, pitch=0.5, depth=0.8, channels=["stress_zz"], aperture=aperture)
     problem = pp.Skin(pad, array)._problem.seeking(("z",))
-    tabulated = pp.ConstantFriction(friction=0.4).prepare(problem)
+    tabulated = pp.paper.ConstantFriction(friction=0.4).prepare(problem)
     assert tabulated._under_half_of_the_plane is not None
     monkeypatch.setattr(constant_friction, "POINTS", 0)
-    exact = pp.ConstantFriction(friction=0.4).prepare(problem)
+    exact = pp.paper.ConstantFriction(friction=0.4).prepare(problem)
     assert exact._under_half_of_the_plane is None
     for half_width, center in ((2.0, 0.1), (0.2, 1.0), (4.5, -3.0), (60.0, 0.0)):
         known = exact._shear_reading(half_width, center)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import palpate as pp
 from palpate.bench.ablation import Ablated
@@ -20,6 +21,7 @@ def _ball(skin: pp.Skin) -> Floats:
     return np.asarray(skin.sense(np.stack([0.0 * p, 0.0 * p, p])))
 
 
+@pytest.mark.long
 def test_errors_grow_with_what_is_left_over_the_noise_that_was_given() -> None:
     """Noise of 0.6 % of the peak where 0.3 % was given: what is left is twice as large, and so are the errors of the cells (Birge's ratio)."""
     array = pp.AreaArray(shape=(10, 10), pitch=1.5e-3, depth=2e-3, channels=THREE)

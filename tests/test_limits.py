@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import archives, solutions
 from palpate.recordings import Recording, write_recording
 from palpate.sensing.limits import at_ends, ends_of
@@ -39,22 +40,22 @@ def ended(readings: Any, part: float = 0.6) -> tuple[float, Any]:
     return top, out
 
 
+@pytest.mark.parametrize("seed", [0, *long_runs(1, 2, 3)])
 @pytest.mark.parametrize("friction", [None, 0.5])
-def test_a_single_reading_at_an_end_that_is_given_is_at_least_that(friction: float | None) -> None:
+def test_a_single_reading_at_an_end_that_is_given_is_at_least_that(friction: float | None, seed: int) -> None:
     """Nothing in a frame tells one reading at its end from a peak: 1 N reads 0.9."""
     given: dict[str, Any] = {} if friction is None else {"friction": friction}
     plain = pp.Skin(PAD, ARRAY)
-    for seed in range(4):
-        top, readings = ended(pressed(plain, seed=seed))
-        stated = pp.Skin(PAD, dataclasses.replace(ARRAY, limits=top)).reconstruct(readings, **given)
-        (f, low, high), (f0, _, _) = force(stated), force(plain.reconstruct(readings, **given))
-        # (where friction is given the evidence is less sure of the peak without its reading: the word is what tells)
-        assert friction is not None or low <= 1.0 <= high, (seed, low, high)
-        assert abs(f - 1.0) < abs(f0 - 1.0)
-        assert f0 < 0.95  # the frame alone does not know
-        assert any("at the end of their range" in note for note in stated.notes)
-        assert stated.at_limit is not None
-        assert int(stated.at_limit.sum()) == int((np.abs(readings) == top).sum())
+    top, readings = ended(pressed(plain, seed=seed))
+    stated = pp.Skin(PAD, dataclasses.replace(ARRAY, limits=top)).reconstruct(readings, **given)
+    (f, low, high), (f0, _, _) = force(stated), force(plain.reconstruct(readings, **given))
+    # (where friction is given the evidence is less sure of the peak without its reading: the word is what tells)
+    assert friction is not None or low <= 1.0 <= high, (seed, low, high)
+    assert abs(f - 1.0) < abs(f0 - 1.0)
+    assert f0 < 0.95  # the frame alone does not know
+    assert any("at the end of their range" in note for note in stated.notes)
+    assert stated.at_limit is not None
+    assert int(stated.at_limit.sum()) == int((np.abs(readings) == top).sum())
 
 
 def test_the_low_end_counts_too() -> None:

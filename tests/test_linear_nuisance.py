@@ -99,9 +99,10 @@ def test_a_frame_of_a_batch_has_the_patterns_that_it_has_alone() -> None:
     top = np.abs(clean).max()
     batch = clean + 0.02 * top * rng.standard_normal((3, *clean.shape)) + top * np.array([0, 1, 2])[:, None, None, None]
     skin = pp.Skin(GEL, array)
-    whole = skin.reconstruct(batch, components=["x", "y"])
+    given: Any = {"components": ["x", "y"], "method": "tikhonov"}
+    whole = skin.reconstruct(batch, **given)
     for i in range(3):
-        alone = skin.reconstruct(batch[i], components=["x", "y"])
+        alone = skin.reconstruct(batch[i], **given)
         scale = np.abs(alone.values).max()
         np.testing.assert_allclose(whole.values[i], alone.values, atol=1e-8 * scale)
         np.testing.assert_allclose(np.asarray(whole[i].std), np.asarray(alone.std), rtol=1e-6, atol=1e-9 * scale)

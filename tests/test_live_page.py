@@ -16,7 +16,7 @@ import pytest
 
 import palpate as pp
 from palpate.live import Live, Session, packed, unpacked
-from palpate.live.taxels import MOST, described, edge
+from palpate.live.taxels import MAX_READINGS, described, edge
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 GRID = pp.AreaArray(shape=(4, 4), pitch=4e-3, depth=2e-3, channels=["stress_xz", "stress_zz"], noise=50.0)
@@ -98,7 +98,7 @@ def test_where_nothing_touches_there_is_no_centre() -> None:
 
 
 def test_more_readings_than_a_page_shows_are_not_sent() -> None:
-    n = int(np.sqrt(MOST)) + 1
+    n = int(np.sqrt(MAX_READINGS)) + 1
     skin = pp.Skin(PAD, pp.AreaArray(shape=(n, n), pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
 
     class Idle:

@@ -216,7 +216,7 @@ def test_an_iteration_that_does_not_converge_says_so(monkeypatch):
     from palpate.inverse.linear.matrix_free import solver
 
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 0)
-    monkeypatch.setattr(solver, "MOST", 3)
+    monkeypatch.setattr(solver, "MAX_STEPS", 3)
     skin = pp.Skin(HALF_SPACE, area())
     readings = noisy(skin, pressed(skin), frames=(2,))
     touch = skin.reconstruct(readings, method="tikhonov", parameter=1e-6)

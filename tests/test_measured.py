@@ -12,6 +12,7 @@ import pytest
 
 import palpate as pp
 from command_line import run
+from long_runs import long_runs
 from palpate.measured import Table
 from palpate.measured.response import fitted, spread
 from palpate.recordings import write_recording
@@ -84,7 +85,7 @@ def test_without_noise_the_map_is_that_of_a_point_load() -> None:
     assert np.sqrt(((wide - true) ** 2).mean() / (true**2).mean()) > 0.03
 
 
-@pytest.mark.parametrize(("count", "most"), [(7, 0.07), (9, 0.04)])
+@pytest.mark.parametrize(("count", "most"), [(7, 0.07), *long_runs((9, 0.04))])
 def test_what_the_map_is_off_by_is_what_it_says(count: int, most: float) -> None:
     grid = pp.AreaGrid(shape=(24, 24), spacing=0.6e-3)
     found = pad(count)
@@ -96,7 +97,7 @@ def test_what_the_map_is_off_by_is_what_it_says(count: int, most: float) -> None
     assert float(found.fit.noise[0]) == pytest.approx(0.02 * np.abs(noisy(count)).max(), rel=0.15)
 
 
-@pytest.mark.parametrize(("count", "most"), [(7, 0.06), (9, 0.04)])
+@pytest.mark.parametrize(("count", "most"), [(7, 0.06), *long_runs((9, 0.04))])
 def test_presses_elsewhere(count: int, most: float) -> None:
     """Fifty presses between the places, of other sizes: force, centre, and how often the intervals hold them."""
     rng = np.random.default_rng(3)
@@ -403,6 +404,7 @@ def test_from_a_skin_file_and_the_commands(tmp_path: Path) -> None:
         pp.Skin.from_file(tmp_path / "skin.toml")
 
 
+@pytest.mark.long
 def test_more_rows_than_are_looked_at_are_drawn() -> None:
     """Four hundred markers and two hundred presses: the shared response is found from some of the readings."""
     rng = np.random.default_rng(0)
@@ -423,6 +425,6 @@ def test_more_rows_than_are_looked_at_are_drawn() -> None:
 
 
 def test_a_measured_pad_is_not_doubted_for_its_stiffness() -> None:
-    from palpate.cli.options import doubtful_units
+    from palpate.cli.options import suspicious_units
 
-    assert doubtful_units(pp.Skin(pad(), taxels())) == []
+    assert suspicious_units(pp.Skin(pad(), taxels())) == []

@@ -15,7 +15,7 @@ from long_runs import long_runs
 from palpate import _memory
 from palpate.inverse.linear import fourier, memory
 from palpate.inverse.linear.memory import spectrum_memory
-from palpate.inverse.registry import method_asked
+from palpate.inverse.registry import requested_method
 from palpate.sensing import operator as operators
 from palpate.sensing import readings as readings_module
 from palpate.sensing.readings import FRAME_CELLS, FRAME_READINGS, MOST
@@ -74,7 +74,7 @@ def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     tracemalloc.start()
     try:
         with pytest.raises(pp.Unsupported) as refused:
-            skin._prepared(method_asked(options.get("method"), {}).resolved(skin.problem()), skin.components)
+            skin._prepared(requested_method(options.get("method"), {}).resolved(skin.problem()), skin.components)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -146,14 +146,14 @@ def test_a_name_is_taken_once() -> None:
         (pp.Truncated(rule="lcurve"), {"method": "truncated", "parameter": "lcurve"}),
         (pp.Constrained(parameter=1e-3), {"method": "constrained", "parameter": 1e-3}),
         (pp.Constrained(), {"method": "constrained", "parameter": "evidence"}),
-        (pp.Division(), {"method": "dft"}),
-        (pp.LinearSystem(), {"method": "linear"}),
+        (pp.paper.Division(), {"method": "dft"}),
+        (pp.paper.LinearSystem(), {"method": "linear"}),
         (
-            pp.ConstantFriction(friction=-0.2, parameter=1e-3),
+            pp.paper.ConstantFriction(friction=-0.2, parameter=1e-3),
             {"method": "constant_friction", "friction": -0.2, "parameter": 1e-3},
         ),
-        (pp.NonNegative(), {"method": "nnls"}),
-        (pp.ElasticNet(parameter=1e-3), {"method": "elastic_net", "parameter": 1e-3}),
+        (pp.comparison.NonNegative(), {"method": "nnls"}),
+        (pp.comparison.ElasticNet(parameter=1e-3), {"method": "elastic_net", "parameter": 1e-3}),
         (pp.Adaptive(), {"method": "adaptive"}),
         (pp.Automatic(), {}),
     ],
@@ -168,7 +168,9 @@ def test_objects_are_their_short_names(method: Method, options: dict[str, Any]) 
     assert one.method == other.method
 
 
-@pytest.mark.parametrize("method", [pp.Tikhonov, pp.Adaptive, pp.Constrained, pp.Hilgers, pp.NonNegative, pp.Automatic])
+@pytest.mark.parametrize(
+    "method", [pp.Tikhonov, pp.Adaptive, pp.Constrained, pp.Hilgers, pp.comparison.NonNegative, pp.Automatic]
+)
 def test_methods_are_frozen_hashable_and_pickle(method: type[Method]) -> None:
     one = method()
     assert one == method()
@@ -329,7 +331,7 @@ def test_what_does_not_change_is_not_prepared_again(prepared: list[str]) -> None
         skin.reconstruct(readings, method=pp.Tikhonov(rule=rule))
     second = skin.reconstruct(readings, method=pp.Tikhonov(parameter=2e-3))
     assert not np.array_equal(first.values, second.values)
-    for method in (pp.Constrained(), pp.Constrained(parameter=1e-3), pp.TotalVariation(parameter=1e-2)):
+    for method in (pp.Constrained(), pp.Constrained(parameter=1e-3), pp.comparison.TotalVariation(parameter=1e-2)):
         skin.reconstruct(readings, method=method)  # the same penalty on the same grid
     assert prepared == ["Operator", "decompose"]
     skin.reconstruct(readings, method=pp.Tikhonov(order=0))

@@ -147,6 +147,7 @@ def test_regions_of_imagej(tmp_path):
         read_labels(tmp_path / "first.roi")
 
 
+@pytest.mark.long
 def test_a_film_goes_on_where_it_was_stopped(tmp_path):
     cell = cell_of(9, noise=0.05, outliers=False, edge=False)
     for i, factor in enumerate((1.0, 0.5)):

@@ -280,6 +280,7 @@ def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monke
     assert not Path("b.html").exists()
 
 
+@pytest.mark.long
 def test_the_size_of_a_mask_says_where_the_top_is(tmp_path: Path) -> None:
     """A table that counts y from the picture's bottom, with a mask of the picture: the same numbers as from the top."""
     pytest.importorskip("typer")
@@ -340,13 +341,13 @@ def test_a_skin_file_describes_the_gel_as_options_do(tmp_path: Path, monkeypatch
 
 def test_remedies_that_are_said_in_other_words_are_those_of_the_notes() -> None:
     """A note that is worded anew elsewhere must not pass with the remedy of another call."""
-    from palpate.microscopy.doubts import WORDS
+    from palpate.microscopy.doubts import REMEDIES
 
     inverse = Path(pp.__file__).parent / "inverse"
     source = "".join(path.read_text(encoding="utf-8") for path in inverse.rglob("*.py"))
     source = re.sub(r'"\s*\n\s*f?"', "", source)  # a sentence of several strings
     source = source.replace("{', '.join(problem.surface.components)}", "x, y, z")
-    assert [theirs for theirs in WORDS if theirs not in source] == []
+    assert [theirs for theirs in REMEDIES if theirs not in source] == []
 
 
 def test_what_is_known_of_the_gel_enters_the_map_or_is_said_not_to() -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.microscopy import bead_displacements, cell_forces
 from palpate.microscopy.blobs import PROFILES, profiled
-from palpate.microscopy.noise import OWN, Noise, shared_part, whitener
+from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance, whitener
 from palpate.microscopy.vectors import vectors_of
 from palpate.sensing.uncertainty import EXACT
 
@@ -26,7 +27,9 @@ def test_whitened_vectors_have_one_noise_of_their_own():
     members = [np.array([k]) for k in range(72)]
     white = whitener(noise, 1.0, members, places)
     apart = places[:, None] - places[None]
-    covariance = (1 - OWN) * shared_part(apart[..., 0], apart[..., 1], 2.0) + OWN * np.eye(72)
+    covariance = (1 - INDEPENDENT_SHARE) * shared_variance(
+        apart[..., 0], apart[..., 1], 2.0
+    ) + INDEPENDENT_SHARE * np.eye(72)
     covariance *= noise.relative.ravel()[:, None] * noise.relative.ravel()
     one = white(white(covariance).T)
     # what is left comes from vectors that are not among those before each
@@ -62,7 +65,7 @@ def test_profiles_keep_force_and_second_moments():
             assert second == pytest.approx(variance[k], rel=1e-9)
 
 
-@pytest.mark.parametrize("window", [16, 32])
+@pytest.mark.parametrize("window", [16, *long_runs(32)])
 def test_the_largest_traction_of_rendered_cells_is_inside_its_interval(window):
     """One noise for all vectors gave 1.58 (1.26 to 1.99) of it here, with windows of 16 pixels."""
     from cells_pictures import MODULUS, RATIO, SIDE, SQUARE, pair_of, truth_of

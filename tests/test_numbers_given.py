@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.cli.options import doubtful_units
+from palpate.cli.options import suspicious_units
 from skin_files import skin_text
 
 HOW: dict[str, Any] = {
@@ -76,6 +76,6 @@ def test_a_slip_of_a_unit_in_a_skin_file_is_doubted(given: dict[str, str], said:
     """Metres for millimetres made 2 MN of 2 N, without a word."""
     file = tmp_path / "skin.toml"
     file.write_text(skin_text(4, 4, **{"pitch": "5 mm", "depth": "1 mm", **given}))
-    doubts = doubtful_units(pp.Skin.from_file(file))
+    doubts = suspicious_units(pp.Skin.from_file(file))
     assert len(doubts) == bool(said)
     assert said in "".join(doubts)

@@ -64,6 +64,7 @@ def test_pictures_that_contradict_each_other_are_refused(tmp_path: Path) -> None
         pixel_size_of_all([tmp_path / "c.tif"])
 
 
+@pytest.mark.long
 def test_the_command_takes_or_questions_it(tmp_path: Path) -> None:
     pytest.importorskip("typer")
     pytest.importorskip("matplotlib")

@@ -40,6 +40,7 @@ def test_one_channel_that_is_alike_may_be_an_even_load(value: float) -> None:
     assert any("offset" in n or "known roughly" in n for n in touch.notes), touch.notes
 
 
+@pytest.mark.long
 def test_a_frame_whose_readings_are_all_at_the_largest_is_answered() -> None:
     """Displacements of 12 x 12 taxels with friction given: numbers overflowed, and least squares did not converge."""
     frame = make_frame("channel offsets", 7, seed=7741)

@@ -45,7 +45,20 @@ def test_what_is_advised_works(remedy: Remedy, tmp_path: Path, monkeypatch: pyte
         raise
 
 
+@pytest.mark.parametrize("remedy", [pytest.param(*case.values, id=case.id) for case in CASES if case.values[0].slow])
+def test_what_is_refused_says_why(remedy: Remedy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The refusal alone, of those whose advice takes so long that it is followed with the long tests."""
+    monkeypatch.chdir(tmp_path)
+    refused(remedy)
+
+
 def tried(remedy: Remedy) -> None:
+    refused(remedy)
+    got = remedy.advised()
+    assert remedy.right is None or remedy.right(got)
+
+
+def refused(remedy: Remedy) -> None:
     if remedy.given is not None:
         remedy.given()
     with pytest.raises(pp.PalpateError) as caught:
@@ -56,8 +69,6 @@ def tried(remedy: Remedy) -> None:
     assert re.search(pattern, str(caught.value)), str(caught.value)
     if remedy.room:
         assert any(place.endswith("palpate/" + remedy.room.replace(".", "/")) for place in raised_in(caught.value))
-    got = remedy.advised()
-    assert remedy.right is None or remedy.right(got)
 
 
 def test_the_table_of_messages_is_that_of_the_source(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -182,6 +182,7 @@ def test_a_mesh_from_a_file_is_the_box(pad: pp.SolidPad, tmp_path: Path) -> None
     assert np.abs(a - b).max() < 0.05 * np.abs(b).max()
 
 
+@pytest.mark.long
 def test_intervals_hold_with_the_error_of_the_mesh() -> None:
     """Readings of a finer mesh: the interval of the shear force misses it if the error of the mesh is not stated."""
     model, truth, finest = (pp.SolidPad.box(8e-3, 8e-3, 2e-3, element=e, **MATERIAL) for e in (1e-3, 0.67e-3, 0.6e-3))

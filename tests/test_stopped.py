@@ -153,7 +153,7 @@ def test_rows_so_far_are_written_while_frames_come(folder: Path, monkeypatch: py
     touch = pp.Touch(np.ones((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov")
     for name, kept in {"new.csv": "new.csv", "old.csv": "old.part.csv"}.items():
         forces = Forces()
-        with written.kept_rows(forces, folder / name) as keep:
+        with written.rows_in_part_file(forces, folder / name) as keep:
             for frame in range(3):
                 forces.add(touch)
                 keep()

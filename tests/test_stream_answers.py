@@ -177,6 +177,7 @@ def test_fit_is_known_in_every_solved_frame_of_few_taxels(shape: tuple[int, int]
     assert all(t.fit is not None and math.isfinite(float(t.fit)) for t in solved)
 
 
+@pytest.mark.long
 def test_gains_that_differ_widen_the_intervals_and_are_said() -> None:
     """By a fifth, with noise that is a hundred times smaller: the interval holds the force, and the share is said."""
     held = []

@@ -209,7 +209,7 @@ def test_memory_does_not_grow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @dataclass(frozen=True)
-class Fatal(pp.Division):
+class Fatal(pp.paper.Division):
     """Takes its worker down, once for each line that is left in a file."""
 
     left: str = ""
@@ -490,7 +490,7 @@ def test_a_disk_without_room_for_the_numbers_is_said_and_the_run_goes_on_later(
 ) -> None:
     from palpate.archives import numbers
 
-    monkeypatch.setattr(numbers, "MANY", 1)
+    monkeypatch.setattr(numbers, "MAX_FRAMES_IN_MEMORY", 1)
     add = numbers.Numbers.add
 
     def full(self: Any, start: int, found: dict[str, Any]) -> None:

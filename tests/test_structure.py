@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import os
 import re
@@ -34,6 +35,7 @@ ROOMS = [
     "solid",
     "measured",
     "inverse",
+    "comparison",
     "uncertainty",
     "_plot",
     "touch",
@@ -71,6 +73,7 @@ def room(module: str) -> str:
     return module.split(".")[1] if "." in module else "palpate"
 
 
+@functools.cache
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 

@@ -19,7 +19,7 @@ import palpate as pp
 from palpate.recordings import Recording, read_recording, read_touch, recorder, write_recording
 from palpate.recordings.files import in_place
 from palpate.recordings.locks import sole_writer
-from palpate.recordings.zarrstream import partial
+from palpate.recordings.zarrstream import unfinished_path
 
 for library in ("mcap", "rosbags", "zarr"):
     pytest.importorskip(library)
@@ -176,7 +176,7 @@ def test_a_run_that_is_under_way_is_not_gone_on_with(tmp_path: Path, options: di
     assert len(said) == 1
     assert "is being written in this process already" in said[0]
     assert read_touch(target).force.shape == (8, 2)
-    assert not partial(target).exists()
+    assert not unfinished_path(target).exists()
     with elsewhere(HOLDING, str(target)), pytest.raises(pp.InvalidInput, match="another process"):
         pp.reconstruct_recording(skin, recording, target, method="tikhonov", chunk=2, overwrite=True)
     assert read_touch(target).force.shape == (8, 2)

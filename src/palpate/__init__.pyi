@@ -1,6 +1,6 @@
 """Public names of palpate and the rooms that define them: the only list. `__init__.py` reads it and loads a name on first use."""
 
-from . import solutions as solutions
+from . import comparison as comparison, paper as paper, solutions as solutions
 from .archives import reconstruct_recording as reconstruct_recording
 from .elastic import (
     AREA_CHANNELS as AREA_CHANNELS,
@@ -20,20 +20,12 @@ from .errors import (
 from .grasp import GraspMonitor as GraspMonitor
 from .inverse import (
     Adaptive as Adaptive,
-    AnalogNetwork as AnalogNetwork,
     Automatic as Automatic,
-    ConstantFriction as ConstantFriction,
     Constrained as Constrained,
-    Division as Division,
-    ElasticNet as ElasticNet,
     Hilgers as Hilgers,
-    LinearSystem as LinearSystem,
     Local as Local,
-    MaximumEntropy as MaximumEntropy,
     Method as Method,
-    NonNegative as NonNegative,
     Tikhonov as Tikhonov,
-    TotalVariation as TotalVariation,
     Truncated as Truncated,
     Wiener as Wiener,
     methods as methods,

@@ -101,7 +101,7 @@ def _from_sequence(x: Sequence[Any], what: str) -> npt.NDArray[Any]:
 
 
 def _any_masked(x: Any) -> bool:
-    """Whether a nested list holds a masked array, or the constant that stands for a masked number, at any depth."""
+    """Whether a nested list contains a masked array or `numpy.ma.masked`, at any depth."""
     return any(isinstance(v, np.ma.MaskedArray) or (isinstance(v, list | tuple) and _any_masked(v)) for v in x)
 
 
@@ -111,7 +111,7 @@ def _masked(x: Any) -> Any:
 
 
 def as_double(x: Any) -> npt.NDArray[np.float64]:
-    """A copy of numbers in double precision; masked entries, in lists too, become NaN. `ValueError` or `TypeError` where they are none."""
+    """A copy of numbers in double precision; masked entries, in lists too, become NaN. `ValueError` or `TypeError` for anything else."""
     if isinstance(x, list | tuple) and _any_masked(x):
         x = _masked(x)
     found = np.array(x, dtype=np.float64)

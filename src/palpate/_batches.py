@@ -93,12 +93,12 @@ def stacked(records: Sequence[Any], *, new_axis: bool, counts: Sequence[int]) ->
             filled = [
                 _filled(known, f.metadata["missing"], n, new_axis) if p is None else p for p, n in zip(parts, counts)
             ]
-            out[f.name] = _together(f.name, filled, new_axis)
+            out[f.name] = _join(f.name, filled, new_axis)
     return out
 
 
 def _absent(known: Any, count: int, new_axis: bool) -> Any:
-    """A record shaped like ``known`` that holds nothing but missing values."""
+    """A record shaped like ``known``, with missing values only."""
     missing = {f.name: f.metadata["missing"] for f in fields(known) if getattr(known, f.name) is not None}
     return replace(known, **{n: _filled(getattr(known, n), fill, count, new_axis) for n, fill in missing.items()})
 
@@ -111,7 +111,7 @@ def _filled(known: Any, missing: Any, count: int, new_axis: bool) -> Any:
     return np.full(shape, missing, dtype=dtype)
 
 
-def _together(name: str, parts: list[Any], new_axis: bool) -> Any:
+def _join(name: str, parts: list[Any], new_axis: bool) -> Any:
     if all(is_numpy(p) for p in parts) or not all(hasattr(p, "dtype") for p in parts):
         arrays = [to_numpy(p) for p in parts]
         shapes = {a.shape if new_axis else a.shape[1:] for a in arrays}

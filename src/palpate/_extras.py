@@ -29,6 +29,7 @@ EXTRAS = {
     "av": "camera",
     "cv2": "camera",
     "tifffile": "camera",
+    "imagecodecs": "camera",
     "roifile": "cells",
     "contourpy": "cells",
     "dask": "dask",

@@ -50,7 +50,7 @@ def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Pat
 
 
 def small_text(path: str | Path, what: str) -> str:
-    """The text of a file that is ``what``; `InvalidInput` where it is none."""
+    """The text of a file that is ``what``; `InvalidInput` if it is not text."""
     found = ordinary(path, most=TEXT, what=what)
     try:
         return found.read_text(encoding="utf-8-sig")

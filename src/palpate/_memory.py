@@ -1,7 +1,7 @@
 """How much memory is free, and the refusal of what would need more.
 
-Estimates stand beside the code whose memory they describe; here is only the comparison. A program that asks for more than there is does not
-fail where it asks: the system stops it, or another one, somewhere later. So the need is worked out from sizes alone, before any work.
+Estimates stand beside the code whose memory they describe; here is only the comparison. Allocating too much memory does not fail at once: the system
+kills the program, or another one, later. So the estimate is made from sizes alone, before any work.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from palpate.errors import Unsupported
 
 __all__ = ["SHARE", "SMALL", "available", "gigabytes", "require"]
 
-#: The part of what is free that may be asked for: the rest of the program, and other programs, go on.
+#: The usable part of the free memory: the rest of the program, and other programs, need some.
 SHARE = 0.9
 #: Less than this is not worth a look at what is free [bytes].
 SMALL = 50_000_000
@@ -26,7 +26,7 @@ def available() -> int | None:
 
 
 def require(peak: float, what: str, remedy: str) -> None:
-    """Refuse with `Unsupported` what needs ``peak`` bytes where they are not free.
+    """Refuse with `Unsupported` work that needs ``peak`` bytes if they are not free.
 
     Parameters
     ----------
@@ -51,13 +51,13 @@ def _machine() -> int | None:
         if line.startswith("MemAvailable:"):
             return int(line.split()[1]) * 1024
     sizes: dict[str, int] = getattr(os, "sysconf_names", {})
-    # macOS tells what it has, not what is free of it
+    # macOS states the total, not the free memory
     pages = next((n for n in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if n in sizes), None)
     return None if pages is None else os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _control_groups() -> list[int | None]:
-    """What the control groups of the process leave (Linux: containers, job systems), their file cache counted as free."""
+    """Memory left by the control groups of the process (Linux: containers, job systems), with their file cache counted as free."""
     left: list[int | None] = []
     for line in _text(Path("/proc/self/cgroup")).splitlines():
         _, controllers, name = (*line.split(":", 2), "", "")[:3]

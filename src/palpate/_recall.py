@@ -22,14 +22,14 @@ __all__ = ["Recall", "digest", "read", "write"]
 
 Arrays = tuple[npt.NDArray[Any], ...]
 
-#: What a file looks like; another number is refused.
+#: Version of the file layout; other versions are refused.
 FORMAT = 1
 #: Longest header: a few hundred entries of a hundred characters.
 LONGEST_HEADER = 1_000_000
 
 
 class _Unknown(Exception):
-    """Something that cannot be told from another of its kind."""
+    """An object without an identity for a digest."""
 
 
 def digest(*things: Any) -> str | None:
@@ -62,7 +62,7 @@ def _walk(thing: Any, say: Callable[[bytes], None]) -> None:
         for item in thing:
             _walk(item, say)
     elif is_dataclass(thing) and not isinstance(thing, type) and type(thing).__module__.startswith("palpate."):
-        # what others derive from palpate's classes may do anything
+        # subclasses of palpate's classes may do anything
         say(f"{type(thing).__module__}.{type(thing).__qualname__};".encode())
         for f in fields(thing):
             _walk(getattr(thing, f.name), say)
@@ -77,7 +77,7 @@ class Recall:
     entries: Mapping[str, Arrays]
 
     def find(self, key: str | None, shapes: Sequence[tuple[int, ...]]) -> Arrays | None:
-        """What is known under a key, where it has these shapes in double precision."""
+        """The values under a key if they have these shapes and double precision."""
         found = None if key is None else self.entries.get(key)
         if found is None or [a.shape for a in found] != list(shapes):
             return None
@@ -94,7 +94,7 @@ def write(path: str, entries: Mapping[str, Arrays], about: Mapping[str, str]) ->
 
 
 def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall:
-    """What a file holds; ``check`` is called with what it says of itself before anything large is read.
+    """Read a file; call ``check`` with its header before reading large arrays.
 
     Raises
     ------

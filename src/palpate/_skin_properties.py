@@ -1,4 +1,4 @@
-"""What a skin is made of and what it can see: the properties of `palpate.Skin`."""
+"""Properties of `palpate.Skin`: its parts, and what it can observe."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["SkinProperties"]
 
 
 class SkinProperties:
-    """Pad, arrays and surface of a skin, and what its channels can tell."""
+    """Pad, arrays and surface of a skin, and what its channels can observe."""
 
     _pad: Pad
     _elastic: Pad
@@ -83,7 +83,7 @@ class SkinProperties:
 
     @property
     def surface(self) -> Grid:
-        """Where traction is sought.
+        """The grid of the traction.
 
         Examples
         --------
@@ -110,7 +110,7 @@ class SkinProperties:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """How well pad and sensors are known.
+        """Uncertainty of pad and sensors.
 
         Examples
         --------
@@ -138,7 +138,7 @@ class SkinProperties:
 
     @property
     def calibration(self) -> SkinCalibration | None:
-        """What presses with known forces told (`calibrate`); None of a skin that was not calibrated.
+        """The calibration by presses with known forces (`calibrate`), or None.
 
         Examples
         --------
@@ -200,9 +200,9 @@ class SkinProperties:
         shear, friction : float
             Tangential over normal force, and the coefficient of friction of the slip margin.
         center : (float, float), optional
-            Place (x, y) of the press [m]; the middle of the array where nothing is given.
+            Place (x, y) of the press [m]; default: the middle of the array.
         components : sequence of str, optional
-            What is sought; `components` of the skin where nothing is given.
+            The components sought; default: those of the skin.
 
         Raises
         ------
@@ -235,17 +235,18 @@ class SkinProperties:
         indentation: npt.ArrayLike | None = None,
         shape: str | None = None,
     ) -> Identified | IdentifiedPress:
-        """What presses: contact patches, radius of a ball or a round flat, modulus, stiffness and texture, each with its interval or why nothing tells it.
+        """Identify what presses: contact patches, radius of a ball or a round flat, modulus, stiffness and texture, each with its interval or the
+        reason why it is not determined.
 
         Parameters
         ----------
         readings : array (channel, *array), or (frame, channel, *array)
         touch : Touch
-            What was found in them.
+            The touch from these readings.
         indentation : float or array (frame,), optional
             How far the object has moved into the pad since it touched [m], e.g. from the robot's joints.
         shape : "ball" or "flat", optional
-            Where it is known; else it is found out where the readings tell it.
+            The shape, if known; else the readings decide, if they can.
 
         Returns
         -------
@@ -262,8 +263,8 @@ class SkinProperties:
         Notes
         -----
         Round contacts are fitted to the readings themselves (Hertz's pressure, or Boussinesq's under a flat, each with shear of the same shape). Of a ball of radius R
-        with the force F on a contact of radius a, F = 4 E* a^3/(3 R) where the object is much stiffer than the pad, or R = a^2/indentation
-        where that is known; pads on a base are allowed for. Depth, thickness, modulus and scale are known as `uncertainty` says.
+        with the force F on a contact of radius a, F = 4 E* a^3/(3 R) if the object is much stiffer than the pad, or R = a^2/indentation if that is
+        known; pads on a base are corrected for. The errors of depth, thickness, modulus and scale are those of `uncertainty`.
 
         Examples
         --------
@@ -281,7 +282,7 @@ class SkinProperties:
         return identify(self, touch, readings, indentation=indentation, shape=shape)
 
     def case(self, components: Sequence[str] | None = None) -> Case:
-        """What the constants of its error bars must be for.
+        """The case of the error bars' constants.
 
         Examples
         --------

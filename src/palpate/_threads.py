@@ -41,7 +41,7 @@ class cached_property(functools.cached_property[Value]):
     def __get__(self, instance: object, owner: type[Any] | None = None) -> Value: ...
 
     def __get__(self, instance: object | None, owner: type[Any] | None = None) -> Any:
-        """The value, kept among the attributes of ``instance``."""
+        """The value, stored among the attributes of ``instance``."""
         if instance is None:
             return self
         kept, name = instance.__dict__, str(self.attrname)
@@ -75,7 +75,7 @@ class Lock:
 
     @classmethod
     def renew(cls) -> None:
-        """All of them anew, in a child."""
+        """Replace all locks in a child process."""
         for lock in list(cls._all):
             lock._lock = threading.Lock()
 
@@ -86,8 +86,7 @@ if hasattr(os, "register_at_fork"):  # not on Windows
 
 @contextmanager
 def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
-    """A context in which linear algebra takes one thread where there are few unknowns, or few ``readings`` that tell of them, and elsewhere no
-    more than other programs leave.
+    """A context in which linear algebra uses one thread with few unknowns or ``readings``, else at most those that other programs leave.
 
     The number belongs to the whole process: of several threads of the caller, one changes it and gives the others back when it leaves,
     which costs the rest time and nothing else. (Were each to put back what it found, one of them would put back the change; and only one thread
@@ -115,7 +114,7 @@ def cores() -> int:
 
 
 def spare() -> int | None:
-    """Threads that other programs leave: the cores less the load of the last minute, this program's own one aside. None: all of them, or not known.
+    """Threads that other programs leave: the cores minus the load of the last minute, without this program's own. None: all of them, or unknown.
 
     A thread that waits for its core keeps those that wait for it spinning: 4800 unknowns on two cores with two other programs took 30 s of
     processor time with two threads, 8 s with one, and four times as long.
@@ -129,7 +128,7 @@ def spare() -> int | None:
 
 
 class _Beside(threading.local):
-    """What work in this thread does where something else may be more urgent."""
+    """The check for more urgent work, one for each thread."""
 
     wait: Callable[[], None] | None = None
 
@@ -143,7 +142,7 @@ def beside(wait: Callable[[], None]) -> None:
 
 
 def give_way() -> None:
-    """Long work comes by here every millisecond or two: where it is beside something more urgent, that goes first.
+    """Long work calls this every millisecond or two: it waits if more urgent work runs beside it.
 
     Python's threads take turns of 5 ms, and libraries for linear algebra take none: a frame of 2 ms beside such work took 10 to 50 ms.
     """
@@ -153,7 +152,7 @@ def give_way() -> None:
 
 @functools.cache
 def _libraries() -> tuple[Any, Lock]:
-    """Those that are loaded (SciPy brings its own; None where nothing is installed that could tell them), and whose turn it is."""
+    """The controller of the loaded libraries of linear algebra (None without threadpoolctl), and its lock."""
     import scipy.linalg.blas  # noqa: F401
 
     try:

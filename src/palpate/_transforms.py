@@ -1,4 +1,4 @@
-"""Two-dimensional real transforms of NumPy arrays that are zero-padded before and cut after: rows of zeros and what is not kept cost nothing.
+"""Two-dimensional real transforms of NumPy arrays with zero padding before and cropping after: padded rows and cropped parts cost nothing.
 
 By ducc0 where it is installed (the extra "fast"; GPL-2.0-or-later, which is why it is not required), which takes 0.7 of the time in single precision and half in
 double (docs/_generated/transforms.md), and by `scipy.fft` elsewhere. Both are the same to rounding.
@@ -18,7 +18,7 @@ __all__ = ["irfft2", "library", "rfft2"]
 
 @lru_cache(maxsize=1)
 def library() -> ModuleType | None:
-    """ducc0's transforms, where they are installed."""
+    """ducc0's transforms, if installed."""
     try:
         from ducc0 import fft
     except ImportError:
@@ -29,7 +29,7 @@ def library() -> ModuleType | None:
 def rfft2(x: Any, shape: Sequence[int]) -> Any:
     """Real FFT over the last two axes, zero-padded to ``shape``."""
     fast = library()
-    # what is cut, and what is not a float, is scipy's
+    # scipy does cropped or non-float arrays
     if fast is None or any(n > s for n, s in zip(x.shape[-2:], shape)) or x.dtype.char not in "fd":
         import scipy.fft
 

@@ -53,8 +53,8 @@ class EdgeError:
 
     @property
     def reach(self) -> float:
-        """Distance from the side [m] nearer than which a press is off by more than what a modulus is assumed to be known to (15 %); infinite where the table
-        ends before.
+        """Distance from the side [m] below which the error of a press exceeds the assumed error of the modulus (15 %); infinite if the table ends
+        before.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Exceptions. Every message says what was wrong, what was received, what is accepted and what to do."""
+"""Exceptions. Every message says what is wrong, what was received, what is accepted and what to do."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class InvalidInput(PalpateError):
 
 
 class NotObservable(PalpateError):
-    """What was asked for leaves no trace in what was measured, so no method can recover it."""
+    """The requested quantity has no effect on the measured channels, so no method can recover it."""
 
 
 class Unsupported(PalpateError):
@@ -42,4 +42,4 @@ class Unsupported(PalpateError):
 
 
 class UncheckedInput(UserWarning):
-    """A file that may have been cut or changed without a trace: it is read, and the warning says what to compare."""
+    """A file that may have been cut or changed undetectably: it is read, and the warning says what to compare."""

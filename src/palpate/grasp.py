@@ -17,7 +17,7 @@ M = mu int p r dA; of force and moment together the limit is nearly an ellipse (
 
     (Q/(mu P))^2 + (M/(mu int p r dA))^2 = 1,
 
-and the utilisation is the root of the left side where the friction is known.
+and the utilisation is the root of the left side for a known friction.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ PRESSURE_BLUR, SHEAR_BLUR = 0.23, 0.5
 TEMPLATE = 0.05
 #: The same of the ratio of net forces: how far the drag that a tracker found lay from the truth at slip on balls of 8 to 25 mm, frictions of 0.25 to 1.1.
 DRAGGED = 0.03
-#: How much of what the frame before said is kept.
+#: Weight of the previous frames in the running estimate.
 MEMORY = 0.7
 #: The same for what the shape of the shear says, and how many frames the memory counts for: the noise of one frame alone raises alarms.
 SHAPE_MEMORY, COUNTS = 0.85, 2.5
@@ -64,7 +64,7 @@ RAISE, CLEAR = 0.9, 0.5
 EVIDENCE, SETTLED = 3, 3
 #: Part of the friction limit beyond which a contact counts as sliding.
 SLIDING = 0.95
-#: Frames in a row of sliding from which friction is learned.
+#: Number of consecutive sliding frames before the friction is learnt.
 LEARN = 5
 #: Blur of shear that turns, as a part of the resolution, and the standard deviation of its moment over what cells as far apart as the resolution
 #: would give alone: neighbours' errors cancel in a moment. On balls of 8 and 15 mm at 0.3 and 1 % noise full twist was then 0.98 to 1.01 of the limit
@@ -106,11 +106,11 @@ class Event:
 
 @dataclass(frozen=True)
 class GraspState:
-    """Where the grasp stands in one frame.
+    """The state of the grasp in one frame.
 
-    ``utilisation`` is Q/(mu P), 0 at rest and 1 where all slides, with its standard deviation; NaN without contact. Where the friction is given
-    or learned, a twist counts too. ``friction`` and its standard deviation are given, learned or inferred from the shape of the shear.
-    ``twist`` is M/int p r dA, the moment about the normal over that of pressure across its arm: the friction where all of the contact turns;
+    ``utilisation`` is Q/(mu P), 0 without shear and 1 when all slides, with its standard deviation; NaN without contact. With a given or learnt
+    friction, a twist counts too. ``friction`` and its standard deviation are given, learned or inferred from the shape of the shear.
+    ``twist`` is M/int p r dA, the moment about the normal over that of pressure across its arm: it equals the friction when all of the contact turns;
     NaN on a line. ``margins`` (y, x) is 1 - |q|/(mu p) of every cell of the contact, 0 where it slips, NaN elsewhere; None without contact.
     """
 
@@ -200,7 +200,7 @@ class GraspMonitor:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was learned and what is going on.
+        """Forget the learnt friction and all current events.
 
         Examples
         --------
@@ -224,8 +224,8 @@ class GraspMonitor:
         self.state: GraspState | None = None
 
     def update(self, touch: Touch) -> list[Event]:
-        """Take in one touch (without batch axes) and return what began or ended: what three explained frames in a row say. Of a frame that nothing explains
-        (status "unexplained", or a fit below 0.01) nothing else begins or ends.
+        """Process one touch (without batch axes) and return the events that began or ended: each needs three consecutive explained frames. An
+        unexplained frame (status "unexplained", or a fit below 0.01) begins and ends only the event "unexplained".
 
         Raises
         ------
@@ -254,7 +254,7 @@ class GraspMonitor:
         self._frames += 1
         status = None if touch.status is None else Status.coded(int(touch.status))
         if status is not None and (not status.known or status is Status.FROZEN):
-            # nothing is known of this frame: what goes on goes on, and nothing is said to have ended
+            # a frame without numbers: current events continue
             lost = np.full(len(touch.surface.components), math.nan)
             self._forget()
             self.state = GraspState(time, False, lost, math.nan, math.nan, *self._friction())
@@ -262,7 +262,7 @@ class GraspMonitor:
         values = to_numpy(touch.values).astype(np.float64)
         force = to_numpy(touch.force).astype(np.float64)
         touching = bool(values[-1].any()) if touch.touching is None else bool(touch.touching)
-        # what pulls, and what nothing explains, is no contact
+        # a pull or an unexplained frame is no contact
         pushing = touch.pushing is None or bool(touch.pushing)
         poor = touch.fit is not None and float(touch.fit) < POOR_FIT
         explained = status is not Status.UNEXPLAINED and not poor
@@ -271,7 +271,7 @@ class GraspMonitor:
         touching = touching and force[-1] > 0
         probabilities: dict[str, float] = {}
         if unexplained:
-            # such a frame says nothing of what goes on
+            # such a frame is no evidence on current events
             self._forget()
             self.state = GraspState(time, touching, force, math.nan, math.nan, *self._friction())
             return self._watch({"unexplained": (1.0, float(force[-1]), 0.0)}, time)
@@ -282,7 +282,7 @@ class GraspMonitor:
         if not touching:
             self._forget()
         elif overload:
-            self._settled = 0  # shear over pressure is not known
+            self._settled = 0  # shear over pressure is unknown
         elif set(touch.components) == set(touch.surface.components):
             net, error = _likely(touch, force)
             ratio = float(np.linalg.norm(net[:-1])) / float(net[-1])
@@ -330,7 +330,7 @@ class GraspMonitor:
         return self._watch(watched, time)
 
     def _forget(self) -> None:
-        """Slip is judged anew."""
+        """Restart the judgement of slip."""
         self._past, self._smooth, self._settled = np.zeros(len(STICK)), None, 0
 
     def _contact(self, touch: Touch, force: Floats) -> float:
@@ -338,7 +338,7 @@ class GraspMonitor:
         return 1.0 if self._on.get("contact", False) else _chance_of_contact(touch, force)
 
     def _watch(self, watched: dict[str, tuple[float, float, float]], time: float) -> list[Event]:
-        """What began or ended, of what is watched: probability, value and limit of each kind; the evidence for what is not starts anew."""
+        """Begin or end events from probability, value and limit of each kind; reset the evidence of events that do not apply."""
         found = []
         since, self._since = self._since, {}
         for kind, (probability, value, limit) in watched.items():
@@ -357,7 +357,7 @@ class GraspMonitor:
         return found
 
     def going_on(self) -> tuple[str, ...]:
-        """Kinds of what has begun and not ended.
+        """Kinds of events that have begun and not ended.
 
         Examples
         --------
@@ -384,7 +384,7 @@ class GraspMonitor:
     def _from_forces(
         self, ratio: float, error: float, friction: float, friction_std: float, chances: dict[str, float]
     ) -> tuple[float, float]:
-        """Q/(mu P) and its standard deviation where the friction is known."""
+        """Q/(mu P) and its standard deviation with known friction."""
         now = min(ratio / friction, 1.2)
         std = math.hypot(error, now * friction_std) / friction
         self._smooth = now if self._smooth is None else MEMORY * self._smooth + (1.0 - MEMORY) * now
@@ -462,7 +462,7 @@ class GraspMonitor:
         return out
 
     def _learn(self, sliding: float, ratio: float) -> None:
-        """Friction from what slides."""
+        """Learn the friction from sliding."""
         if self.given is not None:
             return
         if sliding < RAISE:
@@ -496,7 +496,7 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
     dx, dy = x[None, :] - float((p @ x).sum()) / float(p.sum()), y[:, None] - float((p.T @ y).sum()) / float(p.sum())
     arm = np.maximum(np.hypot(dx, dy), 1e-300)
     resolution = 2.0 if touch.resolution is None else float(touch.resolution) / min(grid.spacings)
-    # what the shear of a contact that turns looks like where shear is found as blurred as it is
+    # the shape of the shear under a turning contact, blurred like the estimate
     blur = resolution * math.sqrt(TWIST_BLUR**2 - PRESSURE_BLUR**2)
     across = [scipy.ndimage.gaussian_filter(v, blur) for v in (-p * dy / arm, p * dx / arm)]
     near = scipy.ndimage.gaussian_filter(p, blur) > 0.02 * float(p.max())
@@ -522,7 +522,7 @@ def _chance_of_pull(touch: Touch) -> float:
 
 
 def _chance_of_contact(touch: Touch, force: Floats) -> float:
-    """Probability that the net force presses, of a touch whose net force does; above zero by what is not known of it."""
+    """Probability that the net force presses, given its bias and error."""
     if touch.errors is None or not np.isfinite(touch.errors.force[-1]):
         return 1.0
     low, high = touch.interval(0.6827, "force")
@@ -535,7 +535,7 @@ def _chance_of_contact(touch: Touch, force: Floats) -> float:
 
 
 def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
-    """Net force as it most likely is, what is known of its bias taken out, and the standard deviation of Q/P."""
+    """The most likely net force after subtracting its bias, and the standard deviation of Q/P."""
     if touch.errors is None:
         return force, 0.05
     # what pressure and shear are off by together does not change their ratio

@@ -32,7 +32,7 @@ _NAMES = ("here", "coefficients", "follows", "valid", "channel", "noise", "penal
 
 @jax.tree_util.register_pytree_node_class
 class Model:
-    """A skin as a pytree: its matrices are leaves, what they mean is static. `prepare` makes one.
+    """A skin as a pytree: its matrices are leaves, their description is static. `prepare` makes one.
 
     Examples
     --------
@@ -49,13 +49,13 @@ class Model:
         self.about, self.arrays = about, dict(arrays)
 
     def tree_flatten(self) -> tuple[list[Any], Any]:
-        """Leaves, and what is static."""
+        """Leaves and static parts."""
         names = sorted(self.arrays)
         return [self.arrays[n] for n in names], (self.about, tuple(names))
 
     @classmethod
     def tree_unflatten(cls, static: Any, leaves: Sequence[Any]) -> Model:
-        """The model of leaves and what is static."""
+        """Rebuild the model from leaves and static parts."""
         return cls(static[0], dict(zip(static[1], leaves)))
 
 
@@ -82,16 +82,16 @@ def prepare(
     skin : Skin
         Planes of one shape, no creep.
     parameter : float, optional
-        Weight of the penalty, as in `palpate.Tikhonov`; ``skin.reconstruct(readings, method="tikhonov").parameter`` tells a good one. Without one there is no inverse,
-        and `sense` takes all components.
+        Weight of the penalty, as in `palpate.Tikhonov`; ``skin.reconstruct(readings, method="tikhonov").parameter`` gives a good one. Without one
+        there is no inverse, and `sense` accepts all components.
     friction : float, optional
         |shear| <= friction * pressure in every cell.
     constrained : bool
-        Whether pressure is kept from pulling.
+        Whether pressure may only push.
     components : sequence of str, optional
-        What is sought; `sense` takes the others as zero. Default: `palpate.Skin.components` where there is a parameter, else all.
+        The components sought; the others are zero in `sense`. Default: `palpate.Skin.components` with a parameter, else all.
     depth_range : float
-        How far "depth" may lie from 1, at most 0.5; 0 (default) where it is not varied.
+        Largest deviation of "depth" from 1, at most 0.5; 0 (default) keeps it fixed.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def prepare(
 
 
 def _given(model: Model, x: Any, parameters: Mapping[str, Any] | None) -> tuple[Any, dict[str, Any], Any]:
-    """Arrays and parameters in the precision of the arithmetic, which is that of the input where nothing is varied."""
+    """Arrays and parameters in the precision of the arithmetic, which is that of the input if no parameter varies."""
     given = {name: value for name, value in (parameters or {}).items() if value is not None}
     unknown = sorted(set(given) - set(differentiable.NAMES))
     if unknown:
@@ -278,7 +278,7 @@ _minimum.defvjp(_minimum_forward, _minimum_backward)
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _of_readings(about: _About, flat: Any) -> Any:
-    """The minimum where nothing is varied: all but the readings is on the processor, in double precision, already."""
+    """The minimum if no parameter varies: everything except the readings is on the processor, in double precision."""
     m = about.matrices
     like = jax.ShapeDtypeStruct((*flat.shape[:-1], m.unknowns), flat.dtype)
     return _called(lambda y: minima(m.hessian, _linear(m, y), m.cone), like, flat)  # type: ignore[arg-type]

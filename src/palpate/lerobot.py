@@ -338,7 +338,7 @@ def add_columns(source: str | Path, target: str | Path, columns: Sequence[Mappin
                 table = table.set_column(table.column_names.index(name), name, _list(value))
             else:
                 table = table.append_column(name, _list(value))
-        # what another library says of the old columns does not hold any more
+        # another library's statistics of the old columns no longer hold
         parquet.write_table(table.replace_schema_metadata(None), file)
     info["features"] = {**info["features"], **_features(more[0])}
     _write_json(root / "meta/info.json", info)

@@ -120,9 +120,9 @@ class ExpectedForce:
 
 
 def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> ExpectedForce | None:
-    """Sense a ball that slides in the middle and read how wide the intervals of its force are; None where all components are not sought.
+    """Sense a ball that slides in the middle and return the widths of the intervals of its force; None unless all components are sought.
 
-    ``noise`` is relative to each channel's largest reading. What the file says is uncertain counts.
+    ``noise`` is relative to each channel's largest reading. The stated uncertainty counts.
 
     Examples
     --------
@@ -256,7 +256,7 @@ def plot_response(pad: Pad, planes: Sequence[Array], *, edges: EdgeError | None 
 
 
 def table_lines(pad: Measured) -> list[str]:
-    """What a table of presses tells, in lines.
+    """The contents of a table of presses, in lines.
 
     Examples
     --------

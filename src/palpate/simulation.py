@@ -2,8 +2,8 @@
 
 Contact is that of a rigid ball (a cylinder on a line) on an elastic half-space of the pad's modulus at its surface: Hertz, with
 Cattaneo-Mindlin partial slip under a tangential load and full slip at the friction limit (`palpate.solutions`). Twist is
-rotation about the ball's axis; of it only the sliding limit is in closed form, and a part of it is taken where the twist is not
-complete. On layers the traction is what it would be on a half-space: a known traction, though not quite that of a ball.
+rotation about the ball's axis; only its sliding limit is in closed form, and an incomplete twist takes a part of it. On layers the traction is that
+on a half-space: a known traction, though not quite that of a ball.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["Frame", "Stage", "demonstration", "handling", "stream"]
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of a story: where its end is, from where the stage before ended, on a straight line in time.
+    """A stage of a story: its end state, reached from the previous stage linearly in time.
 
     Parameters
     ----------

@@ -22,13 +22,13 @@ from palpate.inverse.observability import (
     without_mean,
 )
 from palpate.inverse.problem import Kept, Problem
-from palpate.inverse.registry import method_asked, method_named
+from palpate.inverse.registry import method_named, requested_method
 from palpate.inverse.words import notes, surface_strain
 from palpate.recordings.prepared import read_prepared, write_prepared
 from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
 from palpate.sensing.contacts import contact_readings, sampled
 from palpate.sensing.grids import Grid
-from palpate.sensing.limits import check_creep, cut, taken_as_they_are
+from palpate.sensing.limits import check_creep, cut, saturation_notes
 from palpate.sensing.maps import body_of
 from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary
@@ -49,14 +49,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Skin"]
 
-#: Methods prepared that are kept; what they share is kept by `Problem`.
+#: Largest number of cached prepared methods; `Problem` caches what they share.
 PREPARED = 8
-#: Zeros whose skins are kept.
+#: Largest number of cached zeros.
 RESTS = 2
 
 
 class Skin(SkinProperties):
-    """An elastic pad with sensing elements in or under it; what is expensive is prepared on first use and kept.
+    """An elastic pad with sensing elements in or under it; expensive parts are prepared at first use and cached.
 
     Parameters
     ----------
@@ -65,16 +65,16 @@ class Skin(SkinProperties):
     array : LineArray, AreaArray, ScatteredArray, or a sequence of them
         What is measured; several planes at different depths as a list.
     surface : LineGrid or AreaGrid, optional
-        Where traction is sought. By default it covers the array, reaches past its edge and is no finer than the depth
+        The grid of the traction. By default it covers the array, reaches past its edge and is no finer than the depth
         allows (see `palpate.sensing.default_surface`).
     boundary : "free" or "periodic"
-        "free" (default): the pad goes on beyond the surface grid, where nothing touches it. "periodic": the surface is
-        the array's own grid, repeated for ever, as in Fourier-transform traction cytometry; fast, but a contact near an edge
-        touches its copy, and from displacements of a half-space the net force cannot be known.
+        "free" (default): the pad continues beyond the surface grid without load. "periodic": the surface is
+        the array's own grid, repeated periodically, as in Fourier-transform traction cytometry; fast, but a contact near an edge touches its copy,
+        and displacements of a half-space do not determine the net force.
     nuisance : "auto" or sequence of str
-        What readings may hold besides contact and noise: "offset" (of each channel; of displacement, a shift of the image), "ramp" (a
-        linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation, where a frame speaks for them, ramps
-        where those leave doubt, and in the intervals the shifts and tilts of displacements that contact may hide; () for none.
+        Nuisances of the readings: "offset" (of each channel; of displacement, a shift of the image), "ramp" (a
+        linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation if a frame is evidence for them, ramps if
+        the fit is still poor, and in the intervals the shifts and tilts of displacements that contact may hide; () for none.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class Skin(SkinProperties):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
         # every spatial computation is that of the instantaneous pad; creep is a filter in time
         self._elastic: Pad = check_creep(pad, planes) if isinstance(pad, Viscoelastic) else pad
-        # a pad that ends is not touched beyond its end
+        # a finite pad is not touched beyond its end
         self._given = surface is not None or body_of(self._elastic) is not None
         if surface is None:
             if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
@@ -144,7 +144,7 @@ class Skin(SkinProperties):
         self._calibration: SkinCalibration | None = None
         self._plain: Skin | None = None
 
-    # -- what it is ----------------------------------------------------------------------------------------------------
+    # -- properties ----------------------------------------------------------------------------------------------------
 
     @classmethod
     def from_file(cls, path: str | Path, *, recording: Recording | None = None) -> Skin:
@@ -220,12 +220,12 @@ class Skin(SkinProperties):
         return self._with(self._elastic, self._planes)
 
     def at_rest(self, rest: Rest | npt.ArrayLike) -> Skin:
-        """The skin for readings from which a zero was taken: its noise is that of the frames at rest, and offsets of stress and strain are no more sought.
+        """The skin for readings minus a zero: its noise is that of the frames at rest, and stress and strain no longer have offsets.
 
         Parameters
         ----------
         rest : array (frame, channel, *array), or palpate.sensing.zero.Rest
-            Readings while nothing touches. Five frames or more tell the noise too; noise that the array states is kept.
+            Readings without contact. Five frames or more also give the noise; a stated noise of the array takes precedence.
 
         Raises
         ------
@@ -252,7 +252,9 @@ class Skin(SkinProperties):
         return out
 
     def _with(self, pad: Pad, planes: Sequence[Array], *, whole: tuple[Array, ...] = ()) -> Skin:
-        """On the same surface, so that results stay comparable; what is sought is what the ``whole`` array tells, also where taxels of it fail."""
+        """A skin with other taxels on the same surface, so that results stay comparable. The components sought follow from the ``whole`` array, also
+        if taxels fail.
+        """
         out = Skin(
             pad,
             planes,
@@ -294,11 +296,11 @@ class Skin(SkinProperties):
         Parameters
         ----------
         traction : array (*batch, component, *surface) [Pa], or a contact of `palpate.solutions`
-            A contact is read as it is, whatever the surface's cells, also beyond them; on a periodic surface it is repeated with it.
+            A contact is read exactly, independent of the surface's cells, also beyond them; on a periodic surface it repeats.
         rng : numpy Generator, optional
             Adds the arrays' own noise.
         time : array (frame,), optional
-            Time of each frame [s], needed where the pad creeps: the traction then has shape (frame, component, *surface).
+            Time of each frame [s], needed for a pad that creeps: the traction then has shape (frame, component, *surface).
 
         Returns
         -------
@@ -351,6 +353,7 @@ class Skin(SkinProperties):
         *,
         method: str | Method | None = None,
         components: Sequence[str] | None = None,
+        friction: float | None = None,
         rng: np.random.Generator | None = None,
         time: npt.ArrayLike | None = None,
         zero: npt.ArrayLike | None = None,
@@ -358,9 +361,9 @@ class Skin(SkinProperties):
     ) -> Touch:
         """Traction on the surface from readings.
 
-        With nothing but readings, the noise and the prior are learned from the frame, pressure is kept from pulling, and
-        error bars come with the result (`Touch.std`, `Touch.interval`). On a real sensor give frames at rest (``zero``): what
-        exceeds their noise is contact, or readings that the pad's model does not explain, but never "no contact".
+        From readings alone, the method estimates noise and prior from the frame, excludes pulling pressure, and gives error bars (`Touch.std`,
+        `Touch.interval`). On a real sensor give frames at rest (``zero``): readings above their noise are contact, or unexplained, but never "no
+        contact".
 
         Parameters
         ----------
@@ -368,21 +371,22 @@ class Skin(SkinProperties):
             In SI units, compression positive. Missing taxels (``mask``) may hold anything.
         method : str or Method, optional
             A short name, or a method with its options, e.g. ``pp.Tikhonov(order=2, rule="gcv")``; `palpate.methods` lists all.
-            "automatic" (default): "adaptive" (learned, constrained, with error bars), and "tikhonov" for frames that pull, and where
-            pressure is not sought, the boundary is periodic, or ``order``, ``parameter`` or ``rule`` is given.
+            "automatic" (default): "adaptive" (learned, constrained, with error bars), and "tikhonov" for frames that pull, without pressure, on a
+            periodic boundary, or with ``order``, ``parameter`` or ``rule``.
         components : sequence of str, optional
-            What is sought, e.g. ["z"]; the rest is taken as zero. Default: `Skin.components`.
+            The components sought, e.g. ["z"]; the others are zero. Default: `Skin.components`.
+        friction : float, optional
+            Coefficient of friction, for methods with the option ``friction``: |shear| <= friction * pressure in every cell.
         rng : numpy Generator
             Source of the draws (default: a fixed seed).
         time : array (frame,), optional
-            Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed where the pad creeps
-            (`Viscoelastic`), to take the creep out.
+            Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed for a pad that creeps (`Viscoelastic`), to subtract
+            the creep.
         zero : array (frame, channel, *array), optional
-            Frames at rest. Their mean is taken from the readings; five or more also tell the noise (`at_rest`).
+            Frames at rest. Their mean is subtracted from the readings; five or more also give the noise (`at_rest`).
         **options
-            Options of the method, as its class takes and explains them: ``friction`` and ``draws`` of `Adaptive`, ``order``, ``rule``
-            and ``parameter`` (a number, or the name of a rule) of `Tikhonov`, ``length`` of `Hilgers`, ``spectrum`` of `Wiener`, and
-            those of methods that others bring. None is the method's own default.
+            Options of the method, as its class documents them: ``draws`` of `Adaptive`, ``order``, ``rule`` and ``parameter`` of `Tikhonov`, ``length``
+            of `Hilgers`, ``spectrum`` of `Wiener`, and so on. None is the method's default.
 
         Returns
         -------
@@ -393,7 +397,7 @@ class Skin(SkinProperties):
         InvalidInput
             Readings of the wrong shape, not finite, or far outside linear elasticity (wrong units).
         NotObservable
-            Components that leave no trace in these channels, or cannot be told apart.
+            Components that do not affect these channels, or that they cannot separate.
         Unsupported
             An option that the method does not take, a layout that it cannot serve, or a batch that memory cannot hold; the message says what can.
 
@@ -409,6 +413,7 @@ class Skin(SkinProperties):
         >>> skin.reconstruct(readings, method="tikhonov").force.round().tolist()  # (x, z) [N/m]
         [3.0, 10.0]
         """
+        options |= {} if friction is None else {"friction": friction}
         if zero is not None:
             rest = Rest.of(rest_frames(zero, self._planes))
             several = isinstance(readings, list | tuple) and len(self._planes) > 1
@@ -425,7 +430,7 @@ class Skin(SkinProperties):
         if self._calibration is not None:
             named = {"method": method, "components": components, "rng": rng, **options}
             return self._answer_by(self._calibration, readings, time, named)
-        chosen = method_asked(method, options)
+        chosen = requested_method(method, options)
         if rng is not None and "draws" not in chosen.options():
             raise Unsupported(f'method="{chosen.name}" does not take rng: it draws no samples.')
         parts = self._layout.checked(readings, self._surface, draws=getattr(chosen, "draws", 0))
@@ -436,7 +441,7 @@ class Skin(SkinProperties):
         estimate = prepared.solve(parts, rng)
         sought = chosen.returns(names)
         found_by = [chosen.name] if estimate.method is None else np.unique(estimate.method)
-        heeded = () if estimate.at_limit is not None else taken_as_they_are(parts, self._planes)
+        heeded = () if estimate.at_limit is not None else saturation_notes(parts, self._planes)
         return Touch(
             estimate.traction,
             prepared.grid,
@@ -476,11 +481,11 @@ class Skin(SkinProperties):
     # -- calibrated ----------------------------------------------------------------------------------------------------
 
     def calibrate(self, presses: Any, *, again: bool = False, **options: Any) -> Skin:
-        """The same skin, whose net force comes from presses with known forces: newtons from a few weights.
+        """The same skin with a net force calibrated by presses with known forces: newtons from a few weights.
 
-        Where labels are few, physics carries them: maps that this pad makes likely. Where they are many, the map is a regression. Pad and array may be guesses. `calibration` then says how good the map is on presses that were left out,
-        beside plain regressions, and whether the elastic model holds; if it does not, `reconstruct` and `track` give net force (and centre, where places were known) with
-        intervals, and no pressure map.
+        With few labels, the elastic model of the pad is the prior of the map; with many, the map is a regression. Pad and array may be guesses.
+        `calibration` then gives the cross-validation error of the map, beside plain regressions, and whether the elastic model fits; if it does not,
+        `reconstruct` and `track` give net force (and centre, if places were labelled) with intervals, and no pressure map.
 
         Parameters
         ----------
@@ -495,7 +500,7 @@ class Skin(SkinProperties):
         Raises
         ------
         InvalidInput
-            Nothing is known of any frame, labels of another length, clocks that do not fit, labels without any force.
+            No labelled frame, labels of another length, clocks that do not match, labels without any force.
 
         Examples
         --------
@@ -531,7 +536,7 @@ class Skin(SkinProperties):
         return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:
-        """`at_rest`, kept for the next frames of the same zero."""
+        """`at_rest`, cached for the next frames of the same zero."""
         key = (rest.zero.tobytes(), b"" if rest.noise is None else rest.noise.tobytes())
         found: Skin = self._rests.get(key, lambda: self.at_rest(rest))
         return found
@@ -553,12 +558,12 @@ class Skin(SkinProperties):
         >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
         >>> skin.prepare(method="tikhonov")
         """
-        self._ready(method_asked(method, options), components)
+        self._ready(requested_method(method, options), components)
 
     def save_prepared(self, path: str | Path) -> None:
         """Write what is prepared by now (influences, decompositions), whole or not at all, for `load_prepared` in another run.
 
-        `Unsupported` of a pad of your own making, which nothing tells from another; `InvalidInput` where nothing is prepared yet.
+        `Unsupported` for a pad of your own class, which has no digest; `InvalidInput` if nothing is prepared yet.
 
         Examples
         --------
@@ -573,7 +578,7 @@ class Skin(SkinProperties):
         write_prepared(self._problem, path)
 
     def load_prepared(self, path: str | Path) -> None:
-        """Take what an earlier run prepared for this very skin; `InvalidInput` says what differs, or that the file is damaged.
+        """Load what an earlier run prepared for this very skin; `InvalidInput` says what differs, or that the file is damaged.
 
         Examples
         --------
@@ -583,7 +588,7 @@ class Skin(SkinProperties):
         >>> skin.load_prepared("a.prepared") if Path("a.prepared").exists() else skin.prepare()
         """
         self._problem.recall = read_prepared(self._problem, path)
-        # what was prepared before goes on to serve whoever holds it
+        # what was prepared before still serves its holders
         self._problem.kept.clear()
         self._methods.clear()
 
@@ -617,11 +622,11 @@ class Skin(SkinProperties):
         tolerance : float
             Change of traction, as a part of its peak, at which a frame's iteration ends.
         budget : float, optional
-            Seconds that a frame may take. Without it every frame is finished; with it the iteration ends early where it must
-            (`Touch.converged` is then False), and what takes longer runs in a thread beside the stream.
+            Seconds that a frame may take. Without it every frame is finished; with it the iteration stops in time (`Touch.converged` is then False),
+            and longer work runs in a thread beside the stream.
         rezero : float, optional
-            Time constant [s], and at least ten frames, with which the zero follows drift while nothing touches; None keeps it. Contact that grows by less
-            than a few standard deviations of noise in this time is taken for drift.
+            Time constant [s], and at least ten frames, with which the zero follows drift while nothing touches; None: a fixed zero. Contact that
+            grows by less than a few standard deviations of noise in this time counts as drift.
         rate : float
             Frames a second, for frames that are given without a time.
 
@@ -669,7 +674,7 @@ class Skin(SkinProperties):
         )
 
     def problem(self, *, components: Sequence[str] | None = None) -> Problem:
-        """What a method is prepared for: operator, surface and the components sought. What methods share is kept with it.
+        """The input of a method: operator, surface and the components sought, with caches that methods share.
 
         Examples
         --------

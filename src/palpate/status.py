@@ -1,4 +1,4 @@
-"""What became of a frame: a closed list, each entry with its meaning and what to do."""
+"""Outcomes of a frame: a closed list, each entry with its meaning and a remedy."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ __all__ = ["Status"]
 
 
 class Status(enum.IntEnum):
-    """What became of one frame.
+    """The outcome of one frame.
 
     A member is a small whole number, so that a batch keeps its statuses in an integer array and a file in a variable with CF flags.
-    ``label`` is its name in files and packets, ``meaning`` a sentence, ``remedy`` what to do ("" where nothing needs doing), and
-    ``known`` is False where the frame has no numbers: traction and all that follows from it are then NaN.
+    ``label`` is its name in files and packets, ``meaning`` a sentence, ``remedy`` what to do (or ""), and ``known`` is False if the frame has no
+    numbers: traction and all that follows from it are then NaN.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class Status(enum.IntEnum):
 
     @classmethod
     def coded(cls, code: int) -> Status:
-        """The member with this code, as arrays and files keep it.
+        """The member with this code, as arrays and files store it.
 
         Examples
         --------

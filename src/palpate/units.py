@@ -13,7 +13,7 @@ from palpate.errors import InvalidInput
 
 __all__ = ["UNITS", "Factors", "convert_factor", "parse_quantity", "plain_unit"]
 
-#: What a file says in place of a quantity that must be measured first.
+#: A file's placeholder for a quantity that must be measured first.
 UNKNOWN = "unknown"
 
 

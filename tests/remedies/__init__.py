@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 from typing import Any
 
@@ -50,7 +51,12 @@ def _of(room: str, name: str = "REMEDIES") -> list[Any]:
         return []
 
 
-REMEDIES: list[Remedy] = [remedy for room in ROOMS for remedy in _of(room)]
+#: Rooms whose advised calls take long, one by one: each calibrates a skin.
+SLOW = ("calibrations",)
+
+REMEDIES: list[Remedy] = [
+    dataclasses.replace(remedy, slow=remedy.slow or room in SLOW) for room in ROOMS for remedy in _of(room)
+]
 #: Notes with the calls that their words lead to.
 NOTES: list[Any] = _of("notes", "NOTES")
 

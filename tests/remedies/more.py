@@ -117,16 +117,16 @@ def skin_of(path: Path) -> Any:
 
 def published(value: str | None) -> Any:
     """A sensor whose gel nobody has published, and its file with what was measured written in."""
-    from palpate.cli.pictures import known_skin
+    from palpate.cli.pictures import skin_path
 
     if value is None:
-        return known_skin(Path("digit"))
+        return skin_path(Path("digit"))
     command("sensors digit --out gel.toml")()
     text = Path("gel.toml").read_text()
     for key, said in {"thickness": "4 mm", "youngs_modulus": value, "depth": "0.5 mm", "pitch": "2 mm"}.items():
         text = text.replace(f'{key} = "unknown"', f'{key} = "{said}"')
     Path("gel.toml").write_text(text)
-    return skin_of(known_skin(Path("gel.toml")))
+    return skin_of(skin_path(Path("gel.toml")))
 
 
 def unknown(weigh: bool) -> Any:

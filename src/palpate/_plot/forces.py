@@ -84,7 +84,7 @@ def draw_forces(ax: Axes, table: pandas.DataFrame, *, events: Sequence[Any] = ()
 
 @dataclass(frozen=True)
 class _Clock:
-    """Where frames lie on the axis, what is added to it, and what stands below it."""
+    """Positions of frames on the axis, its offset, and its label."""
 
     when: Any
     zero: float
@@ -161,7 +161,7 @@ def _draw(ax: Axes, table: pandas.DataFrame, titles: Sequence[str], clock: _Cloc
         ax.set_ylabel(f"net force [{unit}]")
     else:
         ax.set_ylabel(f"{titles[0].split(' (')[0].replace('_', ' ')}\n[{unit}]")
-    _unknown(ax, when, np.asarray(table[titles[0]]))
+    _hatch_gaps(ax, when, np.asarray(table[titles[0]]))
     ax.margins(x=0)
     room = 0.05 * (high - low)
     ax.set_ylim(factor * (low - room), factor * (high + room))
@@ -184,7 +184,7 @@ def _numbers(table: pandas.DataFrame, title: str) -> tuple[Any, Any, Any]:
 def _limits(columns: Sequence[tuple[Any, Any, Any]]) -> tuple[float, float, bool]:
     """Ends of an axis that shows all values and the intervals as they mostly are, and whether some interval does not fit.
 
-    A frame that is hardly known has an interval hundreds of times as wide as the values: an axis of that length would show nothing else.
+    A very uncertain frame has an interval hundreds of times as wide as the values: an axis of that length would show nothing else.
     """
     values = np.concatenate([c[0] for c in columns])
     halves = [np.maximum(value - low, high - value) for value, low, high in columns]
@@ -218,8 +218,8 @@ def _legend(ax: Axes, above: Axes) -> None:
     above.set_title("bands hold 95 %", loc="right", fontsize=7, color="0.35")
 
 
-def _unknown(ax: Axes, when: Any, values: Any) -> None:
-    """Hatch over the frames that have no answer; a margin has none where nothing touches, which is no gap."""
+def _hatch_gaps(ax: Axes, when: Any, values: Any) -> None:
+    """Hatch the frames without an answer; a slip margin has none without contact, which is no gap."""
     missing = ~np.isfinite(values)
     if not missing.any() or missing.all() or ax.get_ylabel().startswith("slip"):
         return

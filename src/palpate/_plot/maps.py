@@ -30,8 +30,8 @@ WEAK = 0.12
 ACROSS = 15
 #: Pull from which on, as a part of the largest pressure, a map shows both signs.
 PULL = 0.02
-#: How a map lies, by where it is seen from: z points into the pad, and x, y, z are right-handed.
-SEEN = {
+#: The axes of a map for each view: z points into the pad, and x, y, z are right-handed.
+VIEWS = {
     "inside": "seen from inside the pad (z towards the viewer)",
     "outside": "seen from outside (z away from the viewer)",
 }
@@ -67,8 +67,8 @@ def plot_touch(
     true = None if truth is None else to_numpy(truth).astype(np.float64)
     if true is not None and true.shape != values.shape:
         raise InvalidInput(f"truth must have shape {values.shape} like one frame of the touch; got {true.shape}.")
-    if seen_from not in SEEN:
-        raise InvalidInput(f"seen_from must be {' or '.join(SEEN)}; got {seen_from!r}.")
+    if seen_from not in VIEWS:
+        raise InvalidInput(f"seen_from must be {' or '.join(VIEWS)}; got {seen_from!r}.")
     if ax is not None and true is not None:
         raise InvalidInput("truth is drawn in panels of its own, which one ax cannot hold: leave out either.")
     with journal():
@@ -86,7 +86,7 @@ def plot_touch(
 
 
 def _std(touch: Shown) -> Floats | None:
-    """Standard deviation of the traction, where there is one."""
+    """Standard deviation of the traction, if available."""
     if touch.errors is None:
         return None
     std = np.asarray(touch.std.values, dtype=np.float64)
@@ -142,7 +142,7 @@ def _plot_area(
     seen_from: str,
     taxels: Sequence[Array],
 ) -> Figure:
-    """Panels of pressure, shear and uncertainty; beside a truth a second row, with what was missed in the place of the uncertainty."""
+    """Panels of pressure, shear and uncertainty; with a truth a second row, with the error in place of the uncertainty."""
     from matplotlib.figure import Figure
 
     pressure, sheared = "z" in touch.components, bool({"x", "y"} & set(touch.components))
@@ -181,7 +181,7 @@ def _plot_area(
                 continue
             draw_taxels(axes, taxels, _width(touch)[0])
     said = [title] if title else []
-    figure.suptitle("\n".join([*said, SEEN[seen_from]]), fontsize=8 if said else 7)
+    figure.suptitle("\n".join([*said, VIEWS[seen_from]]), fontsize=8 if said else 7)
     return figure
 
 
@@ -202,7 +202,7 @@ def _plot_into(touch: Shown, values: Floats, title: str | None, ax: Axes, seen_f
     if "z" in touch.components:
         _pressure(ax, touch, values[2], title or "pressure", _top(values[2]), [values], seen_from)
         if {"x", "y"} & set(touch.components):
-            _arrows(ax, touch, values, _top(np.hypot(values[0], values[1])), seen_from, "#222222")
+            _arrows(ax, touch, values, _top(np.hypot(values[0], values[1])), "#222222")
     else:
         _shear(ax, touch, values, title or "shear", _top(np.hypot(values[0], values[1])), seen_from)
     return cast("Figure", ax.figure)
@@ -274,10 +274,10 @@ def _shear(axes: Axes, touch: Shown, values: Floats, title: str, largest: float,
     factor, unit = scaled(largest, "Pa")
     size = np.hypot(values[0], values[1])
     _show(axes, touch, size * factor, "cividis", 0.0, largest * factor, f"shear [{unit}]", seen_from, title)
-    _arrows(axes, touch, values, largest, seen_from, "white")
+    _arrows(axes, touch, values, largest, "white")
 
 
-def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, seen_from: str, colour: str) -> None:
+def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, colour: str) -> None:
     """Arrows on the strongest cells first, and what an arrow's length means."""
     from matplotlib.patheffects import withStroke
 
@@ -288,7 +288,7 @@ def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, seen_from:
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
     apart = max(float(np.ptp(x)), float(np.ptp(y))) / ACROSS
     std = _std(touch)
-    # what may be noise gets no arrow
+    # no arrows for insignificant shear
     doubt = 0.0 if std is None else 1.96 * np.hypot(std[0], std[1]) / np.sqrt(2.0)
     i, j = arrow_cells(size, (apart / dy, apart / dx), np.maximum(WEAK * largest, doubt))
     arrows = axes.quiver(

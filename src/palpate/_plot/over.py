@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Lies", "plot_over"]
 
-#: What a panel shows, and its colours.
+#: Map and colours of a panel.
 SHOWN = {"pressure": "inferno", "shear": "cividis", "std": "magma"}
 #: Below this part of the largest nothing is drawn, and the picture shows.
 FAINT = 0.03
-#: The strongest hides so much of the picture; larger pictures are drawn over at no more than so many pixels across.
+#: Opacity at the largest value; and the largest width of the drawing in pixels.
 OPAQUE, FINEST = 0.85, 800
 #: Grey of red, green and blue (ITU-R BT.601).
 LUMA = np.array([0.299, 0.587, 0.114])
@@ -36,7 +36,7 @@ ARROWS = 13
 
 
 class Lies(Protocol):
-    """Where a picture lies: a `palpate.camera.View`."""
+    """The position of a picture: a `palpate.camera.View`."""
 
     def pixels(self, places: npt.ArrayLike) -> Floats:
         """Pixels (column, row) of places (x, y) [m]."""

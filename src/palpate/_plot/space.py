@@ -21,7 +21,7 @@ __all__ = ["draw_in_space", "draw_taxels"]
 PARTLY = 0.25
 #: The arrow of the net force is this long, in parts of the surface's width; lines that are at right angles to the view are shorter.
 ARROW = 0.45
-#: From where the surface is seen [degrees]: below the plane of x and y, that is from outside; beside what presses on a side, so that it is in sight.
+#: Direction of view [degrees]: from outside, below the plane of x and y, and beside a load on a side, so that it is visible.
 ELEVATION, AZIMUTH, BESIDE = -35.0, 120.0, 35.0
 #: A normal that leans this far from z is on a side.
 LEANS = 0.2
@@ -76,7 +76,7 @@ def draw_in_space(axes: Axes3D, touch: Shown, values: Floats, top: float, taxels
 
 
 def draw_taxels(axes: Any, taxels: Sequence[Array], width: float) -> None:
-    """Dots where taxels lie, in the coordinates of the surface."""
+    """Dots at the taxels, in the coordinates of the surface."""
     for array in taxels:
         y, x = array.points.T
         axes.plot(x * width, y * width, ls="none", marker="o", ms=1.6, mfc="white", mec="0.2", mew=0.4, label="_taxels")

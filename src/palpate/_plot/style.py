@@ -75,7 +75,7 @@ def scaled(largest: float, unit: str) -> tuple[float, str]:
 
 
 def column_size(table: pandas.DataFrame, title: str) -> float:
-    """Size that the unit of a column goes by: that of its largest number, or where that is small beside its interval, a tenth of the largest bound."""
+    """Size that decides the unit of a column: its largest number, or, if that is small beside its interval, a tenth of the largest bound."""
     name, unit = title.split(" (")
     ends = (title, *(f"{name}_{side} ({unit}" for side in ("low", "high")))
     number, *bounds = (

@@ -17,10 +17,10 @@ from palpate.touch.table import table_of
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["MANY", "Numbers"]
+__all__ = ["MAX_FRAMES_IN_MEMORY", "Numbers"]
 
-#: Frames from which on they are kept in a file: with some thirty numbers each, 25 MB of memory.
-MANY = 100_000
+#: Recordings of more frames keep their numbers in a file: thirty numbers a frame are 25 MB here.
+MAX_FRAMES_IN_MEMORY = 100_000
 
 
 class Numbers:
@@ -38,7 +38,7 @@ class Numbers:
         self._frames = frames
         self._parts: dict[int, dict[str, Any]] = {}
         self._file: BinaryIO | None = None
-        if frames >= MANY:
+        if frames >= MAX_FRAMES_IN_MEMORY:
             self._file = cast(BinaryIO, tempfile.TemporaryFile(dir=folder, buffering=0))  # noqa: SIM115
             weakref.finalize(self, self._file.close)
         self._titles: list[str] = []
@@ -72,7 +72,7 @@ class Numbers:
         return sum(len(part["status"]) for part in self._parts.values())
 
     def untouched(self) -> Any:
-        """Whether nothing was found to touch in each frame."""
+        """Whether each frame has no contact."""
         if self._file is not None:
             return np.isin(self._status, [Status.NO_CONTACT, Status.UNDECIDED])
         labels = [Status.NO_CONTACT.label, Status.UNDECIDED.label]
@@ -92,7 +92,7 @@ class Numbers:
             k = self._titles.index(title)
             column: Floats = np.memmap(cast(Any, self._file), np.float64, "c", 8 * k * self._frames, (self._frames,))
             for start, (count, titles) in self._held.items():
-                if title not in titles:  # a frame that is missing may lack what needs the friction
+                if title not in titles:  # a missing frame may lack values that need the friction
                     column[start : start + count] = math.nan
             out[title] = column
         labels = pandas.Categorical.from_codes(

@@ -1,4 +1,4 @@
-"""Where pieces are worked on: here, in threads, in processes, or on a Dask cluster. What they have in common is `Pool`."""
+"""Workers for pieces: this thread, threads, processes, or a Dask cluster. `Pool` is their interface."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ __all__ = ["Pool", "in_order", "pool_of"]
 
 #: So often a piece may lose its worker: one that needs more memory than there is would take one worker after another.
 LOSSES = 3
-#: Seconds in which a scheduler must answer.
+#: Timeout of a scheduler [s].
 ANSWER = 10
 
 
 class Pool(AbstractContextManager["Pool"]):
-    """Takes tasks; leaving it in any way leaves nothing behind."""
+    """Runs tasks in processes; leaving the context stops all of them."""
 
     #: Tasks that wait or are worked on at a time, so that memory does not grow with the recording.
     width: int = 1
-    #: Whether tasks are worked on in other processes, which write what they make by themselves where they can.
+    #: Whether tasks run in other processes, which write their own results if they can.
     elsewhere: bool = False
 
     @abc.abstractmethod
     def submit(self, task: Task) -> Callable[[], Solved]:
-        """Begin a task; what is returned waits for it."""
+        """Start a task; the returned function waits for it."""
 
     def restart(self) -> None:
         """New workers in the place of those that were lost."""
@@ -95,7 +95,7 @@ def _later(pool: Pool, task: Task) -> Callable[[], Solved]:
 
 
 def pool_of(skin: Skin, options: dict[str, Any], *, workers: int, scheduler: str | None) -> Pool:
-    """The pool that is asked for.
+    """The requested pool.
 
     Raises
     ------
@@ -137,7 +137,7 @@ class _Threads(Pool):
     def __init__(self, skin: Skin, options: dict[str, Any], workers: int) -> None:
         self._skin, self._options, self.width = skin, options, 2 * workers
         self._stack = ExitStack()
-        limits = _one_thread_each()
+        limits = _limit_threads()
         if limits is not None:
             self._stack.callback(limits.restore_original_limits)
         self._executor = ThreadPoolExecutor(workers, thread_name_prefix="palpate-worker")
@@ -178,7 +178,7 @@ class _Processes(Pool):
         self._begin()
 
     def _end(self) -> None:
-        self._held.close()  # what they are at is of no use any more
+        self._held.close()  # their work is no longer needed
         self._executor.shutdown(wait=True, cancel_futures=True)
 
     def __exit__(self, *_: object) -> None:
@@ -186,8 +186,8 @@ class _Processes(Pool):
 
 
 def _begin_worker(watched: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the first process says what becomes of it
-    _one_thread_each()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the first process reports
+    _limit_threads()
     threading.Thread(target=_end_with, args=(watched,), daemon=True).start()
 
 
@@ -198,8 +198,8 @@ def _end_with(watched: Connection) -> None:
         os._exit(1)
 
 
-def _one_thread_each() -> Any:
-    """Linear algebra of this process takes one thread: its neighbours take the other cores. None where nothing can tell it so."""
+def _limit_threads() -> Any:
+    """Restrict linear algebra in this process to one thread, since its neighbours use the other cores. Return None if no library allows that."""
     import scipy.linalg.blas  # noqa: F401  # so that its own library is there to be told
 
     try:

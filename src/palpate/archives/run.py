@@ -22,7 +22,7 @@ from palpate.elastic import Viscoelastic
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.method import Method
-from palpate.inverse.registry import method_asked
+from palpate.inverse.registry import requested_method
 from palpate.recordings.described import check_described
 from palpate.recordings.files import atomically
 from palpate.recordings.formats import find_format, open_recording
@@ -30,7 +30,7 @@ from palpate.recordings.locks import sole_writer
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
-from palpate.recordings.zarrstream import begun
+from palpate.recordings.zarrstream import interrupted_run
 from palpate.sensing.readings import Creep, Layout, joined_planes
 from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest
 from palpate.touch import Touch
@@ -46,38 +46,38 @@ if TYPE_CHECKING:
 
 __all__ = ["Reconstructed", "piece_length", "reconstruct_recording", "worker_count"]
 
-#: Bytes of traction in a piece: enough that a batch is worth its overhead, little enough that many are in memory at a time.
-PIECE = 3_000_000
+#: Bytes of traction in a piece: large enough for efficient batches, small enough to hold many in memory.
+PIECE_BYTES = 3_000_000
 #: Frames in a piece at the most: what a run that is broken off has to do again.
 LONGEST = 256
 #: The same of methods that solve one frame after another, a hundredth of a second to some seconds each.
 SLOW = 8
 #: Frames for each process that make up for its beginning: 1.5 s of imports and sensor against 0.04 s or more for each frame.
 PAYS = 50
-#: Processes that are begun unasked: each holds 150 MB.
-MOST = 8
+#: Processes that start by default: each holds 150 MB.
+MAX_DEFAULT_PROCESSES = 8
 
 
 @dataclass(frozen=True)
 class Reconstructed:
-    """What a run has made.
+    """The result of a run.
 
     Attributes
     ----------
     path : Path
         The file.
     frames, before : int
-        Its frames, and how many of them an earlier run had done.
+        Its frames, and how many of them an earlier run had finished.
     frame : int
-        The frame of the recording that ``touch`` is of: the one that was asked for, or that with the largest traction.
+        Number of the frame of ``touch``: the requested one, or that with the largest traction.
     touch : Touch
         The result of this frame.
     numbers : Numbers
         Numbers of all frames, as `table` holds them.
     remarks : tuple of str
-        What is to be said of the readings.
+        Remarks on the readings.
     notes : tuple of str
-        What was assumed, and what became of the frames: of all of them, where those of ``touch`` are of one.
+        Assumptions and outcomes of all frames; those of ``touch`` are of one.
     """
 
     path: Path
@@ -111,13 +111,13 @@ def piece_length(skin: Skin, method: Method | None = None) -> int:
     (217, 6)
     """
     frame = 8 * len(skin.surface.components) * math.prod(skin.surface.shape)
-    return max(1, min(LONGEST if method is None or not method.by_frame else SLOW, PIECE // frame))
+    return max(1, min(LONGEST if method is None or not method.by_frame else SLOW, PIECE_BYTES // frame))
 
 
 def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
     """Processes that pay where the user does not say: one for each core, of small sensors and methods that take their time over each frame.
 
-    A process takes a second or two to begin, which linear methods and a few frames do not earn, and holds what large sensors prepare once more.
+    A process takes a second or two to start, too long for linear methods and few frames, and prepares large sensors again.
 
     Examples
     --------
@@ -129,10 +129,10 @@ def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
     (1, 1)
     """
     unknowns = len(skin.surface.components) * math.prod(skin.surface.shape)
-    chosen = method_asked(None, {}) if method is None else method
+    chosen = requested_method(None, {}) if method is None else method
     if not chosen.by_frame or unknowns > SMALL:
         return 1
-    return max(1, min(cores(), MOST, frames // PAYS))
+    return max(1, min(cores(), MAX_DEFAULT_PROCESSES, frames // PAYS))
 
 
 def reconstruct_recording(
@@ -162,8 +162,8 @@ def reconstruct_recording(
         NetCDF, HDF5 and Zarr are read piece by piece, a long CSV once into a temporary file; other formats whole.
     out : str or Path
         NetCDF, HDF5, Zarr, CSV and MCAP are written piece by piece; the touches of other formats stay in memory until the end. A Zarr store grows
-        in ``NAME.partial`` beside it, which stays where the run is broken off; every other file is there when it is complete, and of a run that
-        is broken off ``NAME.part.csv`` keeps the forces of the frames so far.
+        in ``NAME.partial`` beside it, which stays if the run is interrupted; every other file appears when it is complete, and after an interruption
+        ``NAME.part.csv`` keeps the forces of the frames so far.
     method, components, **options
         As for `Skin.reconstruct`.
     workers : int
@@ -173,15 +173,16 @@ def reconstruct_recording(
     chunk : int, optional
         Frames in a piece. Default: `piece_length`.
     resume : bool
-        Go on with a run into the same Zarr store that was broken off, or begin it. It must be the same run: recording, skin, method, chunk.
+        Continue an interrupted run into the same Zarr store, or start it. It must be the same run: recording, skin, method, chunk.
     overwrite : bool
-        Replace a result, or a run that was broken off.
+        Replace a result, or an interrupted run.
     frame : int, optional
-        Solve and write this frame alone; -1 is the last. Default: all frames.
+        Solve and write only this frame; -1 is the last. Default: all frames.
     baseline : int or array
-        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the intervals); or frames at the start in which nothing touches: their mean (`palpate.sensing.zero.zero_of`) is the zero that is taken from all readings.
-        Five or more also tell the noise, where the array's is not given.
-        0 (default): the readings are zero already. Readings that evidently are not (raw counts) are said in ``remarks``.
+        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the
+        intervals); or frames at the start without contact: their mean (`palpate.sensing.zero.zero_of`) is subtracted from all readings. Five or more
+        also give the noise, if the array states none. 0 (default): the readings have a zero. ``remarks`` notes readings that evidently do not (raw
+        counts).
     provenance : mapping of str to str
         Kept as attributes of the result.
     progress : callable (done, frames)
@@ -199,9 +200,9 @@ def reconstruct_recording(
 
     Notes
     -----
-    A worker that is killed changes nothing: its piece is given to another. With the same ``chunk`` the result is the same to the last bit for any number
-    of workers as long as the linear algebra takes as many threads: up to 4096 unknowns it takes one; beyond, set OMP_NUM_THREADS=1 to compare.
-    Where workers are processes, a script must guard its start with ``if __name__ == "__main__":``.
+    If a worker is killed, another takes its piece. With the same ``chunk`` the result is the same to the last bit for any number
+    of workers if the linear algebra uses as many threads: up to 4096 unknowns it uses one; above, set OMP_NUM_THREADS=1 to compare. If workers are
+    processes, a script must guard its start with ``if __name__ == "__main__":``.
 
     Examples
     --------
@@ -222,9 +223,9 @@ def reconstruct_recording(
     """
     target = Path(out)
     known = find_format(target)
-    chosen = method_asked(method, options)
+    chosen = requested_method(method, options)
     # a run that goes on has the pieces that it was begun with
-    length = chunk if chunk is not None else begun(target).get("chunk") if resume else None
+    length = chunk if chunk is not None else interrupted_run(target).get("chunk") if resume else None
     length = piece_length(skin, chosen) if length is None else length
     if isinstance(length, bool) or not isinstance(length, int) or length < 1:
         raise InvalidInput(f"chunk must be a whole number of frames from 1 on; got {chunk!r}.")
@@ -271,7 +272,7 @@ def reconstruct_recording(
             layout.checked(part.readings if zero is None else part.readings - zero)
 
         crc = source.survey(look)
-        # what cannot be served is refused before anything is written
+        # refuse impossible requests before writing anything
         elastic.prepare(**settings)
         run = {
             "palpate": palpate.__version__,
@@ -306,7 +307,7 @@ def reconstruct_recording(
         for start, frames in done.items():  # by an earlier run
             gathered.add(start, PieceResult.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
-        with nullcontext() if known.can("touch_stream") else _numbers_kept(numbers, target, len(wanted)):
+        with nullcontext() if known.can("touch_stream") else _save_numbers_on_interrupt(numbers, target, len(wanted)):
             for task, solved in in_order(pool, _tasks(source, skin, length, done, zero, wanted, place)):
                 stream.add(task.start - wanted.start, solved.piece)
                 gathered.add(task.start, solved.result, wanted.start)
@@ -337,8 +338,8 @@ def _numbers_of(target: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _numbers_kept(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
-    """Where a run is broken off whose format cannot go on: the numbers of the frames so far as NAME.part.csv, and a note of the exception that says so."""
+def _save_numbers_on_interrupt(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
+    """If a run is interrupted whose format cannot continue: write the numbers so far as NAME.part.csv, and add a note to the exception."""
     try:
         yield
     except BaseException as error:

@@ -1,4 +1,4 @@
-"""What a worker does with a piece of a recording, wherever it runs."""
+"""The work on one piece of a recording, in any process."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Task:
     stop: int
     readings: Any
     time: Floats
-    #: where a worker writes by itself, if it can
+    #: the place where a worker may write itself
     place: Place | None = None
 
 
@@ -90,7 +90,7 @@ def packed(skin: Skin, options: dict[str, Any]) -> bytes:
 
 
 def solve_packed(job: bytes, task: Task) -> Solved:
-    """The same in another process, where the skin is prepared once."""
+    """The same in another process, which prepares the skin once."""
     return solve(*_unpacked(job), task)
 
 

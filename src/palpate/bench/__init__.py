@@ -22,12 +22,12 @@ from palpate.bench.calibration import beyond, calibration, crossing, population,
 from palpate.bench.contacts import FRICTION, Patch, area_contact, line_contact
 from palpate.bench.layouts import LAYOUTS, Layout
 from palpate.bench.patches import PulledFrame, pulled
-from palpate.bench.unseen import KINDS, unseen
+from palpate.bench.unseen import CONTACT_KINDS, unseen
 
 __all__ = [
+    "CONTACT_KINDS",
     "DEFAULT",
     "FRICTION",
-    "KINDS",
     "LAYOUTS",
     "NOISES",
     "Layout",

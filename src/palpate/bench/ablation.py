@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.bench.accuracy import spread_over
-from palpate.bench.unseen import KINDS, Sample, unseen
+from palpate.bench.unseen import CONTACT_KINDS, Sample, unseen
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.methods import Automatic, AutomaticEstimator
 from palpate.inverse.contact.policy import Policy, changed, numbers
@@ -30,7 +30,7 @@ RESAMPLED = 2000
 
 @dataclass(frozen=True, kw_only=True)
 class Ablated(Automatic):
-    """The automatic method without some of its parts, or with other numbers, where pressure is sought."""
+    """The automatic method without some of its parts, or with other numbers, if pressure is sought."""
 
     policy: Policy = field(default_factory=Policy)
 
@@ -39,8 +39,8 @@ class Ablated(Automatic):
         return self._prepared_by(problem, self.policy)
 
 
-#: Parts that stand in for each other are left out together, too; a pull without a search for rims is what rims are weighed against.
-TOGETHER: dict[str, tuple[str, ...]] = {
+#: Parts that replace each other are also removed together. Rims are compared with a pull without a search for rims.
+JOINT_PARTS: dict[str, tuple[str, ...]] = {
     "local weights, both": ("parts.wide_weights", "parts.narrow_weights"),
     "outliers and broken readings": ("parts.screening", "parts.outliers"),
     "contact that pulls, and rims": ("parts.pulls", "parts.rims"),
@@ -54,7 +54,7 @@ def variants(*, thresholds: bool = True, every: bool = False) -> dict[str, Polic
     for one in numbers():
         if one.part:
             out[f"without: {one.why}"] = changed(whole, one.name, False)
-    for name, off in TOGETHER.items():
+    for name, off in JOINT_PARTS.items():
         policy = whole
         for part in off:
             policy = changed(policy, part, False)
@@ -81,12 +81,9 @@ class Outcome:
     seconds: float
 
 
-Outcomes = dict[str, tuple[str, bool, list[Outcome]]]
-
-
 def _outcome(sample: Sample, method: Ablated) -> Outcome:
     skin, names = sample.layout.skin, list(sample.layout.components)
-    method.prepare(skin.problem(components=names))  # what is prepared is kept, and no part of the time
+    method.prepare(skin.problem(components=names))  # cached preparation is not part of the time
     started = time.process_time()
     touch = skin.reconstruct(sample.readings, method=method, components=names)
     seconds = time.process_time() - started
@@ -137,7 +134,7 @@ def ablation(
     frames: int = 60,
     *,
     numbers: int = 20,
-    kinds: Sequence[str] = tuple(KINDS),
+    kinds: Sequence[str] = tuple(CONTACT_KINDS),
     seed: int = 2024,
     only: Sequence[str] | None = None,
     seconds: float | None = None,
@@ -146,7 +143,7 @@ def ablation(
 ) -> list[tuple[str, bool, dict[str, Outcome]]]:
     """Kind, whether nothing touches, and the outcome of every variant ("whole" first), of each frame.
 
-    ``kinds``: of which `palpate.bench.unseen.KINDS`, in turn; ``numbers``: how many of the frames halved and doubled numbers are tried on; ``only``: the variants wanted (names of `variants`;
+    ``kinds``: of which `palpate.bench.unseen.CONTACT_KINDS`, in turn; ``numbers``: how many of the frames halved and doubled numbers are tried on; ``only``: the variants wanted (names of `variants`;
     default: all); ``seconds``: no frame is begun after so long (by the wall clock), so that the first of ``frames`` are returned.
     """
     tasks = [
@@ -213,7 +210,7 @@ def summary(found: Sequence[tuple[str, bool, dict[str, Outcome]]], seed: int = 0
                 float(np.exp(logs.mean())),
                 float(low),
                 float(high),
-                {k: _mean(logs[kinds == k]) for k in KINDS if (kinds == k).any()},
+                {k: _mean(logs[kinds == k]) for k in CONTACT_KINDS if (kinds == k).any()},
                 float(np.exp(logs.max())),
                 max(o.error for o in outcomes),
                 float(np.mean(logs != 0.0)),

@@ -1,4 +1,4 @@
-"""Accuracy: contacts x noise x methods, beside the clairvoyant filter."""
+"""Accuracy: contacts x noise x methods, compared with the clairvoyant filter."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ DEFAULT = "adaptive"
 class Record:
     """One reconstruction against the truth.
 
-    ``method`` is what was asked for, ``found_by`` the method that found it, whose constants its error bars ``z`` have.
+    ``method`` is the requested method, ``found_by`` the one whose constants its error bars ``z`` have.
     """
 
     layout: str
@@ -66,7 +66,7 @@ class Record:
 def standardised(touch: Touch, truth: Floats, friction: float | None, *, inside: bool = False) -> dict[str, Floats]:
     """(true - found)/std of the model for every quantity; cells are those in contact, in truth or as found.
 
-    ``inside`` leaves out the error of what lies outside the array.
+    ``inside`` omits the error of load outside the array.
     """
     grid = touch.surface
     columns = [grid.components.index(c) for c in touch.components]
@@ -79,7 +79,7 @@ def standardised(touch: Touch, truth: Floats, friction: float | None, *, inside:
         found, std, outside, _ = intervals.uncalibrated(touch, known, of, mu)
         return known.quantities[of].standardised(np.asarray(value), found, std, outside)
 
-    # where traction has either sign, every cell holds some
+    # with traction of either sign, every cell counts
     found_contact = np.asarray(touch.contact() if known.signed else touch.values[-1] > 0)
     out = {
         "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | found_contact],
@@ -131,17 +131,19 @@ def run(
     size = float(np.linalg.norm(truth[columns]))
     records = []
     for method in asked:
-        touch = layout.skin.reconstruct(noisy, method=_told(method, layout), components=list(layout.components))
+        touch = layout.skin.reconstruct(
+            noisy, method=_with_friction(method, layout), components=list(layout.components)
+        )
         error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
         z = standardised(touch, truth, layout.friction, inside=inside) if touch.errors is not None else {}
         records.append(Record(layout.name, name, noise, str(method), error, clairvoyant, z, touch.method))
     return records
 
 
-def _told(method: str | Method, layout: Layout) -> Method:
-    """The method, with the layout's friction where it takes one."""
+def _with_friction(method: str | Method, layout: Layout) -> Method:
+    """The method, with the layout's friction if it accepts one."""
     if isinstance(method, Method):
-        unset = getattr(method, "friction", 0) is None  # 0: it takes none
+        unset = getattr(method, "friction", 0) is None  # 0: it has none
         return replace(method, friction=layout.friction) if unset else method  # type: ignore[call-arg]
     name = Automatic.name if method == DEFAULT else method
     return method_named(name, {"friction": layout.friction} if "friction" in methods()[name].options() else {})
@@ -223,7 +225,7 @@ def coverage(records: Sequence[Record], level: float, method: str = DEFAULT) -> 
 
 
 def accuracy_markdown(records: Sequence[Record], *, command: str) -> str:
-    """Both tables as a page shows them: errors over the clairvoyant filter's, and what the intervals hold. ``command`` made them."""
+    """Both tables as Markdown: errors over the clairvoyant filter's, and the coverage of intervals. ``command`` made them."""
     noises = sorted({r.noise for r in records})
     lines = [
         f"Written by `{command}`. Error over the clairvoyant filter's, geometric mean over the contacts (worst contact):",

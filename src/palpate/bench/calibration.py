@@ -203,13 +203,13 @@ def _one_frame(task: tuple[int, int, str, str | None, str, str]) -> tuple[Case, 
     if method == Local.name:
         return _one_pulled(rng)
     layout, traction, noise = population(rng, contact=contact, sensing=sensing, body=body)
-    # what linear methods find outside the array is never quite nothing; `beyond` says what it is worth
+    # linear methods never find exactly zero outside the array; `beyond` gives its error
     inside = method in GAUSSIAN
     return layout.case, run(layout, "random", traction, noise, rng, (method,), yardstick=False, inside=inside)[0].z
 
 
 def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
-    """Of a frame of `pulled` patches: errors over standard deviations, of either sign as often; none where noise cannot be told, which its notes say."""
+    """Errors over standard deviations of a frame of `pulled` patches, with random signs; none if its notes say that the noise is unknown."""
     frame = pulled(rng)
     touch = frame.skin.reconstruct(frame.readings, method=Local.name, components=["x", "y"])
     errors = touch.errors
@@ -238,7 +238,7 @@ def beyond(
     jobs: int = 1,
     report: Callable[[int], None] | None = None,
 ) -> dict[Case, float]:
-    """Of each case found, the relative error of what lies outside the array that makes the 95 % interval of the force hold.
+    """For each case, the relative error of load outside the array that gives the 95 % interval of the force its coverage.
 
     On contacts across the edge (`crossing`: stress in half-spaces, markers in bonded gels) of the same kind of contact.
     """
@@ -296,8 +296,7 @@ def write_constants(
 ) -> None:
     """Put new constants into the file of constants: entries of the same method and case are replaced, others kept.
 
-    What the frames did not show (shear where none is sought) is taken from the nearest entry, and so is the part outside the array where
-    ``outside`` does not say it.
+    Cases without frames (shear if none is sought) take the nearest entry, and so does the part outside the array if ``outside`` lacks it.
     """
     file = Path(path)
     try:
@@ -384,6 +383,6 @@ def _fit(frames: Sequence[Floats], *, shifted: bool) -> tuple[float, float, floa
     else:
         log_freedom = float(scipy.optimize.brentq(miss, low, high))
     freedom = math.exp(log_freedom)
-    # between the two levels where no Student distribution fits both
+    # between the two levels no Student distribution fits both
     scale = float(np.sqrt(half / scipy.special.stdtrit(freedom, 0.75) * most / scipy.special.stdtrit(freedom, 0.975)))
     return round(shift, 3), round(scale, 3), round(freedom, 2)

@@ -49,9 +49,9 @@ FINER, WIDER = {1: 10, 2: 6}, {1: 24, 2: 3}
 
 @dataclass
 class Layout:
-    """An array on a pad, the contacts it meets, and what is asked of it.
+    """An array on a pad, its contacts, and the quantities to estimate.
 
-    ``middle`` holds the same contacts in the middle of the array, for the yardstick, where they cross its edge.
+    ``middle`` holds the same contacts in the middle of the array, for comparison, if they cross its edge.
     """
 
     name: str
@@ -66,12 +66,12 @@ class Layout:
 
     @property
     def case(self) -> Case:
-        """What constants its error bars need."""
+        """The case of its error bars' constants."""
         return self.skin.case(self.components)
 
     @cached_property
     def skin(self) -> Skin:
-        """What a user would make; the noise is not given. The pad is known exactly, so that intervals are judged by what the method owes."""
+        """The skin that a user would make without stating noise. The pad is exact, so that intervals test the method alone."""
         return Skin(self.pad, self.array, uncertainty=EXACT)
 
     @cached_property

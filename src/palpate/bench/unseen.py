@@ -21,10 +21,10 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.sensing import AreaArray, LineArray
 from palpate.sensing.grids import Grid
 
-__all__ = ["KINDS", "Sample", "unseen"]
+__all__ = ["CONTACT_KINDS", "Sample", "unseen"]
 
 #: Kinds of contact.
-KINDS = ("line", "area", "area with shear")
+CONTACT_KINDS = ("line", "area", "area with shear")
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def _areas() -> dict[str, Callable[[Floats, Floats], Floats]]:
 
 
 def unseen(rng: np.random.Generator, kind: str) -> Sample:
-    """A random frame of the population, of one of `KINDS`."""
+    """A random frame of the population, of one of `CONTACT_KINDS`."""
     line = kind == "line"
     shear = kind == "area with shear" or (line and rng.random() < 0.25)
     sensing = str(rng.choice(["stress", "strain", "displacement"], p=[0.6, 0.2, 0.2]))
@@ -110,7 +110,7 @@ def unseen(rng: np.random.Generator, kind: str) -> Sample:
         readings, truth = np.zeros_like(readings), np.zeros_like(truth)
     readings = readings + largest * noise
     if not empty and rng.random() < 0.2:
-        # a taxel that nobody knows to be broken: stuck at nothing, or far out
+        # an undetected broken taxel: stuck at zero, or far out
         for _ in range(int(rng.integers(1, 3))):
             place = tuple(int(rng.integers(n)) for n in readings.shape)
             readings[place] = float(rng.choice([0.0, 1.3, -0.8])) * largest

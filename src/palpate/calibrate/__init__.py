@@ -7,7 +7,7 @@ Open first: `calibrating.py`.
 
 from palpate.calibrate.answer import calibrated_touch, with_calibration
 from palpate.calibrate.calibrating import calibrate, flat_readings
-from palpate.calibrate.calibration import ALONE, SkinCalibration
+from palpate.calibrate.calibration import FORCE_ONLY_NOTE, SkinCalibration
 from palpate.calibrate.constants import PadConstants, with_constants
 from palpate.calibrate.files import calibrated_text, read_calibration, write_calibrated
 from palpate.calibrate.forcemap import ForceMap
@@ -15,7 +15,7 @@ from palpate.calibrate.labels import Weight, find_delay
 from palpate.calibrate.prior import likely_maps
 
 __all__ = [
-    "ALONE",
+    "FORCE_ONLY_NOTE",
     "ForceMap",
     "PadConstants",
     "SkinCalibration",

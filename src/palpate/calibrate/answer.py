@@ -1,4 +1,4 @@
-"""What a calibrated skin answers."""
+"""Touches of a calibrated skin."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def calibrated_touch(
 
 
 def at_calibrated_zero(skin: Any) -> Any:
-    """The skin for readings from which the zero of its calibration was taken: that zero's error is in the intervals."""
+    """The skin for readings minus the zero of its calibration; that zero's error is in the intervals."""
     out = copy.copy(skin)
     out._calibration, out._plain = skin.calibration.opened(), None
     return out
 
 
 def with_calibration(skin: Any, found: SkinCalibration | None) -> Any:
-    """The skin that answers by a calibration, its pad as the presses told (`with_constants`); the same skin for None."""
+    """The skin with a calibration, and its pad with the fitted constants (`with_constants`); the same skin for None."""
     out = skin if found is None else with_constants(skin, found.constants)
     out._calibration = found
     return out

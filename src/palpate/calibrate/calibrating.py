@@ -1,4 +1,4 @@
-"""From presses of which something is known to a calibration."""
+"""From labelled presses to a calibration."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from palpate.calibrate.findings import (
     small_unit,
     table_of,
 )
-from palpate.calibrate.forcemap import MOST_LABELS, RUN, ForceMap, usual_scale
+from palpate.calibrate.forcemap import MAX_LABELS, RUN, ForceMap, usual_scale
 from palpate.calibrate.labels import (
     BALL,
     SCALE_STD,
@@ -46,20 +46,21 @@ from palpate.sensing.times import as_seconds
 
 __all__ = ["calibrate", "flat_readings"]
 
-#: Part of the time that a weight stood which is left out at each end: it is laid down and taken off there.
+#: Part of the time of a weight that is dropped at each end, while it is laid down and taken off.
 ENDS = 0.15
-#: Rest: forces below this part of the largest.
-REST = 0.005
-#: Frames of so little force are at rest from this count on, where their readings scatter by less than this part of all readings' root mean square.
+#: Forces below this part of the largest are at rest.
+REST_FRACTION = 0.005
+#: Frames below this force count as rest if there are at least so many and their readings scatter by less than this part of all readings' root mean
+#: square.
 FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
-#: Labels of one calibration by default: more cost time and tell little (docs/_generated/calibrate.md).
+#: Default number of labels in one calibration: more cost time and add little (docs/_generated/calibrate.md).
 USUAL_LABELS = 300
 SEED = 41
-#: What is said where all labels are of one recording.
-ONE_RUN = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
+#: Note if all labels come from one recording.
+ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
 #: Squares of larger numbers, and inverses of smaller ones, leave double precision (at 1e154).
 LARGEST = 1e100
-#: Frames at rest that are kept, and the noise where none is labelled, as a part of the root mean square of the readings (a convention).
+#: Largest number of stored rest frames, and the default noise without rest frames, as a part of the root mean square of the readings (a convention).
 REST_KEPT, ASSUMED_NOISE = 20, 0.01
 
 
@@ -95,29 +96,30 @@ def calibrate(
     constants: Sequence[str] = (),
     pad_models: Sequence[str] | None = None,
 ) -> SkinCalibration:
-    """The calibration of a skin by presses of which something is known; `Skin.calibrate` is the same and returns the skin.
+    """Calibrate a skin by labelled presses; `Skin.calibrate` does the same and returns the skin.
 
     Parameters
     ----------
     skin : Skin
-        With whatever is known of pad and array. Its numbers may be guesses: they only say which maps are likely.
+        With pad and array. Its numbers may be guesses: they only give the prior of the maps.
     presses : Recording, array (frame, channel, *array), or a list of them
         Readings in the sensor's own unit, of which each recording is a run.
     reference : array (frame,) or (frame, 3), or mapping of str to array
-        Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], "x", "y" [m] where the place of the press is known, and "ball_radius" [m] where a ball pressed. NaN where nothing is known. For a list of presses a
+        Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], "x", "y" [m] for the place of the press, and "ball_radius" [m] for a
+        ball. NaN if unknown. For a list of presses a
         list. With ``reference_time`` on a clock of its own.
     reference_time : array (sample,), optional
         Times of the reference [s]; the delay between the clocks is found (`find_delay`).
     weights : sequence of str or Weight
-        What stood on the pad and when, such as "200 g, 12 s to 20 s"; "0 g, ..." says that nothing did.
+        Weights on the pad with their times, such as "200 g, 12 s to 20 s"; "0 g, ..." for rest.
     time : array (frame,), optional
-        Times of an array of presses [s]; without them each frame is a press by itself.
+        Times of an array of presses [s]; without them each frame is a separate press.
     baseline : int, optional
-        Frames at the start of each run at which nothing touches, whose mean is the zero. Default: the frames that are labelled with no force, else none.
+        Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, else none.
     labels : int
-        At most so many frames are used.
+        Largest number of frames to use.
     before : SkinCalibration, optional
-        One of the same skin, from which this one starts: its labels are kept, and whether the sensor has aged since is said.
+        One of the same skin, from which this one starts: its labels are kept, and a note says whether the sensor has aged.
     constants : sequence of str
         Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
     pad_models : sequence of str, optional
@@ -126,7 +128,7 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        Nothing is known of any frame, labels of another length, clocks that do not fit, or labels without any force.
+        No labelled frame, labels of another length, clocks that do not match, or labels without any force.
 
     Examples
     --------
@@ -144,8 +146,8 @@ def calibrate(
     """
     given = list(presses) if isinstance(presses, list | tuple) else [presses]
     runs = [_run(one, skin, time if len(given) == 1 else None) for one in given]
-    if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MOST_LABELS:
-        raise InvalidInput(f"labels must be a whole number from 1 to {MOST_LABELS}; got {labels!r}.")
+    if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MAX_LABELS:
+        raise InvalidInput(f"labels must be a whole number from 1 to {MAX_LABELS}; got {labels!r}.")
     references = list(reference) if len(runs) > 1 and isinstance(reference, list | tuple) else [reference]
     if len(references) != len(runs) and reference is not None:
         raise InvalidInput(
@@ -158,12 +160,12 @@ def calibrate(
         if weights and number == 0:
             runs[number], one = _weighed(run, own, weights_of(weights))
         else:
-            one = _known(run, own, reference_time, said)
+            one = _labels(run, own, reference_time, said)
         known.append(one)
         _check_size("known forces", np.concatenate([one[f] for f in FORCES if f in one]))
     zeros = [_zero(run, one, baseline, said) for run, one in zip(runs, known)]
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
-    data = _gathered(runs, flats, known, labels)
+    data = _join_runs(runs, flats, known, labels)
     told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
     skin = with_constants(skin, told)
     if before is not None:
@@ -177,7 +179,7 @@ def calibrate(
     said += silent_readings(skin, data)
     said += hysteresis(main)
     if len(runs) == 1 and before is None:
-        said.append(ONE_RUN)
+        said.append(ONE_RECORDING_NOTE)
     said += best_press(skin, main)
     zero, zero_std = _kept_zero(skin.planes, zeros, data.rest)
     return replace(
@@ -218,7 +220,7 @@ def _run(one: Any, skin: Any, time: Any) -> Run:
 
 
 def _check_size(name: str, values: Floats) -> None:
-    """Refuse numbers whose squares cannot be held."""
+    """Refuse numbers whose squares overflow."""
     largest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
     if largest and not 1.0 / LARGEST <= largest <= LARGEST:
         raise InvalidInput(
@@ -227,7 +229,7 @@ def _check_size(name: str, values: Floats) -> None:
 
 
 def _columns(reference: Any) -> dict[str, Floats]:
-    """What is known, by name."""
+    """The labelled quantities by name."""
     if isinstance(reference, Mapping):
         out: dict[str, Floats] = {str(k).lower(): np.asarray(v, dtype=np.float64) for k, v in reference.items()}
         unknown = set(out) - {*FORCES, *PLACES, BALL}
@@ -247,8 +249,8 @@ def _columns(reference: Any) -> dict[str, Floats]:
     raise InvalidInput(f"reference must have shape (frame,) or (frame, 3), or be a mapping; got {values.shape}.")
 
 
-def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
-    """What is known of each frame of a run: NaN where nothing is; "std" where a label has an error of its own."""
+def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
+    """The labels of each frame of a run: NaN without a label; "std" if a label states its error."""
     count = len(run.flat)
     out: dict[str, Floats] = {}
     if reference is not None:
@@ -290,7 +292,7 @@ def _known(run: Run, reference: Any, reference_time: Any, said: list[str]) -> di
 
 
 def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> dict[str, Floats]:
-    """What is known of each frame, NaN where a force sensor had no reading."""
+    """The labels of each frame; NaN if a force sensor had no reading."""
     out = dict(known)
     for name in (n for n in FORCES if n in known):
         stuck, value = stuck_labels(known[name], flat)
@@ -303,7 +305,7 @@ def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> d
 
 
 def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict[str, Floats]]:
-    """One frame for each weight, the mean of those in which it stood: frames of one weight share all that is wrong with them."""
+    """One frame for each weight, the mean of its frames: all of them share the same error."""
     if run.time is None:
         raise InvalidInput(
             "weights say when they stood, and the presses have no times: give a Recording, or time= with the frames."
@@ -341,13 +343,13 @@ def _flat_like(run: Run, frame: Floats, index: int) -> Floats:
 
 
 def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats | None:
-    """The readings at rest; None where no frame at rest is known."""
+    """The readings at rest, or None if no frame at rest is known."""
     if baseline is not None:
         if not 0 <= baseline < len(run.flat):
             raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
         return np.asarray(np.nanmean(run.flat[:baseline], axis=0)) if baseline else None
     forces = [known[f] for f in FORCES if f in known]
-    at_rest = at_rest_of(forces, run.flat)
+    at_rest = find_rest(forces, run.flat)
     if at_rest.any():
         return np.asarray(np.median(run.flat[at_rest], axis=0))
     words = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
@@ -380,15 +382,15 @@ def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:
     return np.concatenate(out)
 
 
-def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
-    """Frames at which nothing touches: the force is 0, or three or more with hardly any force whose readings are alike.
+def find_rest(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
+    """Frames without contact: zero force, or three or more with almost no force and similar readings.
 
     One small force beside others of either sign is no rest: its readings may be any.
     """
     seen = np.isfinite(flat).all(axis=1)
     exact = np.all([f == 0.0 for f in forces], axis=0) & seen
     largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
-    small = np.all([np.abs(f) <= REST * largest for f in forces], axis=0) & seen
+    small = np.all([np.abs(f) <= REST_FRACTION * largest for f in forces], axis=0) & seen
     if small.sum() >= FEWEST_AT_REST:
         middle = np.median(flat[small], axis=0)
         near = np.sqrt(((flat[small] - middle) ** 2).mean())
@@ -397,7 +399,7 @@ def at_rest_of(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
     return np.asarray(exact)
 
 
-def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
+def _join_runs(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
     names = [n for n in (*FORCES, *PLACES, BALL) if any(n in k for k in known)]
     timed = all(r.time is not None for r in runs)
     rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "time", "run", *names)}
@@ -411,7 +413,7 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
             )
         at = at[spread_over(np.nan_to_num(forces[at]), per_run)]
         rows["flat"].append(flat[at])
-        rows["planes"].append(run.readings[at] - _as_planes(run, flat, at))
+        rows["planes"].append(run.readings[at] - _as_planes(run, flat))
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
         rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
@@ -427,19 +429,19 @@ def _gathered(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats
     press = press_numbers(time, everything, made["run"])
     return Labelled(
         made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
-        np.asarray(press, dtype=np.int64), _rest(runs, flats, known, made["planes"]),
+        np.asarray(press, dtype=np.int64), _rest_readings(runs, flats, known, made["planes"]),
     )  # fmt: skip
 
 
-def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats) -> Floats:
+def _rest_readings(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats) -> Floats:
     """Frames at rest without their zero (frame, channel, *array), whose scatter is the noise; noise of an assumed size where fewer than five are labelled."""
     found = []
     for run, flat, one in zip(runs, flats, known):
         forces = np.stack([one[f] for f in FORCES if f in one])
         if run.rest is not None:
             found.append(run.rest[np.isfinite(run.rest).reshape(len(run.rest), -1).all(axis=1)][:REST_KEPT])
-        at = np.flatnonzero(at_rest_of(list(forces), flat))
-        found.append((run.readings[at] - _as_planes(run, flat, at))[:REST_KEPT])
+        at = np.flatnonzero(find_rest(list(forces), flat))
+        found.append((run.readings[at] - _as_planes(run, flat))[:REST_KEPT])
     rest = np.concatenate(found)[:REST_KEPT]
     if len(rest) >= 5 and rest.std(axis=0).max() > 0.0:
         return np.asarray(rest)
@@ -447,8 +449,8 @@ def _rest(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], 
     return noise * np.random.default_rng(SEED).standard_normal((REST_KEPT, *pressed.shape[1:]))
 
 
-def _as_planes(run: Run, flat: Floats, at: npt.NDArray[np.intp]) -> Any:
-    """The zero in the shape of the readings, for arrays without missing taxels; else nothing is taken off what is missing."""
+def _as_planes(run: Run, flat: Floats) -> Any:
+    """The zero in the shape of the readings; 0 (no subtraction) if taxels are missing."""
     zero = (run.flat - flat)[0]
     shape = run.readings.shape[1:]
     return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0
@@ -475,7 +477,7 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str
         old = None if before is None else before.maps.get(name)
         if old is not None and old.process.readings.shape[1] == flat.shape[1]:
             p = old.process
-            keep = slice(None, max(1, MOST_LABELS - len(values)))
+            keep = slice(None, max(1, MAX_LABELS - len(values)))
             if seconds is not None and p.time is not None:
                 seconds = np.concatenate([p.time[keep] - 1e9, seconds])
             else:

@@ -21,19 +21,19 @@ from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
 
-__all__ = ["ALONE", "SkinCalibration"]
+__all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
-#: What a touch says whose pad's model was rejected, or never asked.
-ALONE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
+#: Note of a touch whose pad model was rejected or not checked.
+FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
 #: Components of the force, and coordinates of the centre, by the names that references use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
-#: Part of the force that is open because no label is like the frame, from which on that is said.
+#: Part of the force that is uncertain because no label resembles the frame, above which a note says so.
 UNLIKE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class SkinCalibration:
-    """What labelled presses tell of a skin.
+    """A calibration from labelled presses.
 
     Attributes
     ----------
@@ -42,25 +42,25 @@ class SkinCalibration:
     readings : int
         How many readings a frame has.
     unit : float
-        What readings are multiplied by before the elastic model sees them; NaN where it was rejected.
+        Factor on readings for the elastic model; NaN if it was rejected.
     unit_std : float
         Relative standard deviation of ``unit``.
     elastic_error : float
-        Root mean square error of the elastic model's normal force with one fitted factor, as a part of that of the labels; NaN where it gave no answer.
+        Root mean square error of the elastic model's normal force with one fitted factor, as a part of that of the labels; NaN if it gave no answer.
     said : tuple of str
-        What the data tell and do not tell, in sentences.
+        Findings, one sentence each.
     table : tuple of rows
-        Name, error, R^2 and coverage (NaN where there is none) of normal force on presses that were left out, this map first.
+        Name, error, R^2 and coverage (or NaN) of the normal force in cross-validation, this map first.
     constants : PadConstants or None
-        Posterior of the pad's constants, where they were asked for.
+        Posterior of the pad's constants, if requested.
     rest : array (frame, channel, *array) or None
-        Readings at rest without their zero: their scatter is the noise that the elastic model is given.
+        Readings at rest without their zero: their scatter is the noise for the elastic model.
     scale : float
-        What makes the labelled readings small for the pad, where the elastic model was rejected: a tracker watches the zero in this unit.
+        Factor that makes the labelled readings small for the pad, if the elastic model was rejected: a tracker watches the zero in this unit.
     zero : array (channel, *array) or None
-        Readings at rest of the last recording, in the sensor's own unit; None where no frame at rest was known.
+        Readings at rest of the last recording, in the sensor's own unit; None without frames at rest.
     zero_std : array (channel, *array) or None
-        Standard deviation of one frame at rest about it, and of the zeros of several recordings from each other.
+        Standard deviation of one frame at rest, and of the zeros of several recordings.
     open_zero : bool
         Whether ``zero`` was taken from the readings, instead of a zero of their own day: its error is then in every interval.
     """
@@ -81,7 +81,7 @@ class SkinCalibration:
 
     @property
     def elastic(self) -> bool:
-        """Whether the elastic model holds, so that a pressure map follows."""
+        """Whether the elastic model fits, so that there is a pressure map."""
         return math.isfinite(self.unit)
 
     def force(self, readings: Any) -> tuple[Floats, Floats]:
@@ -104,7 +104,7 @@ class SkinCalibration:
         return self.zero is not None and np.array_equal(np.asarray(baseline), self.zero, equal_nan=True)
 
     def opened(self) -> SkinCalibration:
-        """The same, for readings from which its own zero was taken: that zero's error is in the intervals."""
+        """The same for readings minus their own zero: that zero's error is in the intervals."""
         return replace(self, open_zero=True)
 
     @property
@@ -114,7 +114,7 @@ class SkinCalibration:
 
     @cached_property
     def _zero_error(self) -> dict[str, float]:
-        """What the error of an open zero adds to each quantity (standard deviation): each reading's by itself, at rest."""
+        """The error of each quantity (standard deviation) due to the zero of each reading."""
         if not self.open_zero or self.zero_std is None:
             return {}
         off = self.zero_std[np.isfinite(self.zero_std)]
@@ -150,7 +150,7 @@ class SkinCalibration:
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
         place = self.center(rows, value, std)
-        notes: tuple[str, ...] = () if self.elastic else (ALONE,)
+        notes: tuple[str, ...] = () if self.elastic else (FORCE_ONLY_NOTE,)
         unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
         if unlike > UNLIKE:
             notes += (
@@ -189,8 +189,8 @@ class SkinCalibration:
         )
 
     def check_options(self, given: Mapping[str, Any]) -> None:
-        """Refuse options of the elastic model where there is none."""
-        # a run over a recording names its method and what is sought, also where nobody chose them
+        """Refuse options of the elastic model if there is none."""
+        # a run over a recording states its method and components, also the default ones
         named = [k for k, v in given.items() if v is not None and k not in ("method", "components", "rng")]
         if getattr(given.get("method"), "friction_given", None) is not None:
             named.append("friction")

@@ -38,13 +38,13 @@ UNKNOWN_STD, RADII, CUT_DEPTH, CUT_CONTACT = 0.7, 160, 25.0, 60.0
 UNTOLD, ODDS = 0.7, math.log(20.0)
 #: Two materials whose moduli are told apart by less are one: the richer model is then the plainer one of `PLAINER`. Standard deviation of the log of their ratio, and 95 %.
 ALIKE, PLAINER = 0.25, {"stack": "bonded", "soft base": "half-space"}
-#: Residuals of so many times the noise reject every model that was asked (a chi-square of 2 for each reading).
+#: Residuals above this many times the noise reject every candidate model (a chi-square of 2 for each reading).
 REJECTED = 1.4
-#: At most so many labelled frames are fitted; half spread over time, half over force.
-MOST_PRESSES = 20
+#: Fit at most this many labelled frames: half spread over time, half over force.
+MAX_PRESSES = 20
 STEP = 1e-5
-#: Channels that are fitted, and the radial or vertical field of each.
-KINDS = {
+#: Channels to fit, and whether each measures the radial or the vertical field.
+CHANNEL_FIELDS = {
     "stress_xz": "stress_x", "stress_yz": "stress_x", "stress_zz": "stress_z",
     "displacement_x": "displacement_x", "displacement_y": "displacement_x", "displacement_z": "displacement_z",
 }  # fmt: skip
@@ -61,17 +61,17 @@ class PadConstants:
     names : tuple of str
         One for each constant; "gain 3" is the factor of reading 3.
     values : array (constant,)
-        In SI units; gains and pixel scale as factors of what the skin says; "unit" is what readings are divided by to be in SI units.
+        In SI units; gains and pixel scale as factors of those of the skin; "unit" divides readings to give SI units.
     covariance : array (constant, constant)
         Of the logarithms: the root of its diagonal is a relative standard deviation.
     before : array (constant,)
         Relative standard deviations before the presses.
     evidence : mapping of str to float
-        Logarithm of the evidence of each pad model that was asked; without a stack or soft base whose two materials are found alike, which is the plainer model.
+        Logarithm of the evidence of each candidate model, without a stack or soft base with two equal materials, which is the simpler model.
     misfit : float
-        Root mean square of the residuals over the noise; from `REJECTED` on no model is named and the standard deviations are wider by as much.
+        Root mean square of the residuals over the noise; above `REJECTED` no model is best, and the standard deviations are wider by this factor.
     said : tuple of str
-        What the data do not tell, in sentences.
+        What the data do not determine, in sentences.
     """
 
     model: str
@@ -90,12 +90,12 @@ class PadConstants:
 
     @property
     def told(self) -> Any:
-        """Whether the presses tell each constant (constant,), bool."""
+        """Whether the presses determine each constant (constant,), bool."""
         return self.std < UNTOLD * self.before
 
     @property
     def best_model(self) -> str | None:
-        """The pad model favoured at odds of 20 to 1 over every other; None where the data cannot tell, or no model explains them."""
+        """The pad model with odds of 20 to 1 against every other; None if the data do not decide, or no model fits."""
         if self.misfit > REJECTED:
             return None
         order = sorted(self.evidence, key=lambda m: -self.evidence[m])
@@ -110,7 +110,7 @@ class PadConstants:
 
     @classmethod
     def from_json(cls, text: str) -> PadConstants:
-        """The posterior of `json`; ValueError where it is damaged."""
+        """Restore the posterior from `json`; ValueError if it is damaged."""
         held = json.loads(text)
         values, covariance, before = (
             np.array(held.pop(n), dtype=np.float64) for n in ("values", "covariance", "before")
@@ -171,7 +171,7 @@ def fit_constants(
     ball_radius : float or array (press,), optional
         [m], NaN where unknown.
     places : array (press, 2), optional
-        Where each was pressed [m], NaN where unknown, known to ``place_std`` [m].
+        Place of each press [m] with standard deviation ``place_std`` [m]; NaN if unknown.
     models : sequence of str, optional
         Some of "half-space", "bonded", "stack", "soft base". Default: that of the skin's pad alone.
     before : PadConstants, optional
@@ -232,7 +232,7 @@ def fit_constants(
 def labelled_constants(
     skin: Any, data: Labelled, constants: Sequence[str], models: Sequence[str] | None, before: PadConstants | None
 ) -> PadConstants | None:
-    """The posterior of the constants that were asked for, from labelled frames; that of before where none was."""
+    """The posterior of the requested constants from labelled frames; without labels the earlier one."""
     if not constants:
         if models is not None:
             raise InvalidInput(
@@ -244,7 +244,7 @@ def labelled_constants(
     pressed = np.flatnonzero(np.nan_to_num(data.known["fz"]) > 0.0)
     if not len(pressed):
         raise InvalidInput("constants= needs presses with fz > 0: pushing into the pad is positive. Change the sign.")
-    at = pressed[spread_over(data.known["fz"][pressed, None], MOST_PRESSES)]
+    at = pressed[spread_over(data.known["fz"][pressed, None], MAX_PRESSES)]
     places = np.stack([data.known.get(n, np.full(len(data.flat), math.nan))[at] for n in ("x", "y")], axis=1)
     # one noise for each channel, with that of a zero which is the median of the frames at rest: variance pi / (2 n)
     count = len(data.rest)
@@ -258,9 +258,9 @@ def labelled_constants(
 
 
 def with_constants(skin: Any, found: PadConstants | None) -> Any:
-    """The skin with what the presses told of modulus, thickness and depth, and their standard deviations as its `palpate.Uncertainty`.
+    """The skin with fitted modulus, thickness and depth, and their standard deviations as its `palpate.Uncertainty`.
 
-    Where another pad model than that of the skin was found, or the model was rejected, the skin stays as it is.
+    If the presses favour another pad model than that of the skin, or reject the model, the skin stays unchanged.
 
     Examples
     --------
@@ -319,10 +319,10 @@ class _Fit:
         place_std: float | None, constants: tuple[str, ...], noise: Any, before: PadConstants | None,
     ) -> None:  # fmt: skip
         planes = skin.planes
-        if len(planes) != 1 or planes[0].points.shape[1] != 2 or not set(planes[0].channels) <= set(KINDS):
+        if len(planes) != 1 or planes[0].points.shape[1] != 2 or not set(planes[0].channels) <= set(CHANNEL_FIELDS):
             what = "; ".join(f"{', '.join(p.channels)} at {p.points.shape[1]}-dimensional places" for p in planes)
             raise InvalidInput(
-                f"constants= takes one plane over an area with channels {', '.join(KINDS)}; got {what}. Leave constants= out."
+                f"constants= takes one plane over an area with channels {', '.join(CHANNEL_FIELDS)}; got {what}. Leave constants= out."
             )
         plane, pad = skin.planes[0], skin.pad
         self.model, self.force, self.ball, self.channels = model, force, radius, tuple(plane.channels)
@@ -362,7 +362,7 @@ class _Fit:
         span = float(np.ptp(self.points, axis=0).max())
         self.length = span / 4.0
         center = self.points.mean(axis=0)
-        upright = [i for i, c in enumerate(self.channels) if KINDS[c].endswith("z")]
+        upright = [i for i, c in enumerate(self.channels) if CHANNEL_FIELDS[c].endswith("z")]
         square = (self.readings[:, upright or slice(None)] ** 2).sum(axis=1)
         weight = square / np.maximum(square.sum(axis=1, keepdims=True), 1e-300)
         known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=1))
@@ -425,7 +425,7 @@ class _Fit:
         offset = self.points * scale - own[:, None, :2] * self.length
         r = np.minimum(np.hypot(offset[..., 0], offset[..., 1]), self.radii[-1])
         unit = offset / np.maximum(r, 1e-12)[..., None]
-        keys = [KINDS[c] for c in self.channels]
+        keys = [CHANNEL_FIELDS[c] for c in self.channels]
         kinds = list(dict.fromkeys(keys))
         tables = [self.bessel[0 if n[-1] == "z" else 1] @ (pressed * fields[n]).T for n in kinds]
         spline = CubicSpline(self.radii, np.stack(tables, axis=-1)).c  # (power, interval, press, kind)
@@ -486,7 +486,7 @@ class _Fit:
         first = self.contact_radius(self.pad({})[0], self.start["youngs_modulus"])
         first = np.where(np.isfinite(first), first, self.contact)
         own = np.column_stack([self.guess / self.length, first])
-        if "unit" in self.names and self.mean[self.names.index("unit")] == 0.0:  # any unit: begin where the sizes agree
+        if "unit" in self.names and self.mean[self.names.index("unit")] == 0.0:  # any unit: start with equal sizes
             made, _ = self.model_readings(np.concatenate([self.mean, own.ravel()]))
             self.mean[self.names.index("unit")] = 0.5 * math.log(float((self.readings**2).sum() / (made**2).sum()))
         start = np.concatenate([self.mean, own.ravel()])
@@ -551,7 +551,7 @@ def _copy(fit: _Fit, force: float, place: Floats, contact: float, known: bool) -
 
 
 def _words(found: PadConstants, fit: _Fit) -> list[str]:
-    """What the data do not tell, and which press would tell it."""
+    """Sentences on what the data do not determine, and which press would determine it."""
     if found.misfit > REJECTED:
         return [
             f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"

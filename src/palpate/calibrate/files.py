@@ -15,7 +15,7 @@ from palpate.calibrate.calibration import SkinCalibration
 from palpate.calibrate.constants import PadConstants
 from palpate.calibrate.forcemap import ForceMap
 from palpate.errors import InvalidInput
-from palpate.recordings.files import atomically
+from palpate.recordings.files import atomically, write_arrays
 from palpate.recordings.skinfile import skin_text
 
 __all__ = ["calibrated_text", "read_calibration", "write_calibrated"]
@@ -78,20 +78,16 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
     for name, one in found.maps.items():
         held.update({f"{name}.{key}": value for key, value in one.arrays().items()})
 
-    def fill(name: str) -> None:
-        with Path(name).open("wb") as file:
-            np.savez_compressed(file, **held)
-
     def fill_text(name: str) -> None:
         Path(name).write_text(calibrated_text(text, found, numbers.name), encoding="utf-8")
 
-    atomically(numbers, fill)
+    write_arrays(numbers, held)
     atomically(target, fill_text)
     return target, numbers
 
 
 def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
-    """The calibration that a skin.toml names; None where it has no section [calibration].
+    """The calibration that a skin.toml names; None without a section [calibration].
 
     Raises
     ------

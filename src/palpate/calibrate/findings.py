@@ -1,4 +1,4 @@
-"""What labelled presses say beside the map: is it this pad, which taxels are silent, does it lag, has it aged, what to press next."""
+"""Findings of labelled presses beside the map: pad model, silent taxels, lag, ageing, the next press."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
 from palpate.calibrate.forcemap import ForceMap
 from palpate.calibrate.prior import draw_presses, reached
-from palpate.calibrate.regressions import REGRESSIONS, errors_left_out
+from palpate.calibrate.regressions import REGRESSIONS, cross_validation_errors
 from palpate.elastic.channels import channel_unit
 from palpate.elastic.pad import Floats
 from palpate.errors import PalpateError
@@ -29,17 +29,17 @@ __all__ = ["ageing", "best_press", "elastic_check", "hysteresis", "silent_readin
 ASKED, ANSWERED = 6, 3
 #: The elastic model is rejected where its force is off by more than this part of the labels' root mean square and by more than this many times the map.
 ELASTIC_ERROR, ELASTIC_RATIO = 0.1, 1.5
-#: ... unless this part of its intervals holds the force.
-ELASTIC_HELD = 0.8
-#: However far off the map is, an elastic model that is further off than this is rejected.
-ELASTIC_MOST = 0.3
-#: Leaving presses out says something from so many on.
-FEWEST_PRESSES = 3
-#: Readings are sent to the elastic model at this part of what the pad can bear.
-PART_OF_LIMIT = 0.01
-#: A reading is silent whose size is below this part of the median one; so many labels tell.
+#: ... unless at least this part of its intervals contains the force.
+MIN_ELASTIC_COVERAGE = 0.8
+#: An elastic model with a larger error is rejected, however large the error of the map.
+MAX_ELASTIC_ERROR = 0.3
+#: Cross-validation needs at least this many presses.
+MIN_PRESSES = 3
+#: Scale readings to this part of what the pad can bear before the elastic model solves them.
+PROBE_FRACTION = 0.01
+#: A reading is silent if its size is below this part of the median one; and the smallest number of labels to test it.
 SILENT, ENOUGH = 0.01, 3
-#: Loading and unloading differ where their mean errors do by so many standard errors, and by this part of the force.
+#: Loading and unloading differ if their mean errors do by this many standard errors, and by this part of the force.
 DIFFERS, LAG = 3.0, 0.03
 #: Ageing: probability below which the new labels do not fit the old calibration.
 AGED = 0.01
@@ -52,7 +52,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
     import scipy.special
 
     p = one.process
-    if len(np.unique(p.press)) < FEWEST_PRESSES:
+    if len(np.unique(p.press)) < MIN_PRESSES:
         return ()
     spread = float(((p.values - p.values.mean()) ** 2).mean())
 
@@ -67,7 +67,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
     half = float(scipy.special.stdtrit(one.freedom, 0.975)) * one.inflation * np.sqrt(square)
     rows = [row("palpate", one.left_out, float((np.abs(one.left_out) <= half).mean()))]
     for name, regression in REGRESSIONS.items():
-        rows.append(row(name, errors_left_out(regression, p.readings, p.values, p.press), math.nan))
+        rows.append(row(name, cross_validation_errors(regression, p.readings, p.values, p.press), math.nan))
     return tuple(rows)
 
 
@@ -127,8 +127,8 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
     mapped = float(np.sqrt((main.left_out**2).mean())) / (float(np.sqrt((main.process.values**2).mean())) or 1.0)
     low, high = scale * np.array(ends)[good].T
     held = float(((low <= fz[at][good]) & (fz[at][good] <= high)).mean())
-    close = relative <= max(ELASTIC_ERROR, ELASTIC_RATIO * mapped) or held >= ELASTIC_HELD
-    if scale <= 0.0 or relative > ELASTIC_MOST or not close or wrong > len(at) // 2:
+    close = relative <= max(ELASTIC_ERROR, ELASTIC_RATIO * mapped) or held >= MIN_ELASTIC_COVERAGE
+    if scale <= 0.0 or relative > MAX_ELASTIC_ERROR or not close or wrong > len(at) // 2:
         why = (
             f"its normal force is off by {100 * relative:.0f} % with the best factor, the map's by {100 * mapped:.0f} %"
         )
@@ -167,13 +167,13 @@ def small_unit(skin: Any, data: Labelled) -> float:
     for plane in skin.planes:
         for c, (limit, _) in enumerate(plausible(skin.pad, plane)):
             most = float(np.nanmax(np.abs(data.planes[:, start + c]), initial=0.0))
-            factor = min(factor, PART_OF_LIMIT * limit / most) if most > 0.0 else factor
+            factor = min(factor, PROBE_FRACTION * limit / most) if most > 0.0 else factor
         start += len(plane.channels)
     return factor
 
 
 def silent_readings(skin: Any, data: Labelled) -> list[str]:
-    """Readings that hardly change where others do."""
+    """Readings that hardly change while others do."""
     if len(data.flat) < ENOUGH or data.flat.shape[1] < 3:
         return []
     size = np.sqrt((data.flat**2).mean(axis=0))
@@ -258,7 +258,7 @@ def best_press(skin: Any, one: ForceMap) -> list[str]:
     theirs = float(np.sqrt((p.readings**2).mean() / (p.values**2).mean()))
     readings = drawn.readings * theirs / ours / drawn.force[:, 2:] * np.sqrt((p.values**2).mean())
     mean, std = one.predict(readings)
-    # the mean over the ten least certain says what they share
+    # the mean over the ten least certain is their common part
     worst = np.argsort(std / np.maximum(np.abs(mean), 0.1 * np.abs(mean).max()))[-10:]
     half = 0.5 * (extent[1] - extent[0])
     away = np.abs((drawn.center - extent.mean(axis=0)) / half).max(axis=1)

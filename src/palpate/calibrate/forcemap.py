@@ -15,20 +15,20 @@ from palpate.elastic.pad import Floats
 __all__ = ["ForceMap"]
 
 #: Labels that one map keeps: its work grows with their cube (500: 4 s).
-MOST_LABELS = 500
+MAX_LABELS = 500
 #: Weights of members use the score over this power of the number of labels: labels of one recording are no independent proofs.
 TEMPER = 0.5
 #: Prior count of presses that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
 PRIOR_COUNT, LARGEST = 8.0, 25.0
-#: Degrees of freedom of an interval: so many, and one more for each so many presses.
+#: Degrees of freedom of an interval: this many, and one more per this many presses.
 FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
 #: Spread of gains from one run to the next before labels of several runs show it, and how many runs that counts for. Presses at the same places: 3 and 11 % between
 #: two streams of four barometers, 2 and 3 % between two runs of five magnetometers.
 RUN, RUNS_OF_PRIOR = 0.08, 1.0
 #: Error of a value, as a part of the usual one, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
 NOVEL, STRONG = 2.0, 0.2
-#: Sum of squared distances that the first counts for: one press at a distance of 0.3.
-NOVEL_SEEN = 0.09
+#: Prior count of the sum of squared distances: one press at a distance of 0.3.
+FIRST_NOVELTY = 0.09
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +38,12 @@ class ForceMap:
     Attributes
     ----------
     process : Process
-        Labels and what makes their covariance.
+        Labels and their covariance function.
     members : tuple of Fitted
     weights : array (member,)
         They add up to 1.
     inflation : float
-        Standard deviations are so many times those of the members, by how far off presses were that were left out.
+        Factor on the members' standard deviations, from cross-validation errors.
     """
 
     process: Process
@@ -108,7 +108,7 @@ class ForceMap:
         p = self.process
         labels, error = Scaled.of(p.readings, p.scale), self.left_out
         strong = labels.size > STRONG * float(labels.size.max())
-        squares, distances = NOVEL_SEEN * NOVEL**2, NOVEL_SEEN
+        squares, distances = FIRST_NOVELTY * NOVEL**2, FIRST_NOVELTY
         for press in np.unique(p.press[strong]):
             one, other = strong & (p.press == press), strong & (p.press != press)
             size = float(((p.unit * labels.size[one]) ** 2).mean())
@@ -119,7 +119,7 @@ class ForceMap:
 
     @property
     def run_share(self) -> float:
-        """Standard deviation of a new run's gain: the prior, and what each run shows when it is left out."""
+        """Standard deviation of a new run's gain: the prior, and the cross-validation of each run."""
         gains = np.asarray(sum(w * m.run_gains for w, m in zip(self.weights, self.members)))
         return float(np.sqrt((RUNS_OF_PRIOR * RUN**2 + (gains**2).sum()) / (RUNS_OF_PRIOR + len(gains))))
 
@@ -131,7 +131,7 @@ class ForceMap:
     # -- files ---------------------------------------------------------------------------------------------------------
 
     def arrays(self) -> dict[str, Any]:
-        """What a file keeps: labels, scale, physics, and the hyperparameters of each member."""
+        """The arrays for a file: labels, scale, physics, and the hyperparameters of each member."""
         p = self.process
         out: dict[str, Any] = {
             "readings": p.readings, "values": p.values, "std": p.std, "scale": p.scale, "press": p.press,

@@ -1,4 +1,4 @@
-"""What is known of some frames: weights that stood there, or a force-torque sensor on a clock of its own."""
+"""Labels of frames: weights that stood there, or a force-torque sensor with its own clock."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from palpate.units import UNITS, parse_quantity
 
 __all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers", "stuck_labels"]
 
-#: Name of the radius of the ball that pressed, among what is known of a frame.
+#: Name of the label for the radius of the ball.
 BALL = "ball_radius"
 #: Standard gravity [m/s^2] (CGPM 1901).
 GRAVITY = 9.80665
-#: What a kitchen scale and the laying on of a weight are known to (a convention: 1 g of 100 g, and a weight that leans).
+#: Relative error of a weight on a kitchen scale and of its placement (a convention: 1 g of 100 g, and a weight that leans).
 SCALE_STD = 0.01
 #: Masses, to kilograms.
 MASSES = {"g": 1e-3, "kg": 1.0, "mg": 1e-6, "oz": 0.028349523125, "lb": 0.45359237}
@@ -199,13 +199,13 @@ def spread_over(force: Floats, count: int) -> np.ndarray[tuple[int, ...], np.dty
 
 
 def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
-    """Weights, those in words read."""
+    """Weights, parsed if they are text."""
     return [w if isinstance(w, Weight) else Weight.parse(w) for w in given]
 
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Labelled frames: readings without zero (label, reading), the same as planes (label, channel, *array), and what is known of each."""
+    """Labelled frames: readings without zero (label, reading), the same as planes (label, channel, *array), and the labels of each."""
 
     flat: Floats
     planes: Floats

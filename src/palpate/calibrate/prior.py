@@ -64,7 +64,7 @@ def draw_presses(
 
 
 def reached(planes: Sequence[Array]) -> Floats:
-    """Lower and upper corner of where presses are drawn: the taxels, and half their depth beyond."""
+    """Lower and upper corner of the presses: the taxels plus half their depth."""
     points = np.concatenate([p.points for p in planes])
     beyond = 0.5 * max(p.depth for p in planes)
     return np.stack([points.min(axis=0) - beyond, points.max(axis=0) + beyond])
@@ -73,8 +73,8 @@ def reached(planes: Sequence[Array]) -> Floats:
 def likely_maps(pad: Pad, planes: Sequence[Array], surface: Grid, rng: np.random.Generator) -> Floats | None:
     """Second moment (quantity, reading, reading) of the best linear map from readings to Fx, Fy, Fz and the moments Fz x, Fz y.
 
-    For each drawn skin the best map is that of least squares over its presses; depth, thickness, gains and crosstalk differ from skin to skin. The scale
-    means nothing: it is left to the labels. None where this pad cannot be drawn from (lines; pads of others that cannot be stretched).
+    For each random skin the map is that of least squares over its presses; depth, thickness, gains and crosstalk differ from skin to skin. The labels
+    determine the scale. None if this pad cannot be varied (lines; pads of other packages without scaling).
     """
     if not isinstance(surface, AreaGrid):
         return None

@@ -1,4 +1,4 @@
-"""Gaussian process from readings to one quantity: physics where labels are few, a regression where they are many.
+"""Gaussian process from readings to one quantity: physics dominates with few labels, regression with many.
 
 With z the readings over their scale, r = |z| and u = z/r, the covariance of the quantity at two frames is
 
@@ -12,9 +12,9 @@ With z the readings over their scale, r = |z| and u = z/r, the covariance of the
     a5 (z . z')^2       quadratic maps
     a6                  a zero that is not exact
 
-and that of its errors is b1 (noise) + b2 r r' (model error that is new in every frame) + b3 r r' exp(-|t - t'|/c) (lag and drift, alike
-in frames of one press). At rest r = 0 and the force is zero. The hyperparameters have log-normal priors and are found at the largest
-posterior; members with fewer terms stand beside the whole (`MEMBERS`), weighted by how well they predict presses that are left out.
+and that of its errors is b1 (noise) + b2 r r' (model error that is new in every frame) + b3 r r' exp(-|t - t'|/c) (lag and drift, equal in frames of
+one press). At rest r = 0 and the force is zero. The hyperparameters have log-normal priors and maximise the posterior; the prediction averages over
+members with fewer terms (`MEMBERS`), weighted by cross-validation.
 """
 
 from __future__ import annotations
@@ -146,13 +146,13 @@ class Fitted:
     factor : array (label, label)
         Cholesky factor of the covariance of the labels.
     weights : array (label,)
-        What each label adds to a prediction.
+        Weight of each label in a prediction.
     score : float
-        Logarithm of the probability of presses that were left out.
+        Log predictive probability in cross-validation.
     left_out, left_out_std : array (label,)
         Error of each label when its press is left out, and its standard deviation.
     run_gains : array (run,)
-        By which part of the values those of each run are off when the run is left out; empty where all labels are of one.
+        Relative error of the values of each run when it is left out; empty for a single run.
     """
 
     log: Floats
@@ -167,7 +167,7 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Process:
-    """Labelled frames of one quantity, and what makes their covariance.
+    """Labelled frames of one quantity, and their covariance function.
 
     Parameters
     ----------
@@ -176,11 +176,11 @@ class Process:
     values : array (label,)
         The quantity; 0 at rest.
     std : array (label,)
-        Standard deviation of each value by itself (of the scale or the sensor); 0 where it is exact.
+        Independent standard deviation of each value (of the scale or the sensor); 0 if exact.
     scale : array (reading,)
-        What readings are divided by.
+        Divisors of the readings.
     physics : array (reading, reading) or None
-        Second moment of the maps that physics makes likely, in units of the readings.
+        Second moment of the maps under the physical prior, in units of the readings.
     press : array (label,) of int
         Labels of one press have one number.
     time : array (label,) or None
@@ -200,7 +200,7 @@ class Process:
 
     @property
     def unit(self) -> float:
-        """Root mean square of the values: what amplitudes are parts of."""
+        """Root mean square of the values: the unit of the amplitudes."""
         return float(np.sqrt(np.mean(self.values**2))) or 1.0
 
     @property

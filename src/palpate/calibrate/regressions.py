@@ -10,11 +10,11 @@ import numpy.typing as npt
 from palpate.calibrate.process import Process
 from palpate.elastic.pad import Floats
 
-__all__ = ["REGRESSIONS", "errors_left_out", "ridge"]
+__all__ = ["REGRESSIONS", "cross_validation_errors", "ridge"]
 
 #: Weights of the ridge that are tried, for readings of variance 1.
 RIDGES = np.logspace(-6.0, 4.0, 41)
-#: Groups of presses that are left out in turn.
+#: Number of groups of presses for cross-validation.
 FOLDS = 5
 
 
@@ -62,7 +62,9 @@ REGRESSIONS: dict[str, Regression] = {
 }
 
 
-def errors_left_out(regression: Regression, readings: Floats, values: Floats, press: npt.NDArray[np.int64]) -> Floats:
+def cross_validation_errors(
+    regression: Regression, readings: Floats, values: Floats, press: npt.NDArray[np.int64]
+) -> Floats:
     """Error of each label when its press is left out, in `FOLDS` groups of presses; NaN where too few remain to learn from."""
     numbers = np.unique(press)
     out = np.full(len(values), np.nan)

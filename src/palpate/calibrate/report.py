@@ -1,4 +1,4 @@
-"""One picture of a calibration: force found beside force known, and the errors beside those of plain regressions."""
+"""A picture of a calibration: estimated against true force, with the errors of plain regressions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LINE = 0.115
 
 
 def draw_report(found: SkinCalibration) -> Figure:
-    """Force of each labelled frame when its press was left out, with its 95 % interval, against the force known; errors beside regressions; what was said.
+    """Draw the cross-validation force of each labelled frame with its 95 % interval against the true force; errors beside regressions; findings.
 
     Raises
     ------

@@ -17,13 +17,13 @@ from palpate.units import is_number
 
 __all__ = ["DepthMap"]
 
-#: Fewer known places than this are no array.
-FEWEST = 3
+#: Fewer valid places are no array.
+MIN_PLACES = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DepthMap:
-    """Depth of the gel's surface in every picture, where it is known: the displacement_z that dots in the plane do not tell.
+    """Depth of the gel's surface in every picture, where available: the displacement_z that dots in the plane cannot measure.
 
     With it pressure and shear are told apart by the readings, which narrows the interval of the normal force several times.
 
@@ -32,8 +32,8 @@ class DepthMap:
     positions : array (n, 2)
         Places (x, y) [m], in the axes of the `View` (x right, y up).
     depth : callable or array (picture, n)
-        Of a picture's number (a callable takes it): how far the surface is pressed in at each place [m], positive into the gel; NaN where it is not known, as it is
-        where nothing touches for many sensors.
+        Indentation of the surface at each place [m] by number of the picture, positive into the gel; NaN if unknown, as many sensors give it outside
+        the contact.
     std : float
         Standard deviation of each [m].
 
@@ -58,9 +58,9 @@ class DepthMap:
 
     def __post_init__(self) -> None:
         places = as_double(self.positions)
-        if places.ndim != 2 or places.shape[1] != 2 or len(places) < FEWEST or not np.isfinite(places).all():
+        if places.ndim != 2 or places.shape[1] != 2 or len(places) < MIN_PLACES or not np.isfinite(places).all():
             raise InvalidInput(
-                f"positions of a depth map must be finite and have the shape (n, 2), with n of at least {FEWEST}; got {places.shape}."
+                f"positions of a depth map must be finite and have the shape (n, 2), with n of at least {MIN_PLACES}; got {places.shape}."
             )
         if not (is_number(self.std) and self.std > 0):
             raise InvalidInput(f"std of a depth map must be a positive number of metres; got {self.std!r}.")
@@ -76,7 +76,7 @@ class DepthMap:
         object.__setattr__(self, "positions", places)
 
     def of(self, index: int) -> Floats:
-        """Depths (n,) [m] in a picture, NaN where they are not known; `InvalidInput` where there is no such picture, or they cannot be depths."""
+        """Depths (n,) [m] in a picture, NaN if unknown; `InvalidInput` if the picture is missing or holds no depths."""
         places: Any = self.positions
         if callable(self.depth):
             found = as_double(self.depth(index))
@@ -94,8 +94,8 @@ class DepthMap:
         return found
 
     def plane(self, index: int, dots: Floats, surface: Grid) -> tuple[Array, Floats] | None:
-        """The map of a picture as an array of displacement_z, and its readings (1, n): of each cell of the surface the place nearest to its middle, within the
-        extent of the ``dots`` (n, 2). None where too little is known.
+        """The map of a picture as an array of displacement_z, and its readings (1, n): for each cell of the surface the place nearest to its middle,
+        within the extent of the ``dots`` (n, 2). None with too few known depths.
         """
         places: Any = self.positions
         depth = self.of(index)
@@ -110,7 +110,7 @@ class DepthMap:
         order = np.lexsort((away, flat))
         _, first = np.unique(flat[order], return_index=True)
         chosen = np.sort(known[order[first]])
-        if len(chosen) < FEWEST or np.any(np.ptp(places[chosen], axis=0) == 0):
+        if len(chosen) < MIN_PLACES or np.any(np.ptp(places[chosen], axis=0) == 0):
             return None
         array = ScatteredArray(positions=places[chosen], depth=0.0, channels=["displacement_z"], noise=self.std)
         return array, depth[None, chosen]

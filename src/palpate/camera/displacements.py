@@ -48,7 +48,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What one picture tells.
+    """Displacements of one picture.
 
     Attributes
     ----------
@@ -57,11 +57,11 @@ class Reading:
     values, std : array (2, n)
         displacement_x and displacement_y of every dot, and their standard deviations [m]; NaN where a dot is lost.
     fault : str
-        Why the whole picture tells nothing; "" where it does.
+        Why the whole picture is unusable, else "".
     image : array or None
         The picture.
     stage : Stage or None
-        The motion that was taken out, where it is asked for.
+        The subtracted motion, if requested.
     """
 
     index: int
@@ -131,23 +131,24 @@ class Displacements:
     rate : float, optional
         Pictures a second, for sources without times.
     stage : bool, optional
-        Take out motion of the whole gel (default: that of the settings, or no). Dots far from the contact tell it; it is reported.
+        Subtract motion of the whole gel, measured by dots far from the contact, and report it (default: that of the settings, or no).
     texture : float, optional
-        Of a gel with a texture and no dots: between the places where displacement is read [m] (default: that of the settings; dots are looked for where neither says).
+        For a gel with a texture and no dots: distance between the places of the readings [m] (default: that of the settings; without either, a search
+        for dots).
     roi : array (n, 2), optional
-        Corners (column, row) [pixels] of the gel in the pictures, two of a rectangle or more of a polygon (default: that of the settings, or within the gel's rim, where
-        one shows against a dark housing).
+        Corners (column, row) [pixels] of the gel in the pictures, two of a rectangle or more of a polygon (default: that of the settings, or the
+        inside of the gel's rim, if one shows against a dark housing).
 
     Attributes
     ----------
     positions : array (n, 2)
         (x, y) of the dots, or places of a texture, at rest [m].
     view, markers, size
-        What was found in the reference: `Markers`, or `Flow` of a texture.
+        `Markers` of the reference, or `Flow` of a texture.
     region : Region or None
         Where the gel is in the pictures; None: all over.
     faults : dict of int to str
-        Pictures that told nothing so far, and why.
+        Unusable pictures so far, and why.
 
     Raises
     ------
@@ -274,7 +275,7 @@ class Displacements:
             yield self.reading(picture)
 
     def reading(self, picture: Picture) -> Reading:
-        """What one picture tells."""
+        """The displacements in one picture."""
         moved = self.markers.follow(picture.image)
         fault = picture.fault or moved.fault
         if fault:
@@ -308,7 +309,7 @@ class Displacements:
         Raises
         ------
         InvalidInput
-            No picture is left.
+            No usable picture.
         """
         found = list(self)
         if not found:
@@ -333,7 +334,7 @@ class Displacements:
 
 
 def _fault(picture: Picture) -> str:
-    """Why a picture tells nothing; "" where it may."""
+    """Why a picture is unusable; "" if it is usable."""
     return picture.fault if picture.image is None else fault_of(grey(picture.image))
 
 
@@ -371,7 +372,7 @@ def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floa
         fresh = mean_now - mean_arm @ np.array([[c, s], [-s, c]])
         done = abs(turn - angle) * float(np.abs(arm).max()) + float(np.abs(fresh - shift).max()) < 0.01 * floor
         shift, angle = fresh, float(turn)
-        # from the spread of all down to what noise alone leaves
+        # from the spread of all readings down to that of noise
         shrunk = max(0.85 * size, floor)
         if done and shrunk >= size:
             break

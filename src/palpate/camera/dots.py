@@ -26,17 +26,17 @@ FINEST, FACTOR, COARSEST = 1.0, 1.2, 1.0 / 14.0
 WHOLE, SOME = 0.62, 0.3
 #: Contrast of a dot against its surroundings below which it cannot be told from noise (of the light there), and over the noise.
 FAINTEST, NOISES = 0.04, 6.0
-#: Strongest extrema that are looked at.
-MOST = 5000
+#: Number of strongest extrema to examine.
+MAX_EXTREMA = 5000
 #: Dots of a known print are sought in pictures made smaller by up to the first, as long as the blur stays as wide as the second [their pixels].
 SMALLER, BLURRY = 4, 3.0
-#: Fewest dots that make a print, and so many that may tell one by how evenly they lie alone.
+#: Fewest dots of a print, and fewest with which an even spacing alone identifies one.
 FEWEST, GRID = 5, 9
 #: Of the spots that stand out, the part that has the print's size; or the distance to neighbours over that of places at random, where dirt lies between dots.
 ALIKE, EVEN = 0.8, 1.6
 #: Standard deviation of the distances to neighbours over their mean; of prints at random that keep a distance, and of speckle, it is up to 0.31.
 UNEVEN = 0.38
-#: Dots lie no further apart than so many radii.
+#: Largest distance of neighbouring dots, in radii.
 SPARSE = 25.0
 #: A dot lies this part of its radius inside the picture, or the region of the gel.
 INSIDE = 0.8
@@ -80,7 +80,7 @@ class Found:
 
 
 def fault_of(image: npt.NDArray[Any]) -> str:
-    """Why a grey picture shows nothing; "" for a good one.
+    """Why a grey picture is unusable, else "".
 
     Examples
     --------
@@ -174,10 +174,10 @@ def find_dots(
     ----------
     image : array (row, column) or (row, column, 3)
     print : Print, optional
-        Of an earlier picture of the same gel (`Found.print`): its size and brightness are taken as known, which is faster and finds what is left of
-        a print that is partly hidden.
+        Of an earlier picture of the same gel (`Found.print`): its size and brightness are reused, which is faster and finds the visible part of a
+        print that is partly hidden.
     level : array (row, column), optional
-        The picture over its light, where it is known already.
+        The picture over its light, if computed already.
     region : Region, optional
         Where the gel is in the picture.
 
@@ -210,13 +210,13 @@ def find_dots(
         print = _print_of(plain, region)
     if level is None:
         level = levelled(plain, 4.0 * print.blur, region)
-    if known is None or (step := _smaller(level.shape, known.blur)) == 1:
-        found = _found(level, print)
+    if known is None or (step := _shrink_factor(level.shape, known.blur)) == 1:
+        found = _match_print(level, print)
     else:
-        # large dots lose nothing in a smaller picture
+        # large dots survive in a smaller picture
         size = (level.shape[1] // step, level.shape[0] // step)
         small = np.asarray(opencv().resize(level, size, interpolation=opencv().INTER_AREA))
-        found = _found(small, Print(print.blur / step, print.sign, print.response))
+        found = _match_print(small, Print(print.blur / step, print.sign, print.response))
         found = Found(step * (found.positions + 0.5) - 0.5, found.strength, print)
     if region is not None:
         there = region.holds(found.positions, INSIDE * print.radius)
@@ -267,12 +267,12 @@ def _check_print(found: Found) -> None:
     )
 
 
-def _smaller(shape: tuple[int, ...], blur: float) -> int:
-    """By how much a picture may be made smaller where dots of this blur are sought."""
+def _shrink_factor(shape: tuple[int, ...], blur: float) -> int:
+    """The factor by which a picture may shrink in a search for dots of this blur."""
     return max(n for n in range(1, SMALLER + 1) if n == 1 or (blur >= n * BLURRY and not any(s % n for s in shape)))
 
 
-def _found(level: npt.NDArray[np.float32], print: Print) -> Found:
+def _match_print(level: npt.NDArray[np.float32], print: Print) -> Found:
     """Dots of a known print in a levelled picture."""
     response = print.sign * _response(level, print.blur)
     rows, columns = _peaks(response, SOME * print.response, 0.9 * print.blur)
@@ -319,11 +319,11 @@ def _compact(response: npt.NDArray[np.float32], positions: Floats, print: Print)
     return np.asarray(np.quantile(around, 0.75, axis=1) < 0.5 * middle[:, 0])
 
 
-def _alone(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
+def _isolated(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
     """Extrema that lie on no stronger one: a sharp dot has others of its own along its rim."""
     from scipy.spatial import cKDTree
 
-    order = np.argsort(-strength, kind="stable")[:MOST]
+    order = np.argsort(-strength, kind="stable")[:MAX_EXTREMA]
     tree = cKDTree(places[order])
     free = np.ones(len(order), dtype=bool)
     for i in range(len(order)):
@@ -357,7 +357,7 @@ def _print_of(plain: npt.NDArray[Any], region: Region | None = None) -> Print:
         if len(level) < FEWEST:
             continue
         strength = signed[level, rows, columns]
-        own = _alone(np.stack([columns, rows], axis=1).astype(np.float64), math.sqrt(2.0) * blurs[level], strength)
+        own = _isolated(np.stack([columns, rows], axis=1).astype(np.float64), math.sqrt(2.0) * blurs[level], strength)
         level, strength = level[own], strength[own]
         if len(level) < FEWEST:
             continue

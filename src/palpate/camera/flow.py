@@ -1,7 +1,7 @@
 """Texture followed from a reference picture: displacement on a regular grid, by dense optical flow, with its standard deviation.
 
-DIS optical flow (T. Kroeger, R. Timofte, D. Dai, L. Van Gool, ECCV 2016; OpenCV) of the picture, at most 160 pixels wide, says where each window is to within a
-pixel or so; windows of the picture itself (`palpate.camera.windows`) then tell the displacement, there and back, and how well the texture shows it.
+DIS optical flow (T. Kroeger, R. Timofte, D. Dai, L. Van Gool, ECCV 2016; OpenCV) of the picture, at most 160 pixels wide, places each window to about
+a pixel; windows of the picture itself (`palpate.camera.windows`) then give the displacement, there and back, and its standard deviation.
 """
 
 from __future__ import annotations
@@ -35,20 +35,21 @@ __all__ = ["Flow"]
 
 #: Pixels across at which optical flow is computed, and at which its windows are compared, at most.
 DENSE, COMPARED = 160, 320
-#: Half a window over the distance between places: neighbours share little.
-HALF = 0.6
+#: Half a window over the distance between places: neighbours then share few pixels.
+WINDOW_FRACTION = 0.6
 #: Least distance between places [pixels of the pictures that are compared].
 CLOSEST = 6.0
-#: A place with less texture than this part of the typical one's (the weaker direction of its gradients) tells nothing.
+#: Exclude a place with less texture than this part of the typical one's (the weaker direction of its gradients).
 POOR = 0.05
-#: Least squares on few pixels leave less than there is: by 1 - 3 pixels over half a window. From windows of 13 to 41 pixels.
-FEW = 3.0
+#: Least squares on few pixels underestimates the residual by 1 - this many pixels over half a window. Measured on windows of 13 to 41 pixels.
+SMALL_WINDOW_FACTOR = 3.0
 #: Fewest places, and the part of all that must have texture.
 FEWEST, TEXTURED = 9, 0.5
 #: Contrast of what is finer than a window, below which it is no texture: light on a smooth gel, which does not move with it, has a third to all of this.
 FAINT = 0.0135
-#: A window moves as the mean of its parts: half**2 / 6 of the Laplacian, of which a place and the plane of its eight neighbours show a third by the distance squared.
-MEAN = 0.5
+#: A window moves by its mean: half**2 / 6 of the Laplacian, a third of which (by the distance squared) is the difference between a place and the
+#: plane of its eight neighbours.
+WINDOW_MEAN = 0.5
 
 
 class Flow(Followed):
@@ -59,21 +60,21 @@ class Flow(Followed):
     reference : array (row, column) or (row, column, 3), or sequence of these
         The gel at rest: one picture, or several, whose mean has less noise.
     spacing : float
-        Between places [pixels]. A window is a little wider, and shows nothing finer than itself.
+        Between places [pixels]. A window is a little wider, and averages finer detail.
     region : Region, optional
         Where the gel is in the picture.
-    positions : array (n, 2), optional
+    positions : array (n, 2)
+        , optional
         Places [pixels] in place of a whole grid.
 
     Attributes
     ----------
-    positions : array (n, 2)
-        Places at rest [pixels]; those without texture are left out.
+    positions : array (n, 2) Places at rest [pixels], without those lacking texture.
 
     Raises
     ------
     InvalidInput
-        Places nearer than what can be told, a picture with too little texture.
+        Places too near each other, a picture with too little texture.
 
     Examples
     --------
@@ -108,7 +109,7 @@ class Flow(Followed):
                 "Read it less densely, or film nearer."
             )
         apart = spacing / self._step
-        half = max(3, round(HALF * apart))
+        half = max(3, round(WINDOW_FRACTION * apart))
         self._width = apart
         level = as_bytes(levelled(plain, 2.0 * apart, self.region))
         if positions is None:
@@ -135,9 +136,9 @@ class Flow(Followed):
             half=half,
             near=Neighbours(chosen),
             reach=0.5 * half,
-            spread=MEAN * (half / apart) ** 2,
+            spread=WINDOW_MEAN * (half / apart) ** 2,
             rest=[self._reduced(grey(image)) for image in pictures_of(reference)],
-            known=max(1.0 - FEW / half, 0.3),
+            known=max(1.0 - SMALL_WINDOW_FACTOR / half, 0.3),
         )
         cv2 = opencv()
         part = min(1.0, DENSE / plain.shape[1])
@@ -166,13 +167,13 @@ class Flow(Followed):
         return np.sqrt(np.maximum(power, 0.0)) / LEVEL
 
     def reset(self) -> None:
-        """Forget where the texture was in the last picture."""
+        """Forget the positions of the texture in the last picture."""
         self._last: npt.NDArray[np.float32] | None = None
 
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every place in a picture.
 
-        A picture that tells nothing (None, black, saturated, blurred, of another size) gives no displacement, and says why; the next one goes on.
+        An unusable picture (None, black, saturated, blurred, of another size) gives no displacement but a reason; the next one continues.
 
         Parameters
         ----------
@@ -201,7 +202,7 @@ class Flow(Followed):
         return Moved(self._step * moved.displacement, self._step * moved.std, moved.alike)
 
     def _started(self, level: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.float32], Floats]:
-        """Optical flow of the whole picture, and what it says of each place."""
+        """Optical flow of the whole picture at each place."""
         cv2 = opencv()
         begun = None if self._last is None else self._last.copy()
         dense = np.asarray(self._dense.calc(self._first, self._shrunk(level), begun), dtype=np.float32)
@@ -216,7 +217,7 @@ class Flow(Followed):
         return np.asarray(opencv().resize(level, self._small, interpolation=opencv().INTER_AREA))
 
     def _reduced(self, plain: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """A large picture, the mean of so many pixels each way."""
+        """A large picture, averaged over so many pixels each way."""
         if self._step == 1:
             return plain
         rows, columns = (n // self._step * self._step for n in plain.shape)

@@ -1,4 +1,4 @@
-"""Pictures at their own pace: the newest one is handed out, and those that came while nobody asked are counted and left."""
+"""Pictures at their own pace: iteration gives the newest picture, and counts those it skips."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Latest:
     pictures : Pictures
         What to iterate over.
     skipped : int
-        Pictures that came while another was worked on, so far.
+        Pictures skipped so far, because another was being processed.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class Latest:
                     self.skipped += self._newest is not None
                     self._newest = picture
                     self._change.notify_all()
-        except Exception as error:  # raised where pictures are taken
+        except Exception as error:  # raised when pictures are read
             self._error = error
         finally:
             with self._change:

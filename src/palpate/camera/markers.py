@@ -33,7 +33,7 @@ __all__ = ["Markers"]
 WINDOW, AROUND = 1.5, 2.0
 #: Least squares on the few pixels of a dot's rim leave less than there is: by 1 - 1.4 pixels over the radius. From dots at rest of 3.3 and 6.7 pixels with noise,
 #: compression and blur, other prints than those of `benchmarks/camera.py`.
-FEW = 1.4
+SMALL_DOT_FACTOR = 1.4
 
 
 def _distinct(positions: npt.ArrayLike) -> Floats:
@@ -47,8 +47,8 @@ def _distinct(positions: npt.ArrayLike) -> Floats:
     return places
 
 
-#: A match that strains the print by so much more than that of the picture before is sought again.
-MORE = 1.1
+#: Repeat a match if it strains the print by more than this many times the match of the previous picture.
+MAX_STRAIN_GROWTH = 1.1
 
 
 class Markers(Followed):
@@ -66,7 +66,7 @@ class Markers(Followed):
     Raises
     ------
     InvalidInput
-        No dots, or a picture that shows nothing.
+        No dots, or an unusable picture.
 
     Examples
     --------
@@ -102,21 +102,21 @@ class Markers(Followed):
             near=near,
             reach=radius,
             rest=[grey(image) for image in pictures_of(reference)],
-            # its rim tells how a dot moved
+            # the rim of a dot determines its motion
             spread=(radius / near.pitch) ** 2,
-            known=max(1.0 - FEW / radius, 0.3),
+            known=max(1.0 - SMALL_DOT_FACTOR / radius, 0.3),
         )
         self.reset()
 
     def reset(self) -> None:
-        """Forget where the dots were in the last picture."""
+        """Forget the positions of the dots in the last picture."""
         self._last = np.zeros_like(self.positions)
         self._strained = 0.0
 
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every dot in a picture.
 
-        A picture that tells nothing (None, black, saturated, blurred, of another size) gives no displacement, and says why; the next one goes on.
+        An unusable picture (None, black, saturated, blurred, of another size) gives no displacement but a reason; the next one continues.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Markers(Followed):
         """Displacement of each dot to within a pixel, from dots found and matched; of others, as their neighbours move."""
         best = self._matched(found, np.where(np.isfinite(self._last), self._last, 0.0))
         if np.isnan(best[:, 0]).mean() > 0.5:
-            # the stage jumped: by how much, the whole picture says
+            # the stage jumped: the whole picture gives the distance
             cv2 = opencv()
             (column, row), _ = cv2.phaseCorrelate(self._level.astype(np.float32), level.astype(np.float32))
             other = self._matched(found, np.zeros_like(best) + np.array([column, row]))
@@ -161,7 +161,7 @@ class Markers(Followed):
         return best
 
     def _matched(self, found: Found, expected: Floats) -> Floats:
-        index = matched(self._near, expected, found.positions, usual=MORE * self._strained)
+        index = matched(self._near, expected, found.positions, usual=MAX_STRAIN_GROWTH * self._strained)
         out = np.full_like(self.positions, np.nan)
         out[index >= 0] = found.positions[index[index >= 0]] - self.positions[index >= 0]
         return out

@@ -1,8 +1,8 @@
 """Which dot is which: those of one picture matched to those of the reference, across moves that are longer than the pitch.
 
-Neighbours move alike, because the print does not tear: the change of displacement from dot to dot is less than half their distance. So the largest set of dots
-that move continuously is taken first (far from the contact, where little moves), and the others are grown from it, each where a plane through its
-neighbours' displacements says.
+Neighbours have similar displacements, because the print does not tear: the displacement changes from dot to dot by less than half their distance. So
+the match starts with the largest set of dots that move continuously (far from the contact, where little moves), and adds the others one by one, each
+at the place that a plane through its neighbours' displacements predicts.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ __all__ = ["Neighbours", "gradients", "matched", "predicted", "strained"]
 
 Index = npt.NDArray[np.intp]
 
-#: A dot is taken where it is expected within this part of the distance to its neighbours.
+#: A dot matches within this part of the distance to its neighbours round its expected place.
 REACH = 0.4
 #: Change of displacement between neighbours, over their distance, that an unbroken print can have.
 TORN = 0.5
-#: How a set is begun with anew: times that its edges are worn, part of its six nearest that must move with a dot that stays, what tears the print, and which set, the
-#: largest (0) or the next: where most of a print moves by a pitch, those that did not are fewer.
+#: Variants of the start set: how often to erode its edges, how many of the six nearest must move with a dot, the strain that tears the print, and
+#: which set, the largest (0) or the next: if most of a print moves by a pitch, the dots that stay are fewer.
 TRIED = (
     (1, 0.8, TORN, 0),
     (2, 0.8, TORN, 0),
@@ -35,20 +35,24 @@ TRIED = (
     (0, 0.0, TORN, 1),
     (1, 0.5, TORN, 1),
 )
-#: Distances about faults within which a match is begun anew, and how often.
+#: Radius (in dot distances) round faults within which a match restarts, and how often.
 ABOUT, MENDED = (1.1, 2.1, 3.1, 4.1), 4
-#: What a dot without a match weighs against strain: as much as six neighbours that are half torn from it.
+#: Penalty of a dot without a match, in units of strain: as much as six half-torn neighbours.
 UNMATCHED = 6.0 * TORN**2
+
+
+#: Number of nearest dots of each dot.
+NEIGHBOURS = 8
 
 
 class Neighbours:
     """The nearest dots of each dot at rest."""
 
-    def __init__(self, positions: Floats, count: int = 8) -> None:
+    def __init__(self, positions: Floats) -> None:
         from scipy.spatial import cKDTree
 
         self.positions = positions
-        distance, index = cKDTree(positions).query(positions, k=min(count + 1, len(positions)))
+        distance, index = cKDTree(positions).query(positions, k=min(NEIGHBOURS + 1, len(positions)))
         self.distance, self.index = np.asarray(distance)[:, 1:], np.asarray(index)[:, 1:].astype(np.intp)
         self.pitch = float(np.median(self.distance[:, 0]))
 
@@ -59,7 +63,7 @@ class Neighbours:
 
 
 def predicted(near: Neighbours, displacement: Floats, dots: npt.ArrayLike) -> Floats:
-    """Displacement (k, 2) of some dots from that of their neighbours: a plane through those known (NaN: not known), weighted by distance."""
+    """Displacement (k, 2) of some dots from that of their neighbours: a plane through the known ones (others NaN), weighted by distance."""
     return _plane(near, displacement, np.atleast_1d(np.asarray(dots, dtype=np.intp)), 0.3)[:, 0]
 
 
@@ -84,7 +88,7 @@ def _plane(near: Neighbours, displacement: Floats, which: Index, stiff: float) -
     values = np.where(known[..., None], displacement[index], 0.0)
     design = np.concatenate([np.ones((*arms.shape[:2], 1)), arms], axis=2)
     normal = np.einsum("dni,dn,dnj->dij", design, weight, design)
-    # a little stiffness of the slopes: a mean where neighbours are few or lie on one side
+    # a small stiffness of the slopes: a mean if neighbours are few or on one side
     scale = weight.sum(axis=1)
     normal[:, [1, 2], [1, 2]] += (stiff * scale)[:, None] / np.maximum(enough, 1)[:, None] + 1e-12
     right = np.einsum("dni,dn,dnk->dik", design, weight, values)
@@ -93,7 +97,7 @@ def _plane(near: Neighbours, displacement: Floats, which: Index, stiff: float) -
 
 
 def _torn(near: Neighbours, displacement: Floats, most: float = TORN) -> npt.NDArray[np.bool_]:
-    """Pairs (dot, neighbour) between which displacement changes more than a print does; False where one is not known."""
+    """Pairs (dot, neighbour) between which displacement changes more than in a print; False if one is unknown."""
     change = displacement[near.index] - displacement[:, None, :]
     return np.asarray(np.hypot(change[..., 0], change[..., 1]) > most * near.distance)
 
@@ -118,8 +122,8 @@ def _largest(near: Neighbours, displacement: Floats, torn: float = TORN, rank: i
 def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float = 0.0) -> Index:
     """The dot of ``found`` (m, 2) that each dot of the reference is now; -1 for none.
 
-    ``expected``: displacement (n, 2) that each is likely to have, such as that in the picture before; NaN where nothing is known. ``usual``: what the match of the picture
-    before was `strained` by: up to this nothing else is sought.
+    ``expected``: likely displacement (n, 2) of each, such as that in the previous picture; NaN if unknown. ``usual``: the `strained` of the previous
+    match: up to this value the first match is accepted.
 
     Examples
     --------
@@ -140,7 +144,7 @@ def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float =
     lowest = strained(near, _moves(near, best, found))
     if lowest <= usual or ((best >= 0).all() and not _torn(near, _moves(near, best, found))[:, :6].any()):
         return best
-    # a dot that moves by a pitch comes to lie where another was, and agrees with those around it that stood still: begin with fewer
+    # a dot that moves by a pitch reaches another's place and agrees with the static dots round it: start with fewer
     for worn, beside, torn, rank in TRIED:
         other = _matched(near, expected, found, tree, worn, beside, torn, rank)
         cost = strained(near, _moves(near, other, found))
@@ -189,7 +193,7 @@ def _matched(
     torn: float = TORN,
     rank: int = 0,
 ) -> Index:
-    """One to one, from where each dot is expected: the largest set of dots that move continuously, and what grows from it.
+    """One-to-one match near the expected places: the largest set of dots that move continuously, and its growth.
 
     ``worn`` times the set loses those at its edges, with which less than the part ``least`` of their neighbours move.
     """
@@ -229,19 +233,19 @@ def _matched(
 
 
 def _moves(near: Neighbours, match: Index, found: Floats) -> Floats:
-    """Displacement (n, 2) of each dot by its match; NaN where it has none."""
+    """Displacement (n, 2) of each dot by its match; NaN without a match."""
     return np.where((match >= 0)[:, None], found[match] - near.positions, np.nan)
 
 
 def _strain(near: Neighbours, displacement: Floats) -> Floats:
-    """Square of the change of displacement over distance, from each dot to its six nearest (n, 6), at most 1; 0 where one is not known."""
+    """Square of the change of displacement over distance, from each dot to its six nearest (n, 6), at most 1; 0 if one is unknown."""
     change = displacement[near.index[:, :6]] - displacement[:, None, :]
     part = np.hypot(change[..., 0], change[..., 1]) / near.distance[:, :6]
     return np.nan_to_num(np.minimum(part, 1.0) ** 2)
 
 
 def strained(near: Neighbours, displacement: Floats) -> float:
-    """How little displacements (n, 2) are those of a print that stretches evenly: its strain, and dots of which none is known (NaN)."""
+    """Strain energy of displacements (n, 2), with a penalty for each lost dot (NaN)."""
     lost = np.count_nonzero(np.isnan(displacement[:, 0]))
     return float(0.5 * _strain(near, displacement).sum() + UNMATCHED * lost)
 

@@ -16,7 +16,7 @@ from palpate.sensing.view import opencv
 __all__ = ["decoded", "picture_frames", "picture_topics"]
 
 Image = npt.NDArray[Any]
-KINDS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 #: Encodings of sensor_msgs/Image: type of a number, numbers of a pixel, and their order as red, green, blue.
 ENCODINGS = {
     "mono8": ("u1", 1, (0,)),
@@ -115,7 +115,7 @@ def picture_topics(path: str | Path) -> list[str]:
         return []
     out = []
     for topic, kind in topics(found).items():
-        if kind.replace("/msg/", "/") not in [k.replace("/msg/", "/") for k in KINDS]:
+        if kind.replace("/msg/", "/") not in [k.replace("/msg/", "/") for k in IMAGE_TYPES]:
             continue
         first = next(messages(found, topic), None)
         encoding = "" if first is None else getattr(first[1], "encoding", "compressed")
@@ -129,7 +129,7 @@ def picture_frames(
 ) -> tuple[str, Iterator[tuple[float | None, Image | None, str]]]:
     """The topic, and (time [s], picture or None, why not) of its messages: at the times of their headers, where these are 0 when they were recorded.
 
-    What ends them early goes to ``notes``.
+    An early end is explained in ``notes``.
 
     Raises
     ------

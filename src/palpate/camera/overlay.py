@@ -40,7 +40,7 @@ def overlay(
     touch : Touch or xarray.Dataset
         Of this picture: one frame; or one of a file, ``read_touch("touch.nc").isel(time=7)``.
     view : View, optional
-        Where the picture lies; by default what the touch or the file says (`Touch.view`).
+        Position of the picture; by default that of the touch or the file (`Touch.view`).
     show : str
         "pressure" (default), "shear", "std", or "all": one panel each.
     truth : Touch, optional
@@ -49,7 +49,7 @@ def overlay(
     Raises
     ------
     InvalidInput
-        Several frames, a line, a picture that is none, what the touch does not hold, or no view.
+        Several frames, a line, not a picture, a map that the touch lacks, or no view.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def _of_file(dataset: xarray.Dataset) -> tuple[Touch, Any]:
         center=(float(x.mean()), float(y.mean())),
     )
     values = dataset["traction"].values.astype(np.float64)
-    # what was not sought is 0 all over
+    # components that were not sought are 0 everywhere
     sought = tuple(c for c, field in zip(grid.components, values) if np.any(field != 0)) or grid.components
     std = dataset["std"].values if "std" in dataset else None
     return Touch(values, grid, sought, "recorded", view=view_of(dataset)), std

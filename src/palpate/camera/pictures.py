@@ -87,9 +87,9 @@ class Picture:
     time : float
         [s], as the source gives it.
     image : array (row, column) or (row, column, 3), or None
-        Grey, or red, green, blue; None where it could not be read.
+        Grey, or red, green, blue; None if it could not be read.
     fault : str
-        Why there is no image; "" where there is one.
+        Why there is no image, else "".
     """
 
     index: int
@@ -108,11 +108,11 @@ class Pictures:
     size : (int, int)
         Columns and rows of the first picture.
     count : int or None
-        Of pictures as the source claims; None where it cannot say.
+        Of pictures as the source states, or None.
     timed : bool
         Whether times come from the source; otherwise they are the number of the picture over ``rate``, or the number itself.
     notes : list of str
-        What went wrong at the end: a file that was cut off.
+        Errors at the end, such as a cut file.
     """
 
     def __init__(
@@ -180,12 +180,13 @@ def open_pictures(source: Any, *, rate: float | None = None, topic: str | None =
     Parameters
     ----------
     source : str, Path, int, or iterable of arrays
-        A video (.mp4, .avi, .mkv, .mov, .webm, .gif, ...), turned as its file says a phone was held; a folder of pictures, taken in the order of the numbers in their names; a .tif stack, or a single picture;
+        A video (.mp4, .avi, .mkv, .mov, .webm, .gif, ...), rotated as its file states; a folder of pictures, in the order of the numbers in their
+        names; a .tif stack, or a single picture;
         an MCAP file or a bag of ROS with sensor_msgs/Image or CompressedImage; the number of a camera, or /dev/video0; an array (picture, row, column[, 3]) or any iterable of arrays.
     topic : str, optional
-        Of an MCAP file or bag that holds pictures in several topics.
+        For an MCAP file or bag with pictures in several topics.
     rate : float, optional
-        Pictures a second, for sources that do not know their times: folders, stacks, arrays. Without it these are numbered: 0, 1, 2, ... s.
+        Pictures a second, for sources without times (folders, stacks, arrays). Default: 1.
 
     Returns
     -------
@@ -290,9 +291,9 @@ def _read(paths: list[Path]) -> Iterator[tuple[None, Image | None, str]]:
             )
             continue
         try:
-            # turned as the camera was held (EXIF); transparency is dropped
+            # rotated as the camera was held (EXIF); transparency is dropped
             image = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) if data.size else None
-        except cv2.error:  # more pixels than OpenCV takes
+        except cv2.error:  # more pixels than OpenCV accepts
             image = None
         if image is None:
             yield None, None, f"{path.name} cannot be decoded as a picture: it is damaged, cut off or too large"
@@ -324,7 +325,7 @@ def _check_still(path: Path) -> None:
     except InvalidInput:
         raise
     except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError, AttributeError):
-        return  # what is damaged is said where it is unpacked
+        return  # errors appear when it is unpacked
 
 
 def _stack(path: Path, rate: float | None) -> Pictures:
@@ -363,10 +364,15 @@ def _stack(path: Path, rate: float | None) -> Pictures:
                 IndexError,
                 TypeError,
                 MemoryError,
+                RuntimeError,  # of the library that unpacks
                 zlib.error,
                 lzma.LZMAError,
             ) as error:
-                yield None, None, f"page {number} cannot be read ({error})"
+                yield (
+                    None,
+                    None,
+                    f"page {number} cannot be read ({error}): it is damaged, or packed in a way that is not known; save it without compression",
+                )
                 continue
             yield None, image, ""
 

@@ -14,11 +14,11 @@ from palpate.sensing.view import eight_bit, grey, opencv
 
 __all__ = ["Region"]
 
-#: Columns of the smaller picture in which the rim is sought; parts of them that dots are closed over, and that is left out along the rim.
+#: Columns of the smaller picture for the search for the rim; parts of them by which dots are closed, and that are excluded along the rim.
 COLUMNS, CLOSED, RIM = 160, 1.0 / 12.0, 0.012
-#: The gel is at least so much of the picture, and at most so much where anything else is to be seen.
+#: The gel fills at least this part of the picture, and at most this part if there are surroundings.
 LEAST, MOST = 0.15, 0.96
-#: Brightness inside over that outside, of all and along the rim, and the part of the rim where that holds.
+#: Brightness inside over that outside, of all and along the rim, and the part of the rim that needs this ratio.
 CONTRAST, SHARE = 2.0, 0.8
 
 
@@ -69,7 +69,7 @@ class Region:
 
     @classmethod
     def found(cls, image: npt.ArrayLike) -> Region | None:
-        """Where a gel that is lit ends before the picture does: inside a rim beyond which all is dark. None where no such rim is to be seen."""
+        """The edge of a lit gel that ends before the picture does: inside a rim with darkness outside. None without such a rim."""
         cv2 = opencv()
         values = np.asarray(image)
         plain = values.max(axis=2) if values.ndim == 3 and values.shape[2] == 3 else grey(image)

@@ -33,7 +33,7 @@ Picture = npt.NDArray[np.uint8]
 
 #: Samples of a pixel along each axis.
 FINE = 3
-#: Pixels between points where the map is inverted.
+#: Pixels between points of the inverse map.
 COARSE = 4
 
 
@@ -48,7 +48,7 @@ class Dots:
     diameter : float
         [m]
     halved : sequence of int
-        Dots of which only a half is left.
+        Dots with one half missing.
     """
 
     positions: Any
@@ -126,7 +126,7 @@ def dot_grid(
 
 @dataclass(frozen=True, kw_only=True)
 class Looks:
-    """What a camera adds to a print.
+    """Effects of a camera on the picture of a print.
 
     Parameters
     ----------
@@ -188,14 +188,14 @@ class Scene:
     ----------
     pad : Pad
     depth : float
-        Of the print below the surface that is touched [m].
+        Of the print below the touched surface [m].
     print : Dots or Texture
     size : (int, int)
         Columns and rows of the picture.
     scale : float or (float, float)
         Metres per pixel at rest, along x and y.
     distance : float, optional
-        Of the camera's centre behind the print at rest [m]; None: so far that motion towards it does not show.
+        Of the camera's centre behind the print at rest [m]; None: infinite, without perspective.
     distortion : sequence of float
         Of the lens, as OpenCV counts (k1, k2, p1, p2).
     looks : Looks
@@ -250,7 +250,7 @@ class Scene:
         across, up = self._scales
         width, height = across * self.size[0], up * self.size[1]
         step = self.spacing or width / 60.0
-        # dots beyond the picture's edge are pushed into it, and what presses may lie there
+        # dots beyond the picture's edge may move into it, and loads may lie there
         shape = tuple(math.ceil(1.3 * side / step) + 4 for side in (height, width))
         grid = AreaGrid(shape=(shape[0], shape[1]), spacing=step)
         names = ["displacement_x", "displacement_y", "displacement_z"]
@@ -260,7 +260,7 @@ class Scene:
         return Skin(self.pad, planes, surface=grid)
 
     def changed(self, **what: Any) -> Scene:
-        """The same scene with another print, other looks or another camera; what was prepared of the pad is kept where it can be."""
+        """The same scene with another print, look or camera; it shares the prepared pad if possible."""
         other = replace(self, **what)
         if not {"pad", "depth", "size", "scale", "spacing"} & set(what):
             other.__dict__["skin"] = self.skin
@@ -268,7 +268,7 @@ class Scene:
 
     @property
     def surface(self) -> AreaGrid:
-        """Where traction acts: a grid that reaches past the picture."""
+        """The surface of the traction: a grid that reaches past the picture."""
         grid = self.skin.surface
         if not isinstance(grid, AreaGrid):
             raise InvalidInput("a scene has an area for its surface.")
@@ -308,7 +308,7 @@ class Scene:
         return self.view.pixels(moved)
 
     def truth(self, contact: Any = None, *, shift: tuple[float, float] = (0.0, 0.0), rotation: float = 0.0) -> Truth:
-        """Where the dots are: ``contact`` as for `picture`."""
+        """The positions of the dots: ``contact`` as for `picture`."""
         if not isinstance(self.print, Dots):
             raise InvalidInput("only dots have places of their own; ask displacement() for a texture.")
         points = np.asarray(self.print.positions, dtype=np.float64)

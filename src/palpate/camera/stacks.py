@@ -1,4 +1,4 @@
-"""What pictures say of themselves before they are unpacked: channels, planes, times, and how large they will be."""
+"""The headers of pictures before unpacking: channels, planes, times, and sizes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ __all__ = ["check_axes", "check_page", "check_size", "inflated", "pages_claimed"
 
 #: The most that one picture may unpack to [bytes]: far more than a picture of a gel or of cells.
 LARGEST = 1 << 29
-#: Bytes that are unpacked at a time to be counted.
-PIECE = 1 << 24
+#: Bytes to unpack at a time while counting.
+CHUNK_BYTES = 1 << 24
 
 
 def check_axes(file: Any, path: Path) -> None:
@@ -67,7 +67,7 @@ def check_page(file: Any, page: Any, what: str) -> None:
         try:
             found = inflated(file.read(min(count, LARGEST)), chunk, packing)
         except ValueError:
-            continue  # said where it is unpacked
+            continue  # reported when it is unpacked
         if found > chunk:
             raise InvalidInput(
                 f"{what} unpacks to more than the {page.keyframe.imagewidth} x {page.keyframe.imagelength} pixels that it claims: it is damaged."
@@ -75,11 +75,11 @@ def check_page(file: Any, page: Any, what: str) -> None:
 
 
 def inflated(data: bytes, most: int, packing: int) -> int:
-    """Bytes that packed ones unpack to, counted in pieces up to a little more than ``most``; `ValueError` where they are damaged."""
+    """The unpacked size in bytes, counted in chunks up to a little more than ``most``; `ValueError` for damaged data."""
     unpack, total = UNPACKERS[packing](), 0
     try:
         while total <= most and not unpack.eof:
-            piece = unpack.decompress(data, PIECE)
+            piece = unpack.decompress(data, CHUNK_BYTES)
             total += len(piece)
             data = getattr(unpack, "unconsumed_tail", b"")
             if not piece and not data:
@@ -99,7 +99,7 @@ with contextlib.suppress(ImportError):  # from Python 3.14 on
 
 
 def size_claimed(head: bytes) -> int:
-    """Bytes that a PNG, JPEG, BMP or PNM picture claims to unpack to; 0 where its head does not say.
+    """Unpacked size in bytes by the header of a PNG, JPEG, BMP or PNM picture, or 0.
 
     Examples
     --------
@@ -137,7 +137,7 @@ def pages_claimed(file: Any) -> int:
 
 
 def rate_of(file: Any) -> float | None:
-    """Pictures a second by ImageJ's frame interval or OME's time increment; None where neither is there."""
+    """Pictures a second by ImageJ's frame interval or OME's time increment, or None."""
     interval = float((file.imagej_metadata or {}).get("finterval") or 0.0)
     if not interval and file.ome_metadata:
         try:

@@ -30,14 +30,15 @@ from palpate.tracking import Tracker
 __all__ = ["CHANNELS", "Touches", "follow", "gel_skin"]
 
 CHANNELS = ("displacement_x", "displacement_y")
-#: At most this part of the dots may be lost in a frame that is solved by itself.
-MOST_LOST = 0.5
+#: A frame solved alone may lose at most this part of its dots.
+MAX_LOST_FRACTION = 0.5
 #: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
 NOISE_STEP, KEPT = 1.3, 6
-#: A dot tells what presses within so many distances of dots; where more than the second part of the traction lies where those are lost, it is said.
+#: Radius (in dot distances) that a dot covers; note a result if more than the second part of the traction lies round lost dots.
 BLIND, FEW_LOST = 1.0, 0.05
 LOST = "dots are lost where this presses, hidden or moved too far: the intervals allow for as much again as was found there"
-#: Passes over perspective in a frame that is solved by itself, at most; and what a pass must change, as a part of the readings' standard deviation.
+#: Largest number of passes for perspective in a frame solved alone; and the change below which a pass is the last, over the readings' standard
+#: deviation.
 PASSES, MATTERS = 3, 0.5
 
 
@@ -100,7 +101,7 @@ def _check(skin: Skin) -> None:
 
 
 def camera_of(skin: Skin | str | Path, view: View | None) -> CameraSettings | None:
-    """The section [camera] of a skin.toml; `InvalidInput` where neither it nor ``view`` says how pixels become metres."""
+    """The section [camera] of a skin.toml; `InvalidInput` if neither it nor ``view`` states how pixels become metres."""
     from palpate.recordings import read_camera
 
     settings = None if isinstance(skin, Skin) else read_camera(skin)
@@ -118,11 +119,11 @@ class Touches:
     Attributes
     ----------
     skin : Skin
-        With the dots where they were found.
+        With taxels at the dots.
     readings : Displacements
-        Where the pictures come from: `Displacements.view`, `Displacements.faults`.
+        The source of the readings: `Displacements.view`, `Displacements.faults`.
     tracker : Tracker or None
-        Where frames are tracked; None where each is solved by itself.
+        The tracker, or None if each frame is solved alone.
     """
 
     def __init__(
@@ -176,17 +177,19 @@ class Touches:
         return replace(self._censored(touch, values), view=self.readings.view)
 
     def alone(self, reading: Reading) -> Touch:
-        """The touch of one reading by itself."""
+        """The touch of a single reading."""
         return replace(self._censored(self._alone(reading), reading.values), view=self.readings.view)
 
     def _censored(self, touch: Touch, values: Floats) -> Touch:
-        """With room in its intervals for what presses where the dots are lost: those that moved most may be, and nothing says how far."""
+        """Widen the intervals for loads where dots are lost: the lost dots may be those that moved most."""
         lost = np.isnan(values).any(axis=0)
         if not lost.any() or touch.errors is None or not bool(np.all(touch.touching)):
             return touch
         size = np.sqrt((to_numpy(touch.values) ** 2).sum(axis=0)).ravel()
         reach = BLIND * typical_distance(self.readings.positions)
-        every, left = (_near(self._cells, self.readings.positions[which], reach) for which in (slice(None), ~lost))
+        every, left = (
+            _within_reach(self._cells, self.readings.positions[which], reach) for which in (slice(None), ~lost)
+        )
         share = float(size[every & ~left].sum() / max(float(size.sum()), 1e-300))
         if not share > FEW_LOST:
             return touch
@@ -205,7 +208,7 @@ class Touches:
 
     def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)
-        if lost.mean() > MOST_LOST:
+        if lost.mean() > MAX_LOST_FRACTION:
             return _missing(self.skin, self._options.get("components"), reading.time)
         skin = self._at(lost, reading.std)
         values = np.where(lost, 0.0, reading.values)
@@ -233,7 +236,7 @@ class Touches:
         return touch
 
     def _at(self, lost: Any, std: Floats) -> Skin:
-        """The skin without some dots, with the noise that they state; one that is prepared already, where it leaves out little more."""
+        """A skin without some dots, with their stated noise; reuse a prepared one that excludes few more."""
         plane = self.skin.planes[0]
         level = 0.0  # as the skin says
         if plane.noise is None and np.isfinite(std).any():
@@ -286,7 +289,7 @@ class _Perspective:
         return float(np.clip((before[both] * values[both]).sum() / size, 0.0, 2.0)) if size > 0 else 1.0
 
     def learn(self, touch: Touch) -> None:
-        """Take u_z from what was found; what is not known stays."""
+        """Update u_z from the solution; missing values stay."""
         values = np.asarray(touch.values)
         if np.isfinite(values).all():
             self._part = np.asarray(self._towards.operator.forward(values)[0]).ravel() / self._distance
@@ -312,7 +315,7 @@ def _missing(skin: Skin, components: Sequence[str] | None, time: float) -> Touch
     )
 
 
-def _near(cells: Floats, dots: Floats, reach: float) -> npt.NDArray[np.bool_]:
+def _within_reach(cells: Floats, dots: Floats, reach: float) -> npt.NDArray[np.bool_]:
     """Cells (n, 2) that lie within ``reach`` of a dot."""
     from scipy.spatial import cKDTree
 
@@ -337,7 +340,7 @@ def follow(
     roi: npt.ArrayLike | None = None,
     **options: Any,
 ) -> Touches:
-    """What touches a gel, from pictures of the dots in it.
+    """Reconstruct what touches a gel, from pictures of the dots in it.
 
     Parameters
     ----------
@@ -346,23 +349,25 @@ def follow(
     skin : path of a skin.toml, or Skin
         Pad, depth of the dots, channels displacement_x and displacement_y. Positions come from the pictures.
     view : View, optional
-        How pixels become metres; by default the section [camera] of the skin.toml says it.
+        How pixels become metres; by default from the section [camera] of the skin.toml.
     reference, rate, stage : optional
         As for `Displacements`.
     distance : float, optional
-        From the camera's centre to the dots [m] (default: that of [camera]). Without one, dots are taken to move across the view only: right for a camera far away.
+        From the camera's centre to the dots [m] (default: that of [camera]). Without one, perspective is ignored: right for a camera far away.
     track : bool, optional
-        True: follow frame by frame with `Skin.track`, at the rate of a camera; its normal force is off by up to a third where the dots only move sideways, and
-        its touches say so. False: `Skin.reconstruct` for each frame by itself, seconds each. Default: False where pressure is not told from shear by the channels alone.
+        True: follow frame by frame with `Skin.track`, at the rate of a camera; its normal force has errors of up to a third if the dots only move
+        sideways, and its touches say so. False: `Skin.reconstruct` for each frame alone, seconds each. Default: False if the channels alone do not
+        separate pressure from shear.
     every : int
-        Of frames that are solved by themselves only every so manyeth.
+        With track=False, solve every so manyeth frame.
     depth_map : DepthMap, optional
-        How far the surface is pressed in, where that is known from elsewhere: then pressure is told from shear, and the normal force several times better. Of frames
-        that are solved by themselves.
+        Indentation of the surface from another source: it separates pressure from shear, and the normal force becomes several times better. With
+        track=False.
     texture : float, optional
-        Of a gel with a texture and no dots: between the places where displacement is read [m]; default: what [camera] says, else dots are looked for.
+        For a gel with a texture and no dots: distance between the places of the readings [m]; default: that of [camera], else a search for dots.
     roi : array (n, 2), optional
-        Corners (column, row) of the gel in the pictures [pixels], as for `Displacements`; default: those of [camera], where it tells the view too, or the gel's rim.
+        Corners (column, row) of the gel in the pictures [pixels], as for `Displacements`; default: those of [camera], if it also gives the view, or
+        the gel's rim.
     **options
         Those of `Skin.track` (friction, ...) or `Skin.reconstruct` (friction, method, ...).
 

@@ -16,7 +16,7 @@ from palpate.units import UNITS
 
 __all__ = ["ForceTrace", "read_force_trace"]
 
-#: Names of the columns of times and of normal forces, in the order in which they are taken.
+#: Column names of times and of normal forces, in order of preference.
 TIMES = ("time", "t", "timestamp", "stamp", "seconds", "sec")
 FORCES = ("fz", "force_z", "normal_force", "fn", "force", "f", "load")
 

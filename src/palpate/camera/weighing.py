@@ -36,15 +36,15 @@ __all__ = ["Weighed", "weigh"]
 
 #: A frame belongs to the press where dots move by this part of the most; of these, the middle ones are solved, so many.
 PRESSED, SOLVED = 0.8, 3
-#: The same where the force is known at each time: forces of a whole press tell the modulus.
+#: The same for a known force at each time: the forces of a whole press determine the modulus.
 TRACED, SOLVED_TRACE = 0.3, 6
 #: Frames at the start of a recording that show the gel at rest, and how far its readings may move there, as a part of the most.
 REST, STILL = 5, 0.2
-#: What presses moves by so many times what noise does.
-BEYOND = 10.0
-#: Force and displacement rise together by this rank correlation at least, in so many frames or more.
+#: A press moves dots by at least this many times the noise.
+PRESS_TO_NOISE = 10.0
+#: Smallest rank correlation of force and displacement, and the smallest number of frames to test it.
 TOGETHER, RANKED = 0.5, 8
-#: What a modulus that is unknown begins with: any.
+#: Start value of an unknown modulus: any.
 BEGUN = "100 kPa"
 #: A 95 % interval is so many standard deviations wide to each side.
 WIDE = 1.96
@@ -52,22 +52,22 @@ WIDE = 1.96
 
 @dataclass(frozen=True)
 class Weighed:
-    """What presses with known forces tell of the modulus.
+    """A modulus from presses with known forces.
 
     Attributes
     ----------
     youngs_modulus, std : float
         Of the uppermost layer [Pa]; layers below in the same proportion.
     factor : float
-        Over what the skin says; NaN where that is "unknown".
+        Over that of the skin; NaN if that is "unknown".
     ratios, ratio_std : array (press,)
-        Known force over the force found with the skin's modulus (where that is unknown: with `youngs_modulus`), and its standard deviation.
+        Known force over the force with the skin's modulus (if unknown: with `youngs_modulus`), and its standard deviation.
     agreement : float
-        Probability of ratios that differ as much where the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
+        Probability of ratios that differ as much if the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
     fit : array (press,)
         How well the pad explains the dots: `Touch.fit`.
     before : float
-        Standard deviation of the modulus by what the skin says, as a part of it; infinite where that is "unknown".
+        Relative standard deviation of the skin's modulus; infinite if that is "unknown".
     """
 
     youngs_modulus: float
@@ -81,7 +81,7 @@ class Weighed:
 
     @property
     def better(self) -> bool:
-        """Whether the presses tell the modulus better than the skin says it is known.
+        """Whether the presses give the modulus with a smaller error than the skin states.
 
         Examples
         --------
@@ -142,11 +142,11 @@ def weigh(
         With a guess of the modulus, or ``youngs_modulus = "unknown"``.
     forces : one or a list
         Normal force of each press: a number [N] (mass times 9.81 m/s^2 for a weight that rests on the gel), or force over time on the clock of the press, as a
-        `ForceTrace` or a table of it (`read_force_trace`). What a trace reads while the gel is at rest is its zero.
+        `ForceTrace` or a table of it (`read_force_trace`). The trace's mean with the gel at rest is its zero.
     view, rate
         As for `palpate.camera.follow`.
     reference : int, optional
-        Frames at the start that show the gel at rest; default: 5, or what the skin.toml says of pictures.
+        Frames at the start that show the gel at rest; default: 5, or that of the skin.toml for pictures.
     **options
         Of `Skin.reconstruct`, such as friction.
 
@@ -172,16 +172,16 @@ def weigh(
     True
     """
     listed = list(sources) if isinstance(sources, list | tuple) and not _is_images(sources) else [sources]
-    known = [_known(f) for f in (forces if isinstance(forces, list | tuple) else np.atleast_1d(forces).tolist())]
+    known = [_parse_force(f) for f in (forces if isinstance(forces, list | tuple) else np.atleast_1d(forces).tolist())]
     if len(known) != len(listed):
         raise InvalidInput(f"forces must be one for each of {len(listed)} presses; got {len(known)}.")
     with tempfile.TemporaryDirectory() as folder:
         given = skin if isinstance(skin, Skin) else Path(skin)
-        begun = given if isinstance(given, Skin) else _begun(given, Path(folder))
+        begun = given if isinstance(given, Skin) else _with_start_modulus(given, Path(folder))
         return _weighed(listed, begun, known, view, rate, reference, options, guessed=begun is not given)
 
 
-def _known(force: Any) -> float | ForceTrace:
+def _parse_force(force: Any) -> float | ForceTrace:
     """A force, or one over time."""
     if isinstance(force, ForceTrace):
         return force
@@ -192,8 +192,8 @@ def _known(force: Any) -> float | ForceTrace:
     return float(force)
 
 
-def _begun(skin: Path, folder: Path) -> Path:
-    """The skin with a modulus to begin with where it says "unknown": displacements give forces over the modulus, whatever that is."""
+def _with_start_modulus(skin: Path, folder: Path) -> Path:
+    """The skin with a start value if its modulus is "unknown": displacements give force over modulus, whatever the value."""
     text = skin_text(skin)
     key = re.compile(r'^(\s*youngs_modulus\s*=\s*)("[^"\n]*"|\'[^\'\n]*\')', re.MULTILINE)
     values = [value.strip("\"'").strip().lower() for _, value in key.findall(text)]
@@ -274,7 +274,7 @@ def _modulus(skin: Skin) -> float:
 
 
 def _without_modulus(skin: Skin) -> Skin:
-    """The skin with a modulus that is sure: it is what is sought, and only the rest is uncertain."""
+    """The skin with an exact modulus: the modulus is the unknown, and only the rest is uncertain."""
     return Skin(
         skin.pad,
         skin.planes,
@@ -347,7 +347,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
     size = np.array([_moved(v.reshape(len(channels), -1)) for v in values])
     # from one frame to the next, so that a press among them does not count
     quiet = _middle(np.abs(np.diff(values[:rest], axis=0))) / math.sqrt(2.0) if rest > 1 else 0.0
-    if rest and size.max() > BEYOND * quiet and size[:rest].max() > STILL * size.max():
+    if rest and size.max() > PRESS_TO_NOISE * quiet and size[:rest].max() > STILL * size.max():
         raise InvalidInput(
             f"{name}: the gel moves in the first {rest} frames, which are taken to show it at rest: give how many do with reference= (--baseline)."
         )
@@ -376,14 +376,14 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
 
 
 def _mean(values: Floats) -> Floats:
-    """Over the frames in which a marker is there; NaN where it never is."""
+    """Mean over the frames that show a marker; NaN if none does."""
     there = np.isfinite(values)
     count = there.sum(axis=0)
     return np.where(count > 0, np.where(there, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def _middle(values: Floats) -> float:
-    """The median of what is there; 0 of nothing."""
+    """The median without missing values; 0 if all are missing."""
     there = values[np.isfinite(values)]
     return float(np.median(there)) if there.size else 0.0
 
@@ -398,7 +398,7 @@ def _moved(values: Floats) -> float:
 def _ratio(press: _Press, known: float | ForceTrace) -> tuple[float, float, float]:
     """Known force over the force that is found, its standard deviation, and the fit."""
     most = float(press.size.max(initial=0.0))
-    if not most > BEYOND * press.quiet:
+    if not most > PRESS_TO_NOISE * press.quiet:
         raise InvalidInput(
             f"{press.name}: nothing presses in these {press.what}s: the dots move by {plain_number(1e6 * most, 2)} um at most. Show the gel at rest first, then the press."
         )

@@ -1,7 +1,7 @@
 """Windows of a picture followed from the reference: by how much each moved, and how well that is known.
 
-Lucas-Kanade (OpenCV) tells the displacement to a part of a pixel, there and back, and is refined with windows that are stretched as those around them say. The
-standard deviation is that of least squares: with the gradients g over a window W and what is left r = I(x + d) - I_0(x),
+Lucas-Kanade (OpenCV) gives the displacement to a part of a pixel, there and back, and windows stretched like their neighbours refine it. The standard
+deviation is that of least squares: with the gradients g over a window W and the residual r = I(x + d) - I_0(x),
 
     cov = (sum_W g h')^-1 (sum_{W, W, near} g r r' g') (sum_W g h')^-1
 
@@ -40,15 +40,15 @@ BACK, ALIKE = 0.3, 0.6
 #: A picture with less than this part of the reference's sharpness is blurred.
 BLUR = 0.4
 BLURRED = "the picture is blurred: it is out of focus, or the gel moved during the exposure"
-#: Part of a window that may become white, where it was not at rest: beyond, glare lies on it.
+#: Part of a window that may become white; with more, glare lies on it.
 GLARED = 0.01
-#: Pixels: no displacement is known better, whatever its window says (Lucas-Kanade interpolates with 1/32 of a pixel in view, and pictures have eight bits).
-LEAST = 1e-3
+#: Smallest standard deviation of a displacement [pixels]: Lucas-Kanade interpolates with 1/32 of a pixel, and pictures have eight bits.
+MIN_STD = 1e-3
 #: Gauss-Newton steps with windows that are stretched as the print is.
 STEPS = 2
 #: How well the neighbours tell the motion of a window's whole against that of its middle, as a part of it.
 SPREAD = 0.75
-#: Rows of a picture that OpenCV takes in one call.
+#: Largest number of rows of a picture in one call of OpenCV.
 ROWS = 32000
 #: Grey level of the ground in the levelled pictures that are compared.
 LEVEL = 150.0
@@ -56,7 +56,7 @@ LEVEL = 150.0
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """What became of the dots in one picture.
+    """Displacements of the dots in one picture.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Moved:
     alike : array (n,)
         Correlation of each dot's window with that of the reference.
     fault : str
-        Why the whole picture tells nothing; "" where it does.
+        Why the whole picture is unusable, else "".
     """
 
     displacement: Floats
@@ -75,7 +75,7 @@ class Moved:
 
     @property
     def lost(self) -> npt.NDArray[np.bool_]:
-        """True (n,) for dots that are hidden, left the picture or cannot be told from others."""
+        """True (n,) for dots that are hidden, outside the picture or ambiguous."""
         return np.asarray(np.isnan(self.displacement[:, 0]))
 
 
@@ -93,13 +93,14 @@ class Followed:
     half : int
         Half their side.
     reach : float
-        How near [pixels] to the picture's edge a place may come.
+        Smallest distance [pixels] of a place from the picture's edge.
     spread : float
-        A window moves as its parts do on average, beside a contact not as its middle: by this much of what a place and its neighbours' plane differ.
+        A window moves by its mean, which beside a contact differs from its middle by this part of the difference between a place and its neighbours'
+        plane.
     rest : sequence of array (row, column)
-        The pictures that the reference is the mean of: what is white in one of them is no new glare.
+        The pictures averaged in the reference: white pixels of one of them are no new glare.
     known : float
-        Part of what is left that least squares on few pixels still show.
+        Part of the residual that remains after least squares on few pixels.
     """
 
     def __init__(
@@ -132,7 +133,7 @@ class Followed:
         self._white: Floats = np.max([self._glare(white_of(image), positions) for image in rest], axis=0)
 
     def _seen(self, image: npt.ArrayLike | None) -> tuple[npt.NDArray[Any] | None, str]:
-        """The picture in grey; or None, and why it tells nothing."""
+        """The picture in grey, or None with the reason why it is unusable."""
         if image is None:
             return None, "there is no picture"
         plain = grey(image)
@@ -168,8 +169,8 @@ class Followed:
     def _stretched(self, level: npt.NDArray[np.uint8], displacement: Floats) -> tuple[Floats, npt.NDArray[np.float32]]:
         """Displacement against windows that are stretched and turned as the print is there, and these windows.
 
-        Beside a contact a window does not only move. How its surroundings are stretched, the neighbours say; what is left over is then noise and not the
-        stretch, and Gauss-Newton steps of the displacement alone (Baker and Matthews 2004) take what the plain window made of it.
+        Beside a contact a window also stretches. The neighbours give the stretch, so that the residual is noise; Gauss-Newton steps of the
+        displacement alone (Baker and Matthews 2004) correct the result of the plain window.
         """
         n = len(displacement)
         known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(displacement).all(axis=1))
@@ -254,13 +255,13 @@ def mean_picture(reference: Any) -> npt.NDArray[Any]:
 
 
 def as_bytes(flat: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """What Lucas-Kanade takes: eight bits."""
+    """Pictures in eight bits, as Lucas-Kanade needs them."""
     scaled = np.rint(flat * np.float32(LEVEL))
     return np.clip(scaled, 0, 255, out=scaled).astype(np.uint8)
 
 
 def white_of(plain: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """1 where the sensor is at its end."""
+    """1 for saturated pixels."""
     end = {"uint8": 253.0, "uint16": 65000.0}.get(plain.dtype.name)
     return (plain >= end).astype(np.uint8) if end is not None else np.zeros(plain.shape, np.uint8)
 
@@ -327,7 +328,7 @@ def _errors(
     power_a, power_b = (da**2).sum(axis=(1, 2)), (db**2).sum(axis=(1, 2))
     alike = (da * db).sum(axis=(1, 2)) / np.sqrt(np.maximum(power_a.astype(np.float64) * power_b, 1e-12))
     left = b - a
-    # one picture's gradients with the other's: noise, which both have of their own, does not add to what they tell
+    # product of the gradients of both pictures: their independent noise averages out
     normal = np.einsum("niyx,njyx->nij", gradient, other).astype(np.float64)
     normal = 0.5 * (normal + normal.transpose(0, 2, 1))
     score = gradient * left[:, None]
@@ -338,12 +339,12 @@ def _errors(
     middle, falling = (
         np.einsum("niyx,njyx->nij", score, near @ score @ near).astype(np.float64) for near in (flat, sloped)
     )
-    # where they share nothing, nothing is known
+    # without common gradients there is no information
     power = np.einsum("niyx,niyx->n", gradient, gradient)
     ridge = (1e-3 * power + 1e-12)[:, None, None] * np.eye(2)
     inverse = np.linalg.inv(normal + ridge)
     variance = np.maximum(*(np.diagonal(inverse @ part @ inverse, axis1=1, axis2=2) for part in (middle, falling)))
-    return np.sqrt(np.maximum(variance, LEAST**2)), alike
+    return np.sqrt(np.maximum(variance, MIN_STD**2)), alike
 
 
 def gradients_of(windows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

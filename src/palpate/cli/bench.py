@@ -131,15 +131,15 @@ def bench_ablation(
     out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
     force: Force = False,
 ) -> None:
-    """Measure what each part of the automatic method buys, on contacts that tuned nothing."""
+    """Measure the contribution of each part of the automatic method, on contacts that tuned nothing."""
     from palpate import bench
 
     if quick:
         frames, numbers, kinds = 10, 0, "line"
     names = tuple(k.strip() for k in kinds.split(","))
-    unknown = [k for k in names if k not in bench.KINDS]
+    unknown = [k for k in names if k not in bench.CONTACT_KINDS]
     if unknown:
-        raise InvalidInput(f"kinds must be among {', '.join(bench.KINDS)}; got {', '.join(unknown)}.")
+        raise InvalidInput(f"kinds must be among {', '.join(bench.CONTACT_KINDS)}; got {', '.join(unknown)}.")
     if numbers > frames:
         raise InvalidInput(f"--numbers must not exceed --frames ({frames}); got {numbers}.")
     if minutes is not None and not (math.isfinite(minutes) and minutes > 0):
@@ -158,7 +158,7 @@ def bench_ablation(
             report=lambda i: step(f"{i}"),
         )
     rows = bench.summary(found)
-    frames, numbers = len(found), min(numbers, len(found))  # what the table is made of
+    frames, numbers = len(found), min(numbers, len(found))  # the columns of the table
     if not rows:
         raise InvalidInput(f"nothing touches in any of the {frames} frames of seed {seed}; give more with --frames.")
     typer.echo(

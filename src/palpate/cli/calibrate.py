@@ -1,4 +1,4 @@
-"""palpate calibrate: newtons from presses of which something is known."""
+"""palpate calibrate: newtons from labelled presses."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def calibrate(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Learn the net force of a sensor from a few weights or a force sensor: physics where labels are few, a regression where they are many."""
+    """Learn the net force of a sensor from a few weights or a force sensor: the elastic model helps with few labels, regression takes over with many."""
     from palpate.calibrate import write_calibrated
     from palpate.recordings import read_recording
     from palpate.skin import Skin

@@ -10,9 +10,9 @@ import numpy as np
 import typer
 
 from palpate._numbers import plain_number
-from palpate.cli.files import check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import check_outputs, provenance, rows_in_part_file, save_figure, skin_files, skin_text
 from palpate.cli.options import check_picture
-from palpate.cli.pictures import known_skin
+from palpate.cli.pictures import skin_path
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 from palpate.units import parse_quantity
@@ -24,7 +24,7 @@ __all__ = ["calibrate_colours", "feel_pictures", "has_colours"]
 
 
 def has_colours(source: Path, skin_file: Path) -> bool:
-    """Whether ``source`` is pictures, and the skin.toml says what colours mean."""
+    """Whether ``source`` is pictures and the skin.toml has a section [colour]."""
     import tomllib
 
     if source.suffix.lower() in (".nc", ".h5", ".npz", ".csv", ".zarr", ".mcap") or not skin_file.is_file():
@@ -52,7 +52,7 @@ def calibrate_colours(
     from palpate.camera import draw_colours, learn_slopes, write_slopes
     from palpate.recordings import read_camera
 
-    skin_file = known_skin(skin_file)
+    skin_file = skin_path(skin_file)
     size = parse_quantity(diameter, "length", "--ball-diameter")
     numbers = out.with_name(f"{out.stem}.colour.npz")
     inputs = [*presses, *skin_files(skin_file), rest]
@@ -131,7 +131,7 @@ def feel_pictures(
     forces, touches, strongest = Forces(), [], None
     with contextlib.ExitStack() as stack:
         stream = stack.enter_context(feel(source, skin_file, baseline=baseline, rate=rate, every=every, **options))
-        keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
+        keep = stack.enter_context(rows_in_part_file(forces, out if kind == "csv" else None))
         for touch in stream:
             forces.add(touch, [])
             touches.append(touch)

@@ -1,4 +1,4 @@
-"""The application: its commands, and how an error leaves it."""
+"""The application: its commands, and the exit for errors."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _root(
 ) -> None:
     ctx.with_resource(guarded())
     ctx.with_resource(sole_writers())
-    # what libraries say of damaged files, palpate says once and in words
+    # palpate reports damaged files itself, once and in words
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     if ctx.invoked_subcommand is None:
@@ -99,15 +99,15 @@ for _command in _COMMANDS:
 app.add_typer(bench_app, name="bench")
 
 
-#: What a disk says that does not take a file: no mistake of who called.
+#: Errors of a full or read-only disk: no mistake of the caller.
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
 
 def main() -> None:
     """Entry point: an error is one line on stderr.
 
-    The exit code is 2 where what was asked cannot be done, 1 where the system fails (a full disk), and 128 plus the signal where the
-    command is stopped: 130 after ctrl-C, 143 after SIGTERM.
+    The exit code is 2 for an impossible request, 1 for a failure of the system (a full disk), and 128 plus the signal for a stopped command: 130
+    after ctrl-C, 143 after SIGTERM.
     """
     warnings.showwarning = _warned
     try:
@@ -132,10 +132,10 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-#: What takes less memory, by the part of palpate that asked for it.
+#: Remedies against too little memory, by the part of palpate that needs it.
 _COARSER = "Give a coarser surface ([surface] with a larger spacing in the skin.toml), or fewer taxels."
 _SHORTER = "Cut the file into shorter ones."
-_LESS = {
+_VERBOSITY = {
     **dict.fromkeys(("sensing", "inverse", "uncertainty", "tracking"), _COARSER),
     **dict.fromkeys(("recordings", "network"), _SHORTER),
     "archives": "Take fewer frames at a time: --chunk 16 --workers 1.",
@@ -153,10 +153,10 @@ def _out_of_memory(error: MemoryError) -> str:
     while at is not None:
         _, _, inside = at.tb_frame.f_globals.get("__name__", "").partition("palpate.")
         rooms.add(inside.split(".")[0])
-        advice = _LESS.get(inside.split(".")[0], advice)
+        advice = _VERBOSITY.get(inside.split(".")[0], advice)
         at = at.tb_next
     if "microscopy" in rooms and advice == _COARSER:  # no skin.toml describes its surface
-        advice = _LESS["microscopy"]
+        advice = _VERBOSITY["microscopy"]
     what = str(error).strip().rstrip(".")
     return f"not enough memory{f' ({what})' if what else ''}. {advice}"
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.files import Force, check_output, skin_files, written
-from palpate.cli.options import Columns, known_channels, mapping_for, numbers, rows_and_columns
+from palpate.cli.options import Columns, check_channels, mapping_for, numbers, rows_and_columns
 from palpate.errors import InvalidInput
 
 
@@ -129,7 +129,7 @@ def convert(
             )
         recording = read_recording(source)
     else:
-        units = {channel_unit(c) for c in known_channels(names)}
+        units = {channel_unit(c) for c in check_channels(names)}
         if follow and not any(c.startswith("displacement") for c in names):
             raise InvalidInput("--follow moves markers by their displacement; these channels hold none.")
         if pixel is not None:

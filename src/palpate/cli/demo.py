@@ -12,7 +12,7 @@ import typer
 from palpate.cli.files import Force, make_folder, provenance, save_figure, write_text
 from palpate.errors import InvalidInput
 
-#: Checksums of what the demo wrote: what still matches may be replaced by its next run.
+#: Checksums of the demo's files: unchanged files may be replaced by the next run.
 SUMS = ".palpate-demo.sha256"
 
 _DEMO_SKIN = """\
@@ -31,7 +31,7 @@ channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"
 noise = "50 Pa"
 
-[uncertainty]                    # this sensor is simulated, and so is known exactly; where nothing is said, 2 %, 15 %, 10 %
+[uncertainty]                    # this sensor is simulated, and so known exactly; by default 2 %, 15 %, 10 %
 scale = "0 %"
 youngs_modulus = "0 %"
 depth = "0 %"
@@ -39,7 +39,7 @@ depth = "0 %"
 
 
 class Story(StrEnum):
-    """What demo shows."""
+    """The story of one demo."""
 
     sensor = "sensor"
     camera = "camera"
@@ -74,19 +74,19 @@ def demo(
     if story is Story.camera:
         from palpate.cli.democamera import FILES, demo_camera
 
-        _check_own(folder, force, FILES)
-        demo_camera(folder, seed, lambda name: _own(folder, name))
+        _check_unedited(folder, force, FILES)
+        demo_camera(folder, seed, lambda name: _store_checksums(folder, name))
         return
     if story is not Story.sensor:
         from palpate.cli import demofiles
 
-        _check_own(folder, force, demofiles.FILES[story])
-        getattr(demofiles, f"demo_{story}")(folder, seed, lambda name: _own(folder, name))
+        _check_unedited(folder, force, demofiles.FILES[story])
+        getattr(demofiles, f"demo_{story}")(folder, seed, lambda name: _store_checksums(folder, name))
         return
     skin_path = folder / "skin.toml"
-    _check_own(folder, force, ("skin.toml", "recording.nc", "touch.nc", "touch.png"))
+    _check_unedited(folder, force, ("skin.toml", "recording.nc", "touch.nc", "touch.png"))
     write_text(skin_path, _DEMO_SKIN)
-    _own(folder, "skin.toml")
+    _store_checksums(folder, "skin.toml")
     skin = Skin.from_file(skin_path)
     friction = 0.6
     ball = solutions.hertz_point(contact_radius=5e-3, force=1.0).shifted(2e-3, -1e-3)
@@ -98,15 +98,15 @@ def demo(
         readings=readings[None], channels=tuple(names), meta={"made by": f"palpate demo --seed {seed}"}
     )
     write_recording(recording, folder / "recording.nc")
-    _own(folder, "recording.nc")
+    _store_checksums(folder, "recording.nc")
     touch = skin.reconstruct(readings, friction=friction)
     write_touch(touch, folder / "touch.nc", provenance=provenance(_DEMO_SKIN))
-    _own(folder, "touch.nc")
+    _store_checksums(folder, "touch.nc")
     figure = touch.plot(
         truth=truth, title="A ball pressed and dragged: recovered from noisy stress 2 mm below the surface"
     )
     save_figure(figure, folder / "touch.png")
-    _own(folder, "touch.png")
+    _store_checksums(folder, "touch.png")
     known = Touch(truth, skin.surface, skin.surface.components, "known")
     typer.echo("A ball presses with 1 N and drags with 0.35 N; 3 x 1024 readings, 2 mm below the surface, noise 50 Pa.")
     for name, one in (("recovered", touch), ("true", known)):
@@ -116,8 +116,8 @@ def demo(
     typer.echo(f"try next        palpate reconstruct {folder / 'recording.nc'} --skin {skin_path}")
 
 
-def _check_own(folder: Path, force: bool, names: tuple[str, ...]) -> None:
-    """Refuse to replace what an earlier run did not write, or what was edited since."""
+def _check_unedited(folder: Path, force: bool, names: tuple[str, ...]) -> None:
+    """Refuse to replace files that no earlier run wrote, or that were edited since."""
     sums = _sums(folder)
     for name in names:
         path = folder / name
@@ -130,8 +130,8 @@ def _check_own(folder: Path, force: bool, names: tuple[str, ...]) -> None:
             )
 
 
-def _own(folder: Path, name: str) -> None:
-    """Remember what was written, as sha256sum -c reads it."""
+def _store_checksums(folder: Path, name: str) -> None:
+    """Store checksums of the files, in the format of sha256sum -c."""
     sums = {**_sums(folder), name: _sum(folder / name)}
     write_text(folder / SUMS, "".join(f"{value}  {key}\n" for key, value in sums.items()))
 

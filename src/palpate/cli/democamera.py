@@ -12,7 +12,7 @@ from palpate.cli.progress import progress
 
 __all__ = ["FILES", "demo_camera"]
 
-#: What it writes.
+#: Its files.
 FILES = ("gel.toml", "press.mp4", "touch.nc", "touch.png")
 
 _GEL = """\
@@ -31,7 +31,7 @@ depth = "0.5 mm"
 channels = ["displacement_x", "displacement_y"]
 
 [camera]
-pitch = "2 mm"                  # of the dots: says how pixels become metres
+pitch = "2 mm"                  # from the dots: scale of the picture
 distance = "25 mm"              # from the lens to the dots
 """
 
@@ -63,7 +63,7 @@ def demo_camera(folder: Path, seed: int, own: Callable[[str], None]) -> None:
     drag = scene.skin.sample(
         solutions.hertz_point(contact_radius=2.5e-3, force=1.5).shifted(1.5e-3, 1e-3).sliding(0.4, direction=0.5)
     )
-    # rests, is pressed, is dragged, and is let go
+    # rest, press, drag, release
     story = [0.0 * ball] * 6 + [p * ball for p in (0.2, 0.4, 0.6, 0.8, 1.0)]
     story += [ball + p * (drag - ball) for p in (0.2, 0.4, 0.6, 0.8, 1.0)] + [drag] * 3 + [0.0 * ball] * 2
     pictures = [scene.picture(part, rng=rng) for part in progress(story, "filming")]

@@ -13,7 +13,7 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["FILES", "demo_field", "demo_markers", "demo_taxels"]
 
-#: What each story writes.
+#: Files of each story.
 FILES = {
     "taxels": ("skin.toml", "taxels.csv"),
     "markers": ("gel.toml", "markers.csv"),
@@ -45,7 +45,7 @@ time_unit = "ms"
 stress_xz = "x{}"                # {} is the number of the taxel
 stress_yz = "y{}"
 stress_zz = "z{}"
-unit = "8 Pa"                    # what a count means: put a known weight on, or see the data sheet
+unit = "8 Pa"                    # the meaning of a count: put a known weight on, or see the data sheet
 """
 
 _GEL = """\
@@ -58,7 +58,7 @@ youngs_modulus = "300 kPa +- 5 %"
 poissons_ratio = 0.48
 
 [[plane]]
-kind = "scattered"               # where the markers are, the table says
+kind = "scattered"               # the table states the positions of the markers
 depth = "0.5 mm +- 10 %"         # below the surface that is touched
 channels = ["displacement_x", "displacement_y"]
 """

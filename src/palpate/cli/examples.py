@@ -4,7 +4,7 @@ from __future__ import annotations
 
 __all__ = ["EXAMPLES", "SHORT", "example"]
 
-#: What each command does, in the order in which they are listed; each fits a line of a terminal.
+#: What each command does, in the order of the list; each fits a line of a terminal.
 SHORT = {
     "demo": "A first picture and number from a simulated sensor or camera.",
     "reconstruct": "Pressure, shear and forces from a recording, frame by frame.",

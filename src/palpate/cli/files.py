@@ -1,4 +1,4 @@
-"""What commands write, what they never write over, and what they say about how it was made."""
+"""Output files of commands: names, overwriting, provenance."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def check_outputs(
         before[name] = real
 
 
-#: Locks of what the running command writes.
+#: Locks of the running command's files.
 _locks: contextvars.ContextVar[contextlib.ExitStack | None] = contextvars.ContextVar("locks", default=None)
 
 
@@ -90,7 +90,7 @@ def sole_writers() -> Iterator[None]:
 def _overlap(target: Path, source: Path) -> bool:
     """Whether writing ``target`` would touch ``source``."""
     real, other = Path(os.path.realpath(target)), Path(os.path.realpath(source))
-    if not source.exists():  # made on the way, as what is prepared is
+    if not source.exists():  # intermediate, like the preparation
         return real == other
     if real.exists() and real.samefile(other):
         return True
@@ -119,7 +119,7 @@ def skin_files(skin_file: Path | None) -> list[Path]:
     try:
         tables: Any = tomllib.loads(skin_text(skin_file))
     except (InvalidInput, ValueError, RecursionError):
-        return [skin_file]  # said where it is read
+        return [skin_file]  # the reader reports it
     planes = tables.get("plane", [])
     named = [p.get("positions_file") for p in planes if isinstance(p, dict)] if isinstance(planes, list) else []
     return [skin_file, *(skin_file.parent / n for n in named if isinstance(n, str))]
@@ -204,7 +204,7 @@ def whole_result(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
         fresh: dict[Path, Path] = {}
         for path in paths:
             parent = Path(os.path.realpath(path)).parent
-            if parent not in folders:  # beside each, as files move at once on one disk alone
+            if parent not in folders:  # beside each target, since files move atomically on one disk only
                 made = TemporaryDirectory(prefix=".palpate-", dir=parent, ignore_cleanup_errors=True)
                 folders[parent] = Path(stack.enter_context(made))
             fresh[path] = folders[parent] / path.name
@@ -218,11 +218,11 @@ def whole_result(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
 
 
 @contextlib.contextmanager
-def kept_rows(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
+def rows_in_part_file(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
     """A table of frames that are still coming, whole at the end; call what is given after each, and the rows so far are in the file every few seconds and where
     the command is stopped.
 
-    A result that is replaced stays until the new one is whole; rows so far are beside it then, in NAME.part.csv. None: there is no table to keep.
+    An old result stays until the new one is complete; until then the rows are in NAME.part.csv beside it. None: no table to write.
     """
     if path is None:
         yield lambda: None
@@ -234,7 +234,7 @@ def kept_rows(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
     def keep() -> None:
         nonlocal last, took, kept
         began = time.monotonic()
-        # a long table is written less often, so that it holds up nothing
+        # a long table is written less often, to avoid delays
         if began - last >= max(KEPT_EVERY, took / KEPT_PART):
             write_forces(forces, so_far)
             last = time.monotonic()
@@ -251,3 +251,29 @@ def kept_rows(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
     write_forces(forces, path)
     if not whole:
         so_far.unlink(missing_ok=True)
+
+
+def write_frame(sink: Any, time: float, values: Any, touch: Any, events: Iterable[Any]) -> None:
+    """Give a frame of a stream, with its touch and events, to a sink."""
+    sink.readings(time, values)
+    sink.touch(touch)
+    for event in events:
+        sink.event(event)
+
+
+def finish_stream(
+    touches: list[Any], forces: Any, events: list[Any], *, out: Path | None, plot_forces: Path | None, record: Any
+) -> None:
+    """Write the touches and the plot of a stream, and print its table and notes."""
+    from palpate._plot import plot_forces as drawn
+    from palpate.recordings import write_touch
+    from palpate.touch import joined
+    from palpate.touch.table import table_words
+
+    if touches and out is not None:
+        write_touch(joined(touches), out, provenance=record)
+    if plot_forces is not None:
+        save_figure(drawn(forces.table(), events=events), plot_forces)
+    typer.echo(table_words(forces.table()))
+    for note in forces.notes:
+        typer.echo(f"note: {note}")

@@ -57,7 +57,7 @@ def film(
     force: Force = False,
 ) -> None:
     """Films and many cells: one row for each frame and cell, by all cores; a film that was stopped goes on where it was."""
-    from palpate.cli.options import known_to, numbers
+    from palpate.cli.options import numbers, value_and_std
     from palpate.cli.tfm import _pixel
     from palpate.elastic import BondedLayers, HalfSpace, Layer
     from palpate.microscopy import Film, is_field
@@ -84,7 +84,7 @@ def film(
     first = None if start is None else numbers(start, "--start")
     if first is not None and len(first) != 2:
         raise InvalidInput(f"--start takes column,row of the first vector in pixels, such as 16,16; got {start!r}.")
-    value, share = known_to(youngs_modulus, "pressure", "--youngs-modulus")
+    value, share = value_and_std(youngs_modulus, "pressure", "--youngs-modulus")
     uncertainty = Uncertainty(youngs_modulus=share) if share else None
     if thickness is None:
         pad: HalfSpace | BondedLayers = HalfSpace(youngs_modulus=value, poissons_ratio=poissons_ratio)

@@ -1,4 +1,4 @@
-"""palpate identify: what presses, from a recording."""
+"""palpate identify: the object that presses, from a recording."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from palpate.cli.options import Columns, check_matching, mapping_for
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
-#: Frames that take some minutes.
-MANY = 40
+#: Number of frames that takes minutes.
+LONG_RUN_FRAMES = 40
 
 
 def identify(
@@ -42,7 +42,9 @@ def identify(
     ] = None,
     shape: Annotated[str | None, typer.Option(help="ball or flat, where it is known.")] = None,
 ) -> None:
-    """Say what presses: contact patches, radius of a ball or a flat, modulus, stiffness, texture; or why nothing tells them."""
+    """Identify what presses: contact patches, radius of a ball or a flat, modulus, stiffness, texture; or the reason why the readings do not
+    determine them.
+    """
     import numpy as np
 
     from palpate.recordings import read_recording
@@ -61,8 +63,8 @@ def identify(
     if frame is None:
         size = np.nanmax(np.abs(readings), axis=tuple(range(1, readings.ndim)))
         frame = [int(np.nanargmax(size))]
-    if len(frame) > MANY:
-        raise InvalidInput(f"--frame is given {len(frame)} times: at most {MANY}, since each takes seconds.")
+    if len(frame) > LONG_RUN_FRAMES:
+        raise InvalidInput(f"--frame is given {len(frame)} times: at most {LONG_RUN_FRAMES}, since each takes seconds.")
     outside = [f for f in frame if not -len(readings) <= f < len(readings)]
     if outside:
         raise InvalidInput(f"--frame {outside[0]}: the recording has the frames 0 to {len(readings) - 1}.")

@@ -1,4 +1,4 @@
-"""palpate live: what touches the pad, in a browser."""
+"""palpate live: the contact in a browser."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def live(
         typer.Option(help='What the page must bring: made up unless given; "" for none, on this machine only.'),
     ] = None,
 ) -> None:
-    """Show in a browser what touches the pad, while it happens."""
+    """Show in a browser what touches the pad, live."""
     import os
     from collections.abc import Iterator
 
@@ -109,10 +109,10 @@ def live(
     options = tracker_options(ctx)
     pace, end, seen, connection = True, None, None, None
     if camera is not None and skin_file is not None:
-        from palpate.cli.pictures import known_skin
+        from palpate.cli.pictures import skin_path
         from palpate.live.camera import CameraSource
 
-        skin_file = known_skin(skin_file)
+        skin_file = skin_path(skin_file)
         with busy("looking for the dots, and preparing the skin"):
             seen = CameraSource(camera, skin_file, reference=baseline or None, options={**options, "budget": BUDGET})
         skin, name, pace, end = seen.touches.skin, seen.name, False, seen.close
@@ -171,7 +171,7 @@ def live(
         typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
     if rerun:
         sinks.append(RerunSink())
-    if record is not None:  # last, so that nothing is left where the others fail
+    if record is not None:  # last, so that nothing remains if the others fail
         sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), name)))
     session = Session(
         skin,

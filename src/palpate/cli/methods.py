@@ -17,7 +17,7 @@ _KEY = "palpate.methods"
 
 
 class MethodCommand(Command):
-    """A command that takes --method and every option of every method."""
+    """A command with --method and every option of every method."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Its own parameters and those of the methods; a name that is its own is not the methods'."""
@@ -30,15 +30,15 @@ class MethodCommand(Command):
         return [*(p for p in own if p.name != "help"), *known, *last]
 
     def parameters(self) -> list[inspect.Parameter]:
-        """What it takes besides its own, each with its help."""
+        """The method's own parameters, each with its help."""
         return _every_option()
 
 
 class TrackerCommand(MethodCommand):
-    """A command that takes the options of a tracker's method."""
+    """A command with the options of a tracker's method."""
 
     def parameters(self) -> list[inspect.Parameter]:
-        """The options of its method that `Skin.track` takes."""
+        """The options of its method that `Skin.track` accepts."""
         from palpate.inverse.contact.methods import Constrained
         from palpate.skin import Skin
 
@@ -51,7 +51,7 @@ class TrackerCommand(MethodCommand):
 
 
 def chosen_method(ctx: typer.Context) -> Method | None:
-    """The method that the command line asks for; None where it asks for nothing.
+    """The method requested on the command line, or None.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _every_option() -> list[inspect.Parameter]:
     known = {n: m for n, m in methods().items() if all(m.options()[o].read is not None for o in m.required())}
     parameters = [_parameter("method", f"How: {'; '.join(f'{n} ({m.summary})' for n, m in known.items())}.", "NAME")]
     for name, takers in options(command_line=True).items():
-        # methods that say the same are named together
+        # methods with the same text are listed together
         said: dict[str, list[str]] = {}
         for method, option in takers.items():
             rules = known[method].rules if name == "parameter" and method in known else ()

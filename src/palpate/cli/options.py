@@ -1,4 +1,4 @@
-"""What options mean, for the commands that share them."""
+"""Parsers of options that several commands share."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def grasp_monitor(
 
 
 def check_watched(skin: Skin, pressure: str | None, force: str | None) -> None:
-    """Refuse what these channels cannot tell: a limit that is never reached would look like safety."""
+    """Refuse limits that these channels cannot watch: a limit that is never reached would look like safety."""
     if "z" not in skin.components and not (pressure is None and force is None):
         raise InvalidInput(
             f"--max-pressure and --max-force watch the pressure, but these channels measure only {', '.join(skin.components)}: leave them out."
@@ -55,8 +55,8 @@ def numbers(text: str, option: str) -> list[float]:
         raise InvalidInput(f"{option} must be one number or several with commas; got {text!r}.") from error
 
 
-def known_to(text: str, kind: str, option: str) -> tuple[float, float]:
-    """A quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa", or 0 where none is said."""
+def value_and_std(text: str, kind: str, option: str) -> tuple[float, float]:
+    """A quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa", or 0 if none is stated."""
     import re
 
     from palpate.units import parse_quantity
@@ -121,14 +121,14 @@ def check_picture(path: Path) -> None:
         raise InvalidInput(f"{path}: pictures end in .png, .pdf or .svg.")
 
 
-def known_channels(names: list[str]) -> list[str]:
+def check_channels(names: list[str]) -> list[str]:
     from palpate.elastic.channels import check_channels
 
     return list(check_channels(names, 2))
 
 
 def zero_of_skin(skin: Skin, baseline: int) -> Any:
-    """The frames of the zero that were asked for; without any the zero of the skin's calibration, where it has one."""
+    """The frames of the requested zero; by default the zero of the skin's calibration, if any."""
     found = skin.calibration
     if baseline or found is None or found.zero is None:
         return baseline
@@ -151,7 +151,7 @@ def check_matching(recording: Any, skin: Skin) -> None:
         )
     if recording.positions is not None:
         _check_places(recording.positions, skin)
-    for doubt in doubtful_units(skin):
+    for doubt in suspicious_units(skin):
         typer.echo(f"warning: {doubt}", err=True)
 
 
@@ -159,7 +159,7 @@ def check_matching(recording: Any, skin: Skin) -> None:
 WIDEST, STIFFEST = 2.0, 10e9
 
 
-def doubtful_units(skin: Skin) -> list[str]:
+def suspicious_units(skin: Skin) -> list[str]:
     """What a slip of a unit in a skin.toml (m for mm, GPa for kPa) leaves: sizes that no pad has. The forces would be wrong by as much, without any other sign."""
     import numpy as np
 
@@ -181,7 +181,7 @@ def doubtful_units(skin: Skin) -> list[str]:
 
 
 def _check_places(positions: Any, skin: Skin) -> None:
-    """Taxels of the recording lie where a positions_file has them."""
+    """Check that the recording's taxels lie at the places of a positions_file."""
     import numpy as np
 
     at = np.asarray(positions).reshape(len(positions), -1)

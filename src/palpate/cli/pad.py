@@ -1,4 +1,4 @@
-"""palpate pad: what a pad does to a touch."""
+"""palpate pad: the effect of a pad on a touch."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def pad(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Show what a pad does to a touch at each wavelength, how far a half-space would be off, what its sides do, and how well a force can be known."""
-    from palpate.cli.pictures import assumed_skin, known_skin
+    """Show the effect of a pad on a touch at each wavelength, the error of a half-space, the effect of its sides, and the expected error of a force."""
+    from palpate.cli.pictures import assumed_skin, skin_path
     from palpate.edges import edge_error
     from palpate.measured import Measured
     from palpate.pads import expected_force, half_space_error, plot_response, plot_table, table_lines
     from palpate.solid import SolidPad
 
-    skin_file = known_skin(skin_file)
+    skin_file = skin_path(skin_file)
     check_picture(plot)
     check_output(plot, inputs=skin_files(skin_file), force=force)
     ends = None if size is None else _ends(size)
@@ -79,7 +79,7 @@ def pad(
     if known is not None:
         typer.echo(f"such a press is known to   {known}")
     if edges is not None:
-        _say_edges(edges, skin.pad, ends)
+        _print_edges(edges, skin.pad, ends)
     if isinstance(elastic, SolidPad):
         mesh = "not known; SolidPad.compared_with(other mesh) works it out, and [pad] takes it as accuracy"
         typer.echo(
@@ -101,7 +101,7 @@ def _ends(size: str) -> tuple[float, float]:
     return length, width
 
 
-def _say_edges(found: EdgeError, pad: Pad, size: tuple[float, float] | None) -> None:
+def _print_edges(found: EdgeError, pad: Pad, size: tuple[float, float] | None) -> None:
     """What the endless layer is off by near a side, and the pad that ends."""
     from palpate.edges import solid_lines
 

@@ -18,7 +18,7 @@ def paper(
     ),
     force: Force = False,
 ) -> None:
-    """Reproduce the paper that founded the field: its figures 1 to 22, its errors, its formulas, and what lies beyond it."""
+    """Reproduce the paper that founded the field: its figures 1 to 22, its errors, its formulas, and our extensions."""
     import csv
 
     from palpate import paper as module
@@ -40,7 +40,7 @@ def paper(
 
 
 def _short(text: str) -> str:
-    """A number to three digits; anything else as it is."""
+    """A number to three digits; anything else unchanged."""
     try:
         return text if len(text) < 9 else f"{float(text):.2e}"
     except ValueError:

@@ -11,7 +11,16 @@ import numpy as np
 import typer
 
 from palpate._numbers import plain_number
-from palpate.cli.files import check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import (
+    check_outputs,
+    finish_stream,
+    provenance,
+    rows_in_part_file,
+    save_figure,
+    skin_files,
+    skin_text,
+    write_frame,
+)
 from palpate.cli.options import check_picture, check_watched, grasp_monitor
 from palpate.errors import InvalidInput
 from palpate.units import UNKNOWN
@@ -19,13 +28,13 @@ from palpate.units import UNKNOWN
 if TYPE_CHECKING:
     from palpate.skin import Skin
 
-#: Pitch of dots that is assumed where nothing says it [m], dots that are enough to say what can be known, and half an interval that is a rough one.
+#: Assumed pitch of dots [m], the number of dots for an estimate of the errors, and the half-width of a wide interval.
 DOTS, THINNED, ROUGH = 2e-3, 120, 0.5
 
-__all__ = ["assumed_skin", "known_skin", "roughly", "track_pictures"]
+__all__ = ["assumed_skin", "roughly", "skin_path", "track_pictures"]
 
 
-def known_skin(skin_file: Path) -> Path:
+def skin_path(skin_file: Path) -> Path:
     """A skin.toml: the file, or that of a sensor that is known by this name."""
     from palpate.sensors import presets
 
@@ -58,7 +67,7 @@ def assumed_skin(skin_file: Path) -> tuple[Skin, str]:
 
 
 def roughly(skin: Skin | str | Path, positions: Any) -> str:
-    """What to know before pictures are solved where dots tell a normal force roughly only; "" where they tell it well."""
+    """A warning if dots measure the normal force only roughly, else ""."""
     from palpate.camera import gel_skin
     from palpate.pads import expected_force
 
@@ -94,15 +103,13 @@ def track_pictures(
     """Follow a gel in pictures: `palpate track VIDEO`."""
     import contextlib
 
-    from palpate._plot import plot_forces as drawn
     from palpate.camera import follow, overlay
-    from palpate.recordings import recorder, write_touch
+    from palpate.recordings import recorder
     from palpate.recordings.files import in_place
     from palpate.recordings.formats import file_format
-    from palpate.touch import Forces, joined
-    from palpate.touch.table import table_words
+    from palpate.touch import Forces
 
-    skin_file = known_skin(skin_file)
+    skin_file = skin_path(skin_file)
     kind = None if out is None else file_format(out, task="write_touch")
     inputs = [source, *skin_files(skin_file)]
     check_outputs({"--out": out, "--picture": picture, "--plot-forces": plot_forces}, inputs=inputs, force=force)
@@ -151,7 +158,7 @@ def track_pictures(
             name = stack.enter_context(in_place(out)) if out.exists() else out
             channels = tuple(skin.planes[0].channels)
             sink = stack.enter_context(recorder(name, channels, positions=readings.positions, meta=record))
-        keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
+        keep = stack.enter_context(rows_in_part_file(forces, out if kind == "csv" else None))
         for touch in stream:
             reading = stream.last
             if reading is None:
@@ -169,10 +176,7 @@ def track_pictures(
             ):
                 strongest = (load, reading.image, touch)
             if sink is not None:
-                sink.readings(reading.time, reading.values)
-                sink.touch(touch)
-                for event in events:
-                    sink.event(event)
+                write_frame(sink, reading.time, reading.values, touch, events)
             elif kind not in (None, "csv"):
                 touches.append(touch)
             taken.append((reading.time, np.asarray(touch.force, dtype=np.float64)))
@@ -180,16 +184,10 @@ def track_pictures(
         health = None if stream.tracker is None else stream.tracker.health
         notes, faults = list(readings.pictures.notes), dict(readings.faults)
         view = readings.view
-    if touches and out is not None:
-        write_touch(joined(touches), out, provenance=record)
-    if plot_forces is not None:
-        save_figure(drawn(forces.table(), events=marks), plot_forces)
-    typer.echo(table_words(forces.table()))
-    for note in forces.notes:
-        typer.echo(f"note: {note}")
+    finish_stream(touches, forces, marks, out=out, plot_forces=plot_forces, record=record)
     if strongest is not None and picture is not None:
         save_figure(overlay(strongest[1], strongest[2], view, show="all"), picture)
-    _said(taken, lost, faults, notes, "dots" if readings.texture is None else "places")
+    _print_outcome(taken, lost, faults, notes, "dots" if readings.texture is None else "places")
     if health is not None:
         typer.echo(str(health))
     for path in (out, picture, plot_forces):
@@ -197,10 +195,10 @@ def track_pictures(
             typer.echo(f"wrote           {path}")
 
 
-def _said(
+def _print_outcome(
     taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, str], notes: list[str], what: str
 ) -> None:
-    """What became of the pictures."""
+    """The outcomes of the pictures in words."""
     loads = np.array([force for _, force in taken])
     times = [time for time, _ in taken]
     if np.isfinite(loads[:, -1]).any():
@@ -216,10 +214,10 @@ def _said(
     for index, fault in faults.items():
         said.setdefault(fault, []).append(index)
     for fault, which in said.items():
-        typer.echo(f"warning: picture{'s' if len(which) > 1 else ''} {_few(which)}: {fault}.", err=True)
+        typer.echo(f"warning: picture{'s' if len(which) > 1 else ''} {_list_indices(which)}: {fault}.", err=True)
     for note in notes:
         typer.echo(f"warning: {note}", err=True)
 
 
-def _few(which: list[int]) -> str:
+def _list_indices(which: list[int]) -> str:
     return ", ".join(map(str, which[:6])) + (f" and {len(which) - 6} more" if len(which) > 6 else "")

@@ -40,7 +40,7 @@ def pillars(
     force: Force = False,
 ) -> None:
     """Force on each micropillar, with its error: bending, shear and the tilt of the base."""
-    from palpate.cli.options import known_to
+    from palpate.cli.options import value_and_std
     from palpate.microscopy import Pillar, pillar_forces, read_pillars
     from palpate.units import parse_quantity
 
@@ -49,7 +49,7 @@ def pillars(
     if not table.exists():
         raise InvalidInput(f"{table}: no such file.")
     (d, d_error), (h, h_error), (e, e_error) = (
-        known_to(text, kind, option)
+        value_and_std(text, kind, option)
         for text, kind, option in (
             (diameter, "length", "--diameter"),
             (height, "length", "--height"),

@@ -1,4 +1,4 @@
-"""What a long command shows on a terminal."""
+"""Progress of a long command on a terminal."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def busy(label: str) -> Any:
 
 #: Seconds between two lines about long work where no terminal shows a bar.
 EVERY = 30.0
-#: Seconds from which on the hint is given.
+#: Time before the hint [s].
 LONG = 120.0
 
 
@@ -85,7 +85,7 @@ class Bar:
 
 
 class Frames(Bar):
-    """The same, told how many are done."""
+    """The same with the number of finished frames."""
 
     def __enter__(self) -> Any:
         self._begin()
@@ -93,7 +93,7 @@ class Frames(Bar):
 
 
 def in_words(seconds: float) -> str:
-    """A time as it is said: "40 s", "12 min", "3.5 h"."""
+    """A duration in words: "40 s", "12 min", "3.5 h"."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -88,7 +88,7 @@ def reconstruct(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Recover pressure and shear from a recording of any length, each frame by itself. Nothing to tune."""
+    """Recover pressure and shear from a recording of any length, each frame alone. Nothing to tune."""
     from palpate.cli.colour import feel_pictures, has_colours
 
     if has_colours(recording_file, skin_file):
@@ -140,7 +140,7 @@ def reconstruct(
     method = chosen_method(ctx)
     with (
         open_recording(recording_file, mapping=mapping_for(recording_file, skin_file, columns)) as recording,
-        _said_what_stays(target),
+        _explain_interruption(target),
     ):
         skin = Skin.from_file(skin_file, recording=recording.head)
         check_matching(recording.head, skin)
@@ -195,7 +195,7 @@ def reconstruct(
         typer.echo(f"largest traction: frame {done.frame} of {total}")
     else:
         typer.echo(f"frame {done.frame} of {total}")
-    # of many frames, notes say in how many: those of the one frame would say the same again
+    # notes of many frames state the count: those of the single frame would repeat them
     said = touch.summary().splitlines()
     typer.echo("\n".join(line for line in said if done.frames == 1 or not line.startswith("note: ")))
     for note in done.notes if done.frames > 1 else ():
@@ -212,7 +212,7 @@ def reconstruct(
 
 
 def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str] | None) -> None:
-    """Take what an earlier run prepared, or prepare and leave it for the next one."""
+    """Load what an earlier run prepared, or prepare and save it."""
     if file.exists():
         skin.load_prepared(file)
     else:
@@ -221,18 +221,18 @@ def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str
 
 
 @contextmanager
-def _said_what_stays(target: Path) -> Iterator[None]:
-    """Where a run is broken off: what it leaves, and how it goes on."""
-    from palpate.recordings.zarrstream import partial
+def _explain_interruption(target: Path) -> Iterator[None]:
+    """If a run is interrupted, say which files remain and how to resume."""
+    from palpate.recordings.zarrstream import unfinished_path
 
-    before = partial(target).exists()
+    before = unfinished_path(target).exists()
     try:
         yield
     except BaseException as error:
         for said in getattr(error, "__notes__", ()):
             typer.echo(said, err=True)
-        if partial(target).exists() and not before:
-            typer.echo(f"{partial(target)} keeps what is done: --resume goes on with it.", err=True)
+        if unfinished_path(target).exists() and not before:
+            typer.echo(f"{unfinished_path(target)} keeps what is done: --resume goes on with it.", err=True)
         raise
 
 

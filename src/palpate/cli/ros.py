@@ -17,7 +17,7 @@ _KEY = "palpate.ros"
 
 
 class RosCommand(TrackerCommand):
-    """A command that takes what ROS adds to the command line of a node: --ros-args ... up to -- or the end."""
+    """A command that accepts ROS arguments: --ros-args ... up to -- or the end."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         own: list[str] = []
@@ -143,7 +143,7 @@ def _kind(connection: Any, topic: str) -> str:
 
 
 def _skin(connection: Any, skin_file: Path, mapping: Any, kind: str) -> tuple[Any, Any]:
-    """The skin, and where its markers are at rest: the first message says so."""
+    """The skin, and the rest positions of its markers from the first message."""
     import numpy as np
 
     from palpate.recordings import Recording

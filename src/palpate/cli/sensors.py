@@ -1,4 +1,4 @@
-"""palpate sensors: sensors that are known, and their skin files."""
+"""palpate sensors: supported sensors, and their skin files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What leaves the command line: text of files commands no terminal."""
+"""Text for the terminal: control characters in file contents have no effect."""
 
 from __future__ import annotations
 

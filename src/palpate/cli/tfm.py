@@ -19,7 +19,7 @@ from palpate.cli.files import (
     skin_text,
     whole_result,
 )
-from palpate.cli.options import known_to, numbers
+from palpate.cli.options import numbers, value_and_std
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
@@ -300,7 +300,7 @@ def _complete(
     ratio: float | None,
     pictures: list[Path],
 ) -> PixelSize | None:
-    """Refuse at once what lacks any of the numbers that no file tells; the size of a pixel, where the pictures tell it and the user does not."""
+    """Refuse a call without the numbers that no file states; return the size of a pixel, from the pictures if the user gives none."""
     from palpate.microscopy import is_field
     from palpate.microscopy.pixelsize import pixel_size_of_all
 
@@ -308,7 +308,7 @@ def _complete(
         if not file.exists():
             raise InvalidInput(f"{file}: no such file.")
     stated = None if pixel is not None else pixel_size_of_all(pictures)
-    # a matrix tells neither its unit nor its step
+    # a matrix states neither its unit nor its step
     matrix = is_field(source) and all(f.suffix.lower() == ".npy" for f in source)
     needed = [
         ('--pixel "0.1 um" (the size of a pixel)', pixel is None and stated is None),
@@ -329,7 +329,7 @@ def _complete(
 
 
 def _pixel(given: str | None, stated: PixelSize | None, pictures: list[Path]) -> tuple[list[str], float]:
-    """The size of a pixel, by the user or by the pictures, and what is to be said of it."""
+    """The size of a pixel, by the user or by the pictures, and a remark on it."""
     from palpate.microscopy.pixelsize import differing
     from palpate.units import parse_quantity
 
@@ -366,7 +366,7 @@ def _gel(
         return pad, float(planes[0].depth), read_uncertainty(skin_file)
     assert modulus is not None  # of both `_complete` has seen to it
     assert ratio is not None
-    value, uncertainty = _known("--youngs-modulus", modulus)
+    value, uncertainty = _modulus_of("--youngs-modulus", modulus)
     below = parse_quantity(depth, "length", "--depth")
     if thickness is None:
         return HalfSpace(youngs_modulus=value, poissons_ratio=ratio), below, uncertainty
@@ -374,9 +374,9 @@ def _gel(
     return BondedLayers([Layer(thickness=thick, youngs_modulus=value, poissons_ratio=ratio)]), below, uncertainty
 
 
-def _known(option: str, text: str) -> tuple[float, Uncertainty | None]:
-    """ "8 kPa +- 10 %": the modulus [Pa] and how well it is known, where that is said."""
+def _modulus_of(option: str, text: str) -> tuple[float, Uncertainty | None]:
+    """The modulus [Pa] and its uncertainty, if stated, in "8 kPa +- 10 %"."""
     from palpate.sensing.uncertainty import Uncertainty
 
-    value, share = known_to(text, "pressure", option)
+    value, share = value_and_std(text, "pressure", option)
     return value, Uncertainty(youngs_modulus=share) if re.search(r"\+-|\+/-|±", text) else None

@@ -8,15 +8,24 @@ from typing import Annotated, Any
 import typer
 
 from palpate._numbers import plain_time
-from palpate.cli.files import Force, check_outputs, kept_rows, provenance, save_figure, skin_files, skin_text
+from palpate.cli.files import (
+    Force,
+    check_outputs,
+    finish_stream,
+    provenance,
+    rows_in_part_file,
+    skin_files,
+    skin_text,
+    write_frame,
+)
 from palpate.cli.methods import tracker_options
 from palpate.cli.options import Columns, check_matching, check_picture, grasp_monitor, mapping_for, zero_of_skin
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
 
-#: What robots record may hold readings or pictures.
+#: Formats of robots for readings or pictures.
 ROBOTS = (".mcap", ".bag")
-#: Recordings of readings, which are none of pictures.
+#: Formats of readings, not of pictures.
 RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".db3", *ROBOTS)
 
 
@@ -83,14 +92,12 @@ def track(
 
     import numpy as np
 
-    from palpate._plot import plot_forces as drawn
-    from palpate.recordings import read_recording, recorder, write_touch
+    from palpate.recordings import read_recording, recorder
     from palpate.recordings.files import in_place
     from palpate.recordings.formats import file_format
     from palpate.sensing.zero import OFFSETS, Levels
     from palpate.skin import Skin
-    from palpate.touch import Forces, joined
-    from palpate.touch.table import table_words
+    from palpate.touch import Forces
 
     if force and out is None and picture is None and plot_forces is None:
         raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
@@ -186,10 +193,10 @@ def track(
         stack.enter_context(tracker)
         sink = None
         if out is not None and kind in ("mcap", "netcdf", "zarr"):
-            # beside a result that is replaced; else under its own name, where it grows with every block
+            # beside a result to be replaced; else under its own name, where it grows with every block
             name = stack.enter_context(in_place(out)) if out.exists() else out
             sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
-        keep = stack.enter_context(kept_rows(forces, out if kind == "csv" else None))
+        keep = stack.enter_context(rows_in_part_file(forces, out if kind == "csv" else None))
         step = stack.enter_context(Bar("frames", len(recording.readings)))
         for time, values in zip(recording.time, recording.readings):
             if zeros and time >= zeros[0]:
@@ -203,19 +210,10 @@ def track(
             keep()
             step()
             if sink is not None:
-                sink.readings(float(time), values)
-                sink.touch(touch)
-                for event in events:
-                    sink.event(event)
+                write_frame(sink, float(time), values, touch, events)
             elif kind not in (None, "csv"):
                 touches.append(touch)
-    if touches and out is not None:
-        write_touch(joined(touches), out, provenance=record)
-    if plot_forces is not None:
-        save_figure(drawn(forces.table(), events=marks), plot_forces)
-    typer.echo(table_words(forces.table()))
-    for note in forces.notes:
-        typer.echo(f"note: {note}")
+    finish_stream(touches, forces, marks, out=out, plot_forces=plot_forces, record=record)
     typer.echo(str(tracker.health))
     ms = 1e3 * np.array(seconds)
     typer.echo(f"a frame took    {np.median(ms):.2f} ms (median), {np.percentile(ms, 99):.2f} ms (99 %)")

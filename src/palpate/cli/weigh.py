@@ -42,14 +42,14 @@ def weigh(
     from palpate._numbers import plain_number
     from palpate.camera import is_pictures
     from palpate.camera import weigh as weighed
-    from palpate.cli.pictures import known_skin
+    from palpate.cli.pictures import skin_path
     from palpate.recordings import read_recording
 
     if len(force) not in (1, len(presses)):
         raise InvalidInput(
             f"--force is given {len(force)} times for {len(presses)} presses: once for each, or one for all."
         )
-    skin = known_skin(skin_file)
+    skin = skin_path(skin_file)
     for press in presses:
         if not press.exists():
             raise InvalidInput(f"{press}: no such file.")
@@ -71,7 +71,7 @@ def weigh(
             "write           nothing: these presses do not tell the modulus. Press several times, with about the forces that the gel will measure."
         )
     elif found.better:
-        # per cent of two digits, which a skin.toml takes below 100
+        # per cent of two digits, as a skin.toml needs below 100
         modulus, percent = plain_number(1e-3 * found.youngs_modulus, 4), plain_number(min(100.0 * share, 99.0), 2)
         typer.echo(f'write           youngs_modulus = "{modulus} kPa +- {percent} %"')
 

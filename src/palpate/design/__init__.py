@@ -1,4 +1,4 @@
-"""What a skin can resolve at best, before it is built.
+"""The best possible resolution of a skin, before it is built.
 
 In: a skin (or design.toml) and a press.
 Out: bounds of force, place and radius, the closest pair told apart, the smallest contact noticed; sweeps and placements.

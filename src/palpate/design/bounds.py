@@ -1,9 +1,8 @@
 """Cramer-Rao bounds: how well force, place and radius of a press can be known at best.
 
-readings = r(force, place, radius) + B nuisances + noise. With J the derivatives of the readings by all that is not known, and W the inverse covariance of
-the noise, no unbiased estimator has a covariance below (J^T W J + P)^-1 (H. Cramer 1946, C. R. Rao 1945; with P the inverse variances of what is known
-beforehand, H. L. Van Trees 1968). The press is a ball: an estimator that does not know the shape can only do worse, one that uses that pressure
-never pulls may do better where the bound is wide.
+readings = r(force, place, radius) + B nuisances + noise. With J the derivatives of the readings by all unknowns, and W the inverse covariance of the
+noise, no unbiased estimator has a covariance below (J^T W J + P)^-1 (H. Cramer 1946, C. R. Rao 1945; with P the inverse prior variances, H. L. Van
+Trees 1968). The press is a ball: an estimator without the shape has larger errors; one that excludes pulling pressure may beat a wide bound.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ SINGULAR = 1e-13
 
 @dataclass(frozen=True)
 class Bound:
-    """Standard deviations of what is asked of a press, in SI units; infinite where the readings do not tell it.
+    """Standard deviations for a press, in SI units; infinite if the readings do not determine them.
 
     Attributes
     ----------
@@ -40,7 +39,7 @@ class Bound:
     radius : float
         Of the contact radius [m].
     slip_margin : float
-        Of what is left before the whole contact slips, mu F_z - |F_t| [N]; NaN where shear and pressure are not both sought.
+        Of the reserve before the whole contact slips, mu F_z - |F_t| [N]; NaN unless shear and pressure are both sought.
     """
 
     force: Floats
@@ -50,7 +49,7 @@ class Bound:
 
 
 def nuisance_columns(responses: Responses, kinds: Sequence[str] | None) -> Floats:
-    """Patterns (reading, nuisance) of nothing known beforehand: an offset of each channel where the skin does not say which (None)."""
+    """Patterns (reading, nuisance) with an unknown amplitude; the default (None) is an offset of each channel."""
     found = nuisances(responses.planes, ("offset",) if kinds is None else kinds)
     return np.stack([n.rows for n in found], axis=1) if found else np.zeros((len(weights_of(responses.planes)), 0))
 
@@ -58,7 +57,7 @@ def nuisance_columns(responses: Responses, kinds: Sequence[str] | None) -> Float
 def covariance(jacobian: Floats, weights: Floats, count: int, prior: Floats | None = None) -> Floats:
     """Covariance (count, count) of the first ``count`` parameters, the others being unknown too.
 
-    ``jacobian`` (reading, parameter), ``weights`` 1/noise of each reading, ``prior`` 1/standard deviation of each parameter, 0 where nothing is known.
+    ``jacobian`` (reading, parameter), ``weights`` 1/noise of each reading, ``prior`` 1/standard deviation of each parameter, 0 without prior knowledge.
     """
     rows = jacobian * weights[:, None]
     if prior is not None:
@@ -121,14 +120,14 @@ class PressModel:
         return np.stack(columns, axis=1), gain * np.abs(self.readings)
 
     def bound(self, kinds: Sequence[str] | None, uncertainty: Uncertainty | None = None) -> Bound:
-        """The bound, with offsets and what else readings may hold unknown; with what is not known exactly of the skin, where ``uncertainty`` is given."""
+        """The bound with unknown offsets and other nuisances, and with the ``uncertainty`` of the skin, if given."""
         weights, others, prior = self.unknowns(kinds, uncertainty)
         own = self.jacobian.shape[1]
         prior = np.concatenate([np.zeros(own), prior])
         return self._read(covariance(np.concatenate([self.jacobian, others], axis=1), weights, own, prior))
 
     def unknowns(self, kinds: Sequence[str] | None, uncertainty: Uncertainty | None) -> tuple[Floats, Floats, Floats]:
-        """1/noise of each reading (gains in it), what else the readings may hold (reading, nuisance), and how well it is known (1/standard deviation)."""
+        """1/noise of each reading (with gain errors), the nuisances (reading, nuisance), and their prior (1/standard deviation)."""
         weights, others = weights_of(self.responses.planes), nuisance_columns(self.responses, kinds)
         prior = np.zeros(others.shape[1])
         if uncertainty is None:

@@ -1,4 +1,4 @@
-"""What a sensor notices, where it is blind, and how much it bears."""
+"""Smallest detectable load, blind places, and the largest load of a sensor."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ __all__ = ["Noticed", "noticed_forces", "range_of"]
 FALSE_ALARM, POWER = 0.01, 0.95
 #: A place is a blind spot where the smallest noticed force is this many times that of the median place.
 BLIND = 3.0
-#: Numbers of the matrix of cells that are held at once.
+#: Numbers of the matrix of cells per batch.
 BLOCK = 4_000_000
-#: Above this part of Young's modulus the peak traction is beyond linear elasticity, as notes of a touch say.
+#: Above this part of Young's modulus the peak traction is beyond linear elasticity, as in the notes of a touch.
 STRAIN = 0.3
 
 
@@ -40,7 +40,7 @@ class Noticed:
     places : array (n, axis) [m]
         In the order of the array axes.
     force : array (n,) [N]
-        Infinite where nothing is told.
+        Infinite where the readings do not detect it.
     """
 
     places: Floats

@@ -1,4 +1,4 @@
-"""Pictures of designs: trade-offs, and what one design sees."""
+"""Pictures of designs: trade-offs, and the resolution of one design."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def plot_sweep(sweep: Sweep, x: str | None, columns: Sequence[str]) -> Figure:
 
 
 def plot_places(placed: Any) -> Figure:
-    """Where taxels were placed, over the error that is left at each place."""
+    """Placed taxels over the error that remains at each place."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 

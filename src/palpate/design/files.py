@@ -1,13 +1,13 @@
-"""design.toml: a skin.toml with what is pressed, what is varied, and what must be reached.
+"""design.toml: a skin.toml with the press, the variables, and the goals.
 
-[press]                          # optional: what the sensor is for
+[press]                          # optional: the purpose of the sensor
 force = "2 N"                    # "200 N/m" on a line
 contact_radius = "2 mm"          # of the contact, not of the ball
 shear = 0.3                      # tangential over normal force
 friction = 0.6
-center = ["0 mm", "0 mm"]        # x, y; the middle of the array where nothing is given
+center = ["0 mm", "0 mm"]        # x, y; by default the middle of the array
 
-[sweep]                          # optional: lists of what is tried, in every combination
+[sweep]                          # optional: lists of values, tried in every combination
 depth = ["1 mm", "2 mm", "4 mm"]
 thickness = ["3 mm", "6 mm"]     # of a pad of bonded layers
 pitch = ["2 mm", "3 mm"]
@@ -16,9 +16,9 @@ channels = [["stress_zz"], ["stress_xz", "stress_yz", "stress_zz"]]
 noise = ["50 Pa", "200 Pa"]
 shape = [[8, 8], [12, 12]]
 youngs_modulus = ["100 kPa", "300 kPa"]
-keep = "area"                    # what a new pitch leaves as it is: "taxels" (default) or "area"
+keep = "area"                    # constant when the pitch changes: "taxels" (default) or "area"
 
-[goal]                           # optional: what must be reached
+[goal]                           # optional: goals
 pair = "3 mm"                    # also force, shear, center, radius, slip_margin, width, wavelength, noticed, blind = "5 %", range
 """
 
@@ -55,7 +55,7 @@ _LENGTHS = ("depth", "thickness", "pitch", "aperture")
 
 @dataclass(frozen=True)
 class DesignFile:
-    """What a design.toml says.
+    """The contents of a design.toml.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ def read_design(path: str | Path) -> DesignFile:
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError):
-        tables = {}  # said by `validated` in words
+        tables = {}  # `validated` reports it in words
     skin = _without(text, tuple(SECTIONS))
     pad, planes, _, _ = skin_from_text(skin, name, found.parent)
     planes = [p.at_base(pad.thickness) for p in planes]

@@ -1,4 +1,4 @@
-"""Where to put a given number of taxels."""
+"""Placement of a given number of taxels."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Placement", "place"]
 
-#: Sites to an extent of the pad, and every so many of them a place where it is pressed.
+#: Sites per extent of the pad, and the stride between the sites of presses.
 SITES, EVERY = 25, 3
-#: Rounds in which each taxel may move to a better site.
+#: Rounds of moving each taxel to a better site.
 ROUNDS = 2
 
 
@@ -76,10 +76,10 @@ class Placement:
 def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | None = None) -> Placement:
     """Sites of ``count`` taxels, of the kind that the skin has, that know presses all over a rectangle best.
 
-    Starting from nothing each taxel takes the site that lowers the mean variance most; then each moves where another site is better. What counts is the
-    variance of the normal force (over the force) plus that of the place (over depth plus radius), its mean over the presses: an A-optimal design (A. C.
-    Atkinson, A. N. Donev, R. D. Tobias, Optimum Experimental Designs, with SAS, 2007, chapters 10 and 12), by exchange. It finds a good placement, not
-    surely the best.
+    First, each taxel in turn takes the site that lowers the mean variance most; then each moves to a better site while there is one. The criterion is
+    the variance of the normal force (over the force) plus that of the place (over depth plus radius), its mean over the presses: an A-optimal design
+    (A. C. Atkinson, A. N. Donev, R. D. Tobias, Optimum Experimental Designs, with SAS, 2007, chapters 10 and 12), by exchange. The result is good,
+    not always the best.
 
     Parameters
     ----------

@@ -22,11 +22,11 @@ class Press:
     contact_radius : float
         Radius of the contact [m], not of the ball; half-width in line contact.
     shear : float
-        Tangential force along +x over the normal force. It counts only where the channels tell shear from pressure.
+        Tangential force along +x over the normal force. Used only if the channels separate shear from pressure.
     friction : float
         Coefficient of friction of the slip margin.
     center : (float, float), optional
-        Place (x, y) [m]; the middle of the array where nothing is given. In line contact y is not used.
+        Place (x, y) [m]; by default the middle of the array. In line contact y is not used.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a sensor resolves: wavenumbers, the point-spread function, the closest pair that is told apart."""
+"""Resolution of a sensor: wavenumbers, the point-spread function, the closest resolved pair."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["highest_wavenumbers", "point_spread", "separable_pair"]
 
-#: A pattern is recoverable where its amplitude is this many of its standard deviations (two-sided, 95 %).
-TOLD = 1.96
+#: A pattern is recoverable if its amplitude is at least this many standard deviations (two-sided, 95 %).
+RECOVERABLE_SIGMAS = 1.96
 #: Wavenumbers tried between a tenth of the array's and Nyquist's, and directions in area contact.
 WAVES, ANGLES = 160, (0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi)
 #: Wavenumbers of the point-spread function: the period is this many half-widths of the finest detail.
@@ -70,7 +70,9 @@ def highest_wavenumbers(
         )
         variance = part.sum(axis=1) * 2.0 / float(np.prod(extent))
         variance[((np.abs(vh[:, : len(columns)]) > 1e-6) & ~seen[..., None]).any(axis=1)] = math.inf
-        ratio = np.minimum(ratio, np.array([amplitude[c] for c in components]) / (TOLD * np.sqrt(variance)))
+        ratio = np.minimum(
+            ratio, np.array([amplitude[c] for c in components]) / (RECOVERABLE_SIGMAS * np.sqrt(variance))
+        )
     out = {}
     for i, c in enumerate(components):
         # of one band: displacement and strain may be blind to the longest waves
@@ -122,7 +124,7 @@ def point_spread(
 
 
 def full_width(x: Floats, profile: Floats) -> float:
-    """Full width at half maximum [m] of an even profile from its middle; infinite where it does not fall so far."""
+    """Full width at half maximum [m] of an even profile from its middle; infinite if it does not fall so far."""
     below = np.flatnonzero(profile < 0.5)
     if not len(below):
         return math.inf
@@ -135,8 +137,9 @@ def separable_pair(
 ) -> float:
     """Smallest distance [m] of two tips that are told to be two, along the worse axis; infinite where that is more than ``farthest``.
 
-    Each tip has half of the force on half of the radius. Forces and places of both, their radius, how far they are drawn out along the axis (or one long
-    contact would be two), offsets and what is not known exactly of the skin are unknown. They are two where the distance is at least `TOLD` of its own standard deviations (S. T. Smith, IEEE Trans. Signal Process. 53, 2005,
+    Each tip has half of the force on half of the radius. The unknowns are forces and places of both, their radius, their elongation along the axis
+    (or one long contact would count as two), offsets and the uncertain properties of the skin. The tips are resolved if the distance is at least
+    `RECOVERABLE_SIGMAS` of its own standard deviations (S. T. Smith, IEEE Trans. Signal Process. 53, 2005,
     1597-1609, with that factor).
     """
     low, high, count = PAIRS
@@ -170,13 +173,13 @@ def _pair_along(model: PressModel, unknowns: tuple[Floats, Floats, Floats], axis
         jacobian = np.concatenate([own, known], axis=1)
         deviation = covariance(jacobian, weights, 1, np.concatenate([np.zeros(own.shape[1]), prior]))[0, 0] ** 0.5
         ratio.append(distance / deviation)
-        if ratio[-1] >= TOLD:
+        if ratio[-1] >= RECOVERABLE_SIGMAS:
             break
-    if ratio[-1] < TOLD:
+    if ratio[-1] < RECOVERABLE_SIGMAS:
         return math.inf
     if len(ratio) == 1:
         return float(tried[0])
     before, last = max(ratio[-2], 1e-12), ratio[-1]
-    share = math.log(TOLD / before) / math.log(last / before)
+    share = math.log(RECOVERABLE_SIGMAS / before) / math.log(last / before)
     a, b = tried[len(ratio) - 2], tried[len(ratio) - 1]
     return float(a * (b / a) ** share)

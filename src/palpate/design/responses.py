@@ -19,16 +19,16 @@ __all__ = ["Responses", "array_middle", "pitch_of", "weights_of"]
 
 #: Cells to a depth and to a contact radius: at two, readings and their derivatives are within 1 % of exact ones.
 CELLS = 2.0
-#: The same where only the effect of a wrong depth or thickness is asked, which is a difference of two such operators.
+#: The same for the effect of a wrong depth or thickness, which is a difference of two such operators.
 COARSE_CELLS = 1.0
-#: Cells of the grid near the press along an axis; beyond, cells become coarser.
-MOST_CELLS = {1: 2000, 2: 121}
+#: Largest number of cells along an axis of the grid near the press; wider grids get coarser cells.
+MAX_CELLS = {1: 2000, 2: 121}
 #: Step of the differences by which readings are derived, as a part of depth plus contact radius: readings change over that length.
 STEP = 0.02
 #: The same of second differences.
 DRAWN = 0.1
-#: More readings than this take minutes for each design.
-MOST_READINGS = 20_000
+#: More readings take minutes for each design.
+MAX_READINGS = 20_000
 
 
 def array_middle(planes: Sequence[Array]) -> Floats:
@@ -73,9 +73,9 @@ class Responses:
         self.pad, self.planes, self.middle = pad, tuple(planes), middle
         self.dimensions = planes[0].dimensions
         readings = sum(len(p.channels) * int(p.valid.sum()) for p in planes)
-        if readings > MOST_READINGS:
+        if readings > MAX_READINGS:
             raise Unsupported(
-                f"{readings:,} readings are too many for a design (at most {MOST_READINGS:,}). Describe a part of the array, a few depths wider than the press."
+                f"{readings:,} readings are too many for a design (at most {MAX_READINGS:,}). Describe a part of the array, a few depths wider than the press."
             )
         # nothing finer than a taxel's aperture shows, however near the surface it lies
         depth = min(max(p.depth, 0.5 * max(p.apertures)) for p in planes)
@@ -144,7 +144,7 @@ def _around(array: Array, middle: Floats, reach: float, fine: float) -> Grid:
     """Cells around a place, a whole number of them to a pitch, where the array is regular with its taxels above centres of cells."""
     counts, spacings, centers = [], [], []
     for axis, place in enumerate(middle):
-        width = max(fine / CELLS, 2.0 * reach / MOST_CELLS[array.dimensions])
+        width = max(fine / CELLS, 2.0 * reach / MAX_CELLS[array.dimensions])
         start = float(place)
         if not isinstance(array, ScatteredArray):
             pitch = array.grid.spacings[axis]

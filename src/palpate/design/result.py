@@ -1,4 +1,4 @@
-"""What one design resolves, in numbers and in words."""
+"""The resolution of one design, in numbers and in words."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Design", "evaluate"]
 
-#: Distances from the array's edge, in parts of its extent, beyond which a press is refused: nothing is above taxels there.
-BESIDE = 0.5
-#: A pair is sought up to so many depths plus contact radii; cells reach as far.
+#: Largest distance of a press from the edge of the array, as a part of its extent: no taxel is below a press further out.
+MAX_DISTANCE_OUTSIDE = 0.5
+#: Largest distance of a pair, in depths plus contact radii; cells extend as far.
 FARTHEST = 3.0
 
 
@@ -33,26 +33,26 @@ class Design:
     Attributes
     ----------
     press : Press
-        What it is for.
+        The press that it is for.
     components : tuple of str
-        What the channels tell apart; the force's components are in this order.
+        The components that the channels separate; the force has this order.
     known : Bound
-        Standard deviations of force, center, radius and slip margin that noise and unknown offsets leave, were pad and sensors exact.
+        Standard deviations of force, center, radius and slip margin due to noise and unknown offsets, for an exact pad and exact sensors.
     bound : Bound
-        The same with modulus, depth, thickness, gains and scale known as the skin's `Uncertainty` says.
+        The same with modulus, depth, thickness, gains and scale uncertain as in the skin's `Uncertainty`.
     wavenumber : dict
-        Highest wavenumber [rad/m] that is recovered of each component, and what limits it: "noise" or "pitch". 0: none by itself.
+        Highest recovered wavenumber [rad/m] of each component, and its limit: "noise" or "pitch". 0: none.
     distance, point_spread : array (n,) and dict of arrays (n,)
-        What the best linear estimate makes of a point of each component.
+        The best linear estimate of a point load of each component.
     pair : float
-        Smallest distance of two tips that are told apart.
+        Smallest resolved distance of two tips.
     noticed : Noticed
         Smallest noticed force at each place.
     saturation, linear : float
         Normal force at which the first reading is at the end of its range, and at which linear elasticity ends.
     taxels, readings, dimensions : int
     farthest : float
-        Up to which distance a pair was sought.
+        Largest tested distance of a pair.
     noise_unit : str
         Of the first channel.
 
@@ -205,7 +205,7 @@ class Design:
         return [*out, *self.notes()]
 
     def notes(self) -> list[str]:
-        """What limits the design, in plain words.
+        """The limits of the design, in plain words.
 
         Examples
         --------
@@ -296,7 +296,7 @@ def evaluate(
         center = middle * 0.0 + (press.center[0] if dimensions == 1 else press.center[::-1])
         points = planes[0].points
         size = max(float(np_ptp(points)), pitch_of(planes[0]))
-        if (abs(center - middle) > 0.5 * size + BESIDE * size).any():
+        if (abs(center - middle) > 0.5 * size + MAX_DISTANCE_OUTSIDE * size).any():
             raise InvalidInput(
                 f"center = {press.center} m lies far beside the array, whose middle is at {tuple(float(m) for m in middle[::-1])} m. Give it in metres, in the array's coordinates."
             )

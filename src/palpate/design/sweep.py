@@ -1,4 +1,4 @@
-"""Many designs: every combination of what is varied, ranked."""
+"""Many designs: every combination of the variables, ranked."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ NUMBERS: dict[str, tuple[str, float, str]] = {
     "blind": ("blind part of the array", 1e2, "%"),
     "range": ("range", 1.0, "N"),
 }
-#: What the score weighs, each alike; a larger range is better, of all others the smaller number.
+#: Quantities of the score, with equal weights; a larger range is better, for all others a smaller number.
 SCORED = ("force", "shear", "center", "pair", "noticed", "range")
-#: More designs than this take an hour or more.
-MOST = 20_000
-#: What is varied in words: larger, smaller.
-_WORDS = {
+#: More designs take an hour or longer.
+MAX_DESIGNS = 20_000
+#: Words for a larger and a smaller value of each variable.
+_DIRECTIONS = {
     "depth": ("Deeper than {}", "Less deep than {}"),
     "thickness": ("With a pad thicker than {}", "With a pad thinner than {}"),
     "pitch": ("With taxels farther apart than {}", "With taxels closer than {}"),
@@ -71,7 +71,7 @@ _GOALS = {
 
 @dataclass(frozen=True)
 class Sweep:
-    """Designs and what was varied.
+    """Designs and their variables.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Sweep:
         for name in SCORED:
             values = self.numbers(name)
             values = 1.0 / values if name == "range" else values
-            # what not all designs seek does not compare them; what a design does not tell makes it the last
+            # components that only some designs seek do not count; a design with an undetermined quantity comes last
             if np.isnan(values).any() or not np.isfinite(values).any() or not values.min() > 0:
                 continue
             logs.append(np.log(values / values.min()))
@@ -188,7 +188,7 @@ class Sweep:
         )
 
     def notes(self) -> list[str]:
-        """Where a goal ends to be met, in plain words; and what could not be built.
+        """The values at which a goal is no longer met, in plain words; and designs that could not be built.
 
         Examples
         --------
@@ -202,11 +202,11 @@ class Sweep:
         out = []
         for goal, most in self.goals.items():
             reached = self._reaches(goal, most)
-            said = _GOALS[goal].format(_said(goal, most))
+            said = _GOALS[goal].format(_value_text(goal, most))
             if not reached.any():
                 out.append(f"Of these {len(self)} designs none meets a goal: {said}.")
                 continue
-            for axis, (larger, smaller) in _WORDS.items():
+            for axis, (larger, smaller) in _DIRECTIONS.items():
                 values = [p.get(axis) for p in self.points]
                 if not values or not all(isinstance(v, float | int) for v in values):
                     continue
@@ -248,7 +248,7 @@ class Sweep:
         most: int | None = None,
         columns: Sequence[str] = ("force", "shear", "center", "pair", "width", "noticed", "range"),
     ) -> str:
-        """A table, one design a line, as the designs are ordered; columns in which no design has a number are left out.
+        """A table, one design a line, in order; columns without any number are left out.
 
         Examples
         --------
@@ -354,7 +354,7 @@ def _channels(names: Sequence[str]) -> str:
     return ", ".join(" ".join([kind, *which]) for kind, which in kinds.items())
 
 
-def _said(name: str, value: float) -> str:
+def _value_text(name: str, value: float) -> str:
     _, factor, unit = NUMBERS[name]
     return f"{factor * value:.3g} {unit}"
 
@@ -365,18 +365,20 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     Raises
     ------
     InvalidInput
-        Nothing to vary, an axis without values, or more combinations than can be worked out.
+        Nothing to vary, an axis without values, or too many combinations.
     """
     for name, given in values.items():
         if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) == 0:
             raise InvalidInput(f"{name} must be a list of values to try; got {given!r}. Write [{given!r}].")
     count = math.prod(len(v) for v in values.values())
-    if count > MOST:
-        raise InvalidInput(f"the sweep has {count:,} combinations (at most {MOST:,}). Give fewer values for each axis.")
+    if count > MAX_DESIGNS:
+        raise InvalidInput(
+            f"the sweep has {count:,} combinations (at most {MAX_DESIGNS:,}). Give fewer values for each axis."
+        )
     return [dict(zip(values, chosen)) for chosen in itertools.product(*values.values())]
 
 
-def _one(job: tuple[Pad, tuple[Array, ...], dict[str, Any], str, Press, Any, Uncertainty]) -> Design | str:
+def _evaluate(job: tuple[Pad, tuple[Array, ...], dict[str, Any], str, Press, Any, Uncertainty]) -> Design | str:
     pad, planes, changes, keep, press, nuisance, uncertainty = job
     try:
         body, arrays = varied(pad, planes, changes, keep=keep)
@@ -419,13 +421,13 @@ def swept(
     points = combinations(values)
     work = [(elastic, tuple(planes), p, keep, press, nuisance, uncertainty or Uncertainty()) for p in points]
     if jobs == 1 or len(work) == 1:
-        found = list(progress(map(_one, work)))
+        found = list(progress(map(_evaluate, work)))
     else:
         import multiprocessing
         from concurrent.futures import ProcessPoolExecutor
 
         with ProcessPoolExecutor(min(jobs, len(work)), mp_context=multiprocessing.get_context("spawn")) as pool:
-            found = list(progress(pool.map(_one, work, chunksize=max(1, len(work) // (8 * jobs)))))
+            found = list(progress(pool.map(_evaluate, work, chunksize=max(1, len(work) // (8 * jobs)))))
     good = [(p, d) for p, d in zip(points, found) if isinstance(d, Design)]
     bad = [(p, d) for p, d in zip(points, found) if isinstance(d, str)]
     if not good:
@@ -447,15 +449,15 @@ def sweep(
     Parameters
     ----------
     skin : Skin
-        What is varied; its array needs noise.
+        The skin to vary; its array needs noise.
     press : Press, optional
-        What is pressed; 1 N over a radius of 2 mm where nothing is given.
+        The press; default: 1 N over a radius of 2 mm.
     keep : "taxels" or "area"
-        What a new pitch leaves as it is.
+        What stays constant when the pitch changes.
     goals : dict, optional
         Numbers that a design must not exceed, in SI units; of "range" must reach.
     jobs : int
-        Processes. A script that asks for more than one needs ``if __name__ == "__main__":``.
+        Processes. A script with more than one needs ``if __name__ == "__main__":``.
 
     Raises
     ------

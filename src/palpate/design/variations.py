@@ -16,14 +16,14 @@ from palpate.sensing.uncertainty import stretched
 
 __all__ = ["VARIED", "varied"]
 
-#: What can be varied.
+#: Variables of a design.
 VARIED = ("depth", "thickness", "youngs_modulus", "pitch", "shape", "aperture", "channels", "noise")
 
 
 def varied(
     pad: Pad, planes: Sequence[Array], changes: Mapping[str, Any], *, keep: str
 ) -> tuple[Pad, tuple[Array, ...]]:
-    """Pad and planes with ``changes`` made, in the order of `VARIED`; ``keep`` "taxels" or "area" says what a new pitch leaves as it is.
+    """Pad and planes with ``changes`` made, in the order of `VARIED`; ``keep`` "taxels" or "area" stays constant when the pitch changes.
 
     Raises
     ------

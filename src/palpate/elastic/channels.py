@@ -53,12 +53,12 @@ class Fields(Protocol):
 
 @dataclass(frozen=True)
 class Kind:
-    """What channels of one kind have in common.
+    """The common part of channels of one kind.
 
     Attributes
     ----------
     name : str
-        "stress", "strain", ...; channels of one kind are weighed alike where no noise is given.
+        "stress", "strain", ...; channels of one kind have equal weight without a stated noise.
     unit : str
         SI unit.
     creeps : bool
@@ -69,7 +69,7 @@ class Kind:
     scale : callable (modulus [Pa], wavenumber [rad/m]) -> float or array
         Size of a reading per unit of stress.
     limit : callable (Young's modulus [Pa], array's width [m]) -> (float, str)
-        What no plausible reading exceeds, and that limit in words.
+        Largest plausible reading, and that limit in words.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Channel:
 
 #: Stress beyond this many Young's moduli is a unit mistake: linear elasticity, and rubber, ended long before.
 _STRESS_LIMIT = 30.0
-#: So are strains and rotations beyond this.
+#: Limit of strains and rotations.
 _STRAIN_LIMIT = 3.0
 
 DISPLACEMENT = Kind(
@@ -193,7 +193,7 @@ LINE_CHANNELS: tuple[str, ...] = tuple(c.name for c in _ALL if c.line)
 
 
 def find_channel(name: str) -> Channel:
-    """The channel of this name, or `InvalidInput` naming what is accepted.
+    """The channel of this name, or `InvalidInput` with the accepted names.
 
     Examples
     --------

@@ -78,7 +78,7 @@ class BondedLayers:
     Raises
     ------
     InvalidInput
-        No layers, or a base that is neither None nor a `HalfSpace`; a depth below the rigid base where one is asked for.
+        No layers, or a base that is neither None nor a `HalfSpace`; a depth below the rigid base.
 
     Notes
     -----

@@ -1,8 +1,8 @@
-"""What the rest of the code asks of an elastic body, and nothing more.
+"""The interface of an elastic body.
 
-A pad is any object with the members of `Pad`. From them everything follows on both boundaries, by quadrature where nothing
-better is offered. What a pad offers beyond them is used only where it surely belongs to the same body: a class that defines
-``states`` or ``compliance`` anew does not inherit the closed forms of its parent (`offered`).
+A pad is any object with the members of `Pad`. They suffice for both boundaries, by quadrature if the pad has no closed form. A closed form is used
+only if it surely belongs to the same body: a class that overrides ``states`` or ``compliance`` does not inherit the closed forms of its parent
+(`offered`).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Pad(Protocol):
 
     @property
     def thickness(self) -> float | None:
-        """Depth of the rigid base [m]; None where there is none."""
+        """Depth of the rigid base [m], or None without a base."""
         ...
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
@@ -86,7 +86,7 @@ class Pad(Protocol):
         ...
 
     def mean_compliance(self, depth: float) -> Floats | None:
-        """Displacement at ``depth`` per unit mean traction, 3 x 3 [m/Pa]; None where it has no finite value."""
+        """Displacement at ``depth`` per unit mean traction, 3 x 3 [m/Pa]; None if it is not finite."""
         ...
 
 
@@ -94,7 +94,7 @@ _MEMBERS = ("thickness", "states", "compliance", "mean_compliance")
 
 
 def check_pad(pad: object) -> None:
-    """Raise `InvalidInput`, naming what is missing, unless ``pad`` is a `Pad`."""
+    """Raise `InvalidInput` with the missing members unless ``pad`` is a `Pad`."""
     if isinstance(pad, type) or not isinstance(pad, Pad):
         missing = [m for m in _MEMBERS if not hasattr(pad, m)]
         why = f"it lacks {', '.join(missing)}" if missing else "it is a class, not one of its objects"
@@ -132,7 +132,7 @@ def isotropic_constants(pad: Pad, depth: float) -> tuple[float, float]:
 
 
 def mirror_symmetric(pad: Pad, depth: float, length: float) -> bool:
-    """Whether mirrors in x and in y leave the response at ``depth`` as it is, looked up at wavelengths about ``length`` [m]."""
+    """Whether mirrors in x and in y leave the response at ``depth`` unchanged, tested at wavelengths near ``length`` [m]."""
     k = np.array([0.3, 3.0, 30.0])[:, None] / length * np.ones(2)
     angle = np.array([0.3, 1.1])
     compliance = pad.compliance(depth)

@@ -93,7 +93,7 @@ class Viscoelastic:
 
     @property
     def thickness(self) -> float | None:
-        """Depth of the base [m]; None where there is none."""
+        """Depth of the base [m], or None without a base."""
         return self.elastic.thickness
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:

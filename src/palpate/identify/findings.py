@@ -1,4 +1,4 @@
-"""What is said of an object: numbers with intervals, or why they cannot be told."""
+"""Properties of an object: numbers with intervals, or the reason why they are not determined."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.touch.rounding import said
+from palpate.touch.rounding import format_interval
 
 __all__ = ["Finding", "Identified", "IdentifiedPress", "Patch"]
 
@@ -23,12 +23,12 @@ class Finding:
     Attributes
     ----------
     value : float
-        In SI units; NaN where it cannot be told.
+        In SI units; NaN if not determined.
     low, high : float
-        Ends of the 95 % interval. Where there is no value they may still bound it: "at least" has an infinite upper end.
+        Ends of the 95 % interval. They may bound a quantity without a value: "at least" has an infinite upper end.
     unit : str
     reason : str
-        Why it cannot be told, or what was assumed; "" where neither is.
+        Why it is not determined, or an assumption; else "".
 
     Examples
     --------
@@ -45,7 +45,7 @@ class Finding:
 
     @classmethod
     def unknown(cls, unit: str, reason: str, *, low: float = math.nan, high: float = math.nan) -> Finding:
-        """Nothing tells it, for this ``reason``; bounds may be known all the same."""
+        """A finding that is not determined, for this ``reason``; it may have bounds."""
         return cls(math.nan, low, high, unit, reason)
 
     @property
@@ -57,7 +57,7 @@ class Finding:
         if not self.known:
             return f"cannot tell: {self.reason}"
         factor, unit = READ.get(self.unit, (1.0, "" if self.unit == "1" else self.unit))
-        return said(self.value, self.low, self.high, factor=factor, unit=unit)
+        return format_interval(self.value, self.low, self.high, factor=factor, unit=unit)
 
 
 @dataclass(frozen=True)
@@ -95,12 +95,12 @@ class Patch:
 
 @dataclass(frozen=True)
 class Identified:
-    """What presses the pad in one frame. Every `Finding` has a value with its interval, or says why it has none.
+    """What presses the pad in one frame. Every `Finding` has a value with its interval, or a reason why it has none.
 
     Attributes
     ----------
     shape : str
-        "ball", "flat" (a round flat punch), or "" where nothing tells one from the other: ``shape_reason`` then says why.
+        "ball", "flat" (a round flat punch), or "" if the readings do not decide: ``shape_reason`` then says why.
     patches : tuple of Patch
         The contacts, largest force first.
     count : Finding
@@ -118,7 +118,7 @@ class Identified:
     texture_wavelength : Finding
         Its wavelength [m].
     misfit : float
-        Misfit probability: how often noise alone would leave as much as the patches leave. Below 0.01 they do not explain the readings.
+        Misfit probability: the probability of a residual at least this large from noise. Below 0.01 the patches do not explain the readings.
 
     Examples
     --------
@@ -141,7 +141,7 @@ class Identified:
 
     @classmethod
     def nothing(cls, reason: str) -> Identified:
-        """Nothing can be told, for one reason."""
+        """A finding without any value, for one reason."""
         units = ("m", "Pa", "Pa", "N/m", "1", "m")
         count = Finding(0.0, 0.0, 0.0, "1") if reason == "nothing touches" else Finding.unknown("1", reason)
         none = [Finding.unknown(u, reason) for u in units]
@@ -167,7 +167,7 @@ class Identified:
 
 @dataclass(frozen=True)
 class IdentifiedPress:
-    """What presses the pad over the frames of a recording.
+    """The object that presses over the frames of a recording.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ class IdentifiedPress:
 
     @property
     def forces(self) -> Floats:
-        """Normal force of all patches together in each frame [N]; 0 without contact, NaN where a patch has none."""
+        """Normal force of all patches together in each frame [N]; 0 without contact, NaN if the force of a patch is unknown."""
         return np.array([sum(p.force[2].value for p in f.patches) for f in self.frames], dtype=np.float64)
 
     def __str__(self) -> str:

@@ -21,9 +21,9 @@ __all__ = ["Data", "Fit", "columns_of", "fit", "fit_of", "profile"]
 
 #: Steps of Gauss-Newton at most, and the gain in the sum of squares that is not worth another one.
 STEPS, ENOUGH = 40, 1e-3
-#: Places move and radii change by so much in one step at most: a part of depth plus radius, a factor.
+#: Largest change in one step: of a place, as a part of depth plus radius, and of a radius, as a factor.
 FAR, FACTOR = 0.7, 1.6
-#: Steps to either end of a profile at most.
+#: Largest number of steps to either end of a profile.
 TO_END = 14
 #: Step of the logarithm of a radius, in differences.
 STEP_LOG = 0.04
@@ -31,7 +31,7 @@ STEP_LOG = 0.04
 
 @dataclass(frozen=True)
 class Data:
-    """One frame: readings over their noise, the noise, and columns (n, reading) of what else they may hold."""
+    """One frame: readings over their noise, the noise, and columns (n, reading) of nuisances."""
 
     values: Floats
     weights: Floats
@@ -63,7 +63,7 @@ class Fit:
 
     @property
     def misfit(self) -> float:
-        """How often noise alone would leave as much."""
+        """The probability of a misfit at least this large from noise alone."""
         return float(scipy.special.chdtrc(self.freedom, self.squares)) if self.freedom > 0 else math.nan
 
     @property

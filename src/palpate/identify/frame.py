@@ -1,4 +1,4 @@
-"""One frame, fitted: what the findings are worked out from."""
+"""The fit of one frame, from which findings are computed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Body", "Frame"]
 
 @dataclass(frozen=True)
 class Body:
-    """The pad, its arrays, and how well they are known."""
+    """The pad, its arrays, and their uncertainty."""
 
     pad: Pad
     planes: tuple[Array, ...]

@@ -1,4 +1,4 @@
-"""What presses: which round contacts explain the readings, and what follows for the object.
+"""Identification: which round contacts explain the readings, and what follows for the object.
 
 In: a skin, readings, and the touch that was found in them, which tells where contacts lie to begin with and how large the noise is. What is said of
 contacts comes from the readings: a map is blurred by its penalty, and its moments would be too.
@@ -22,8 +22,8 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.identify.findings import Finding, Identified, IdentifiedPress, Patch
 from palpate.identify.fitting import Data, Fit, fit, fit_of, profile
 from palpate.identify.frame import Body, Frame
-from palpate.identify.objects import said
-from palpate.identify.press import joint_shape, together
+from palpate.identify.objects import identified
+from palpate.identify.press import combine_frames, joint_shape
 from palpate.identify.shapes import BALL, FLAT, Shapes, by_reading, flat_readings
 from palpate.identify.texture import texture
 from palpate.sensing.arrays import Array
@@ -39,7 +39,7 @@ __all__ = ["Skinlike", "identify"]
 REFUSED = 0.01
 #: Odds at which a ball is told from a flat: 100 to 1.
 ODDS = math.log(100.0)
-#: Patches at most that are sought, and share of the largest pressure that a further one must have.
+#: Largest number of patches, and smallest pressure of a further one over the largest.
 MOST, SHARE = 4, 0.15
 #: Level of all intervals.
 LEVEL = 0.95
@@ -47,12 +47,12 @@ LEVEL = 0.95
 ROUNDS = 6
 #: Error of the fitted contacts' readings over the largest one (tests/test_identify.py): no noise is taken to be less.
 MODEL = 3e-4
-#: What is said of a frame without contact.
+#: The reason in a frame without contact.
 NOTHING = "nothing touches"
 
 
 class Skinlike(Protocol):
-    """What `identify` asks of a `palpate.Skin`."""
+    """The part of `palpate.Skin` that `identify` uses."""
 
     @property
     def pad(self) -> Pad:
@@ -66,7 +66,7 @@ class Skinlike(Protocol):
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """How well pad and sensors are known."""
+        """The uncertainty of pad and sensors."""
         ...
 
 
@@ -119,13 +119,13 @@ def identify(
     depths = _depths(indentation, touch.batch)
     body = Body(skin.pad, tuple(skin.planes), skin.uncertainty)
     if not touch.batch:
-        return said(_frame(body, touch, parts, float(depths), shape))
+        return identified(_frame(body, touch, parts, float(depths), shape))
     frames = [_frame(body, touch[i], [p[i] for p in parts], float(depths[i]), shape) for i in range(len(touch))]
     joint = shape or joint_shape(frames, ODDS)
     for i, frame in enumerate(frames):
         if joint and frame.best is not None and len(frame.best.radii) == 1 and frame.shape != joint:
             frames[i] = _frame(body, touch[i], [p[i] for p in parts], float(depths[i]), joint)
-    return together(frames, depths, joint)
+    return combine_frames(frames, depths, joint)
 
 
 def _depths(indentation: npt.ArrayLike | None, batch: tuple[int, ...]) -> Floats:
@@ -145,7 +145,7 @@ def _depths(indentation: npt.ArrayLike | None, batch: tuple[int, ...]) -> Floats
 
 
 def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, wanted: str | None) -> Frame:
-    """Fit one frame; ``wanted``: the shape of a single contact where it is known."""
+    """Fit one frame; ``wanted``: the shape of a single contact, if known."""
     components = touch.components
     if "z" not in components:
         return Frame(body, "pressure was not sought")
@@ -196,7 +196,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
 
 
 def _data(skin: Body, touch: Touch, parts: Sequence[Floats]) -> Data | None:
-    """Readings over their noise; those left out, or at an end of their range, count nothing."""
+    """Readings over their noise; excluded and saturated ones are zero."""
     values = flat_readings(skin.planes, parts)
     noise = touch.noise_std
     if noise is None or not np.all(np.isfinite(noise)) or not np.all(np.asarray(noise) > 0):
@@ -302,10 +302,10 @@ def _explained(
 
 
 def _with_wave(shapes: Shapes, data: Data, best: Fit) -> tuple[Fit, Data] | None:
-    """The contact with a wave in its pressure, where the two explain the frame: what the wave leaves is no misfit."""
+    """The contact with a wave in its pressure, if the two explain the frame."""
     now = best
     for _ in range(ROUNDS):
-        # of the residual that the contact leaves by itself
+        # of the residual of the contact alone
         wave = texture(shapes, data, fit_of(shapes, data, now), 1.0)
         if wave.columns is None:
             return None

@@ -1,4 +1,4 @@
-"""What a fitted contact says of the object: its patches, radius, modulus and stiffness, with intervals."""
+"""Properties of the object from a fitted contact: patches, radius, modulus and stiffness, with intervals."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from palpate.identify.frame import Body, Frame
 from palpate.identify.hertz import WIDEST, layer_terms, plane_strain_modulus
 from palpate.identify.shapes import BALL, FLAT
 
-__all__ = ["NORMAL", "Contact", "contact", "modulus_std", "said", "told_of"]
+__all__ = ["NORMAL", "Contact", "contact", "contact_findings", "identified", "modulus_std"]
 
-#: Standard deviations to the end of an interval of 95 %, of what is not known of pad and sensors.
+#: Half-width of a 95 % interval in standard deviations, for the uncertainty of pad and sensors.
 NORMAL = 1.96
-#: Words for a quantity that nothing but the indentation tells.
+#: The reason for a quantity that needs the indentation.
 NO_DEPTH = "pressure alone cannot tell a soft object from a hard one of another radius: give indentation=, how far it has moved into the pad"
 RIGID = "the object is taken to be much stiffer than the pad"
 
 
-def said(frame: Frame) -> Identified:
+def identified(frame: Frame) -> Identified:
     """A frame in findings."""
     best = frame.best
     if best is None:
@@ -43,7 +43,7 @@ def said(frame: Frame) -> Identified:
     waves = (Finding.unknown("1", "no wave was sought"), Finding.unknown("m", "no wave was sought"))
     if frame.texture is not None:
         waves = (frame.texture.power, frame.texture.wavelength)
-    told = told_of(contact(frame))
+    told = contact_findings(contact(frame))
     if not frame.shape:
         as_if = "" if not told[0].known else f"; as a {best.shape} it would be {told[0]}"
         radius, modulus, effective = (
@@ -108,7 +108,7 @@ def _best(frame: Frame) -> Fit:
 
 @dataclass(frozen=True)
 class Contact:
-    """One round contact with what is not known of it.
+    """One round contact with its uncertainty.
 
     ``radius`` [m], ``force`` [N]; ``ends`` pairs of both at either end of the interval (None where there is none); ``shifts`` both with a pad that is
     described otherwise, and the standard deviation of that over the change; ``std`` of log radius and log force by noise alone; ``quantile`` of it.
@@ -151,7 +151,7 @@ def contact(frame: Frame) -> Contact:
     )
 
 
-def told_of(found: Contact) -> tuple[Finding, Finding, Finding, Finding]:
+def contact_findings(found: Contact) -> tuple[Finding, Finding, Finding, Finding]:
     """Radius, modulus of the object, effective modulus, stiffness."""
     pad = found.body.pad
     if pad.thickness is not None and found.radius > WIDEST * pad.thickness:
@@ -168,7 +168,7 @@ def _radius(found: Contact) -> Finding:
         return _sized(found, lambda a, f: a)
     if math.isfinite(found.depth):
         return _sized(found, lambda a, f: 1.0 / _curvature(found, a, f))
-    # of stress the force is told without the modulus; of strain and displacement both follow it, and nothing is left
+    # stress gives the force without the modulus; with strain and displacement both depend on it, and the ratio is free of it
     shared = modulus_std(found)
     out = _sized(found, lambda a, f: 1.0 / max(_curvature(found, a, f), 1e-12), more=shared)
     return Finding(out.value, out.low, out.high, out.unit, out.reason or RIGID)
@@ -232,7 +232,7 @@ def _moduli(found: Contact) -> tuple[Finding, Finding]:
 
     value = effective(found.radius, found.force)
     shifted = sum((s * math.log(effective(a, f) / value)) ** 2 for a, f, s in found.shifts)
-    # the noise of radius and force, taken to be independent
+    # the noise of radius and force, assumed independent
     noise = (found.quantile / NORMAL) ** 2 * (found.std[0] ** 2 + found.std[1] ** 2)
     std = math.sqrt(shifted + noise + uncertainty.common(found.body.planes) ** 2)
     low, high = value * math.exp(-NORMAL * std), value * math.exp(NORMAL * std)

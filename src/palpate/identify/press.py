@@ -1,4 +1,4 @@
-"""What presses over the frames of a recording: how the contact grows, and what all frames say together."""
+"""The object over all frames of a recording: growth of the contact, and findings that combine the frames."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.identify.findings import Finding, IdentifiedPress
 from palpate.identify.frame import Frame
-from palpate.identify.objects import NORMAL, Contact, contact, modulus_std, said, told_of
+from palpate.identify.objects import NORMAL, Contact, contact, contact_findings, identified, modulus_std
 from palpate.identify.shapes import BALL, FLAT
 
-__all__ = ["joint_shape", "together"]
+__all__ = ["combine_frames", "joint_shape"]
 
-#: Frames, and factor between the smallest and the largest force, from which a contact is said to grow or not.
+#: Number of frames, and ratio of the largest to the smallest force, for a fit of the growth of a contact.
 FEWEST, SPAN = 3, 2.0
 
 
@@ -30,20 +30,20 @@ def joint_shape(frames: Sequence[Frame], odds: float) -> str:
     return (BALL if gain > 0 else FLAT) if abs(gain) > odds else ""
 
 
-def together(frames: Sequence[Frame], depths: Floats, shape: str) -> IdentifiedPress:
+def combine_frames(frames: Sequence[Frame], depths: Floats, shape: str) -> IdentifiedPress:
     """All frames; those of other shapes were fitted again with this ``shape``."""
     ones = [
         (i, f)
         for i, f in enumerate(frames)
         if f.best is not None and len(f.best.radii) == 1 and f.shape == (shape or f.shape)
     ]
-    each = tuple(said(f) for f in frames)
+    each = tuple(identified(f) for f in frames)
     found = [(i, contact(f)) for i, f in ones if f.best is not None and f.best.forces[0, -1] > 0]
     growth = _growth(found)
     if not found:
         why = "no frame has one contact that is understood"
         return IdentifiedPress(each, growth, shape, *(Finding.unknown(u, why) for u in ("m", "Pa", "Pa", "N/m")))
-    told = [told_of(c) for _, c in found]
+    told = [contact_findings(c) for _, c in found]
     if not shape:
         why = "a ball and a flat fit the frames equally well"
         three = [Finding.unknown(u, why) for u in ("m", "Pa", "Pa")]
@@ -103,7 +103,7 @@ def _line(x: Floats, y: Floats, std: Floats, unit: str) -> Finding:
 
 
 def _slope(rows: Sequence[tuple[float, float, float]]) -> Finding | None:
-    """dF/d(indentation) at the largest force from the exponent m of F ~ indentation^m; None where too few indentations are known."""
+    """dF/d(indentation) at the largest force from the exponent m of F ~ indentation^m, or None with too few indentations."""
     known = [r for r in rows if math.isfinite(r[0]) and r[0] > 0 and r[1] > 0]
     if len(known) < FEWEST or max(r[0] for r in known) < 1.2 * min(r[0] for r in known):
         return None

@@ -17,10 +17,10 @@ from palpate.sensing.operator import Operator
 __all__ = ["BALL", "FLAT", "Shapes", "by_reading", "flat_readings"]
 
 BALL, FLAT = "ball", "flat"
-#: Cells to the depth of the taxels, and the part of the cells' waves that is kept whole: what is beyond is damped by exp(-pi FADES CELLS) = 5e-6.
+#: Cells per depth of the taxels, and the part of the cells' waves without damping: the rest is damped by exp(-pi FADES CELLS) = 5e-6.
 CELLS, FADES = 6.0, 0.65
-#: Cells along an axis at most.
-MOST = 160
+#: Largest number of cells along an axis.
+MAX_CELLS = 160
 #: Step of the differences by which readings are derived, as a part of depth plus contact radius.
 STEP = 0.02
 
@@ -39,7 +39,7 @@ class Shapes:
         size = float(np.max(high - low))
         if self.depth <= 0.0:
             self.depth = size / 20.0
-        self.grid = _grid(planes[0], low, high, max(self.depth / CELLS, size / MOST))
+        self.grid = _grid(planes[0], low, high, max(self.depth / CELLS, size / MAX_CELLS))
         self.operator = Operator(pad, planes, self.grid)
         self._rows = [p.valid.ravel() for p in planes]
         # pressure even in cells is read with the sinc of half a cell's phase: it is taken out of the spectrum beforehand
@@ -56,11 +56,11 @@ class Shapes:
 
     @property
     def smallest(self) -> float:
-        """A radius below which contacts are alike in the readings [m]."""
+        """Contacts of smaller radius give the same readings [m]."""
         return 0.1 * self.depth
 
     def step(self, radius: float) -> float:
-        """How far readings hardly curve [m]."""
+        """Distance over which readings hardly curve [m]."""
         return STEP * (self.depth + radius)
 
     def traction(self, shape: str, center: Floats, radius: float) -> Floats:
@@ -136,7 +136,7 @@ def _grid(array: Array, low: Floats, high: Floats, width: float) -> AreaGrid:
         counts.append(max(last - first + 1, 3))
         spacings.append(h)
         centers.append(start + 0.5 * (2 * first + counts[-1] - 1) * h)
-    if max(counts) > 4 * MOST:
+    if max(counts) > 4 * MAX_CELLS:
         raise Unsupported(
             f"the contact is {max(counts)} cells wide at the depth of these taxels: too many to fit. Describe a part of the array around it."
         )

@@ -1,7 +1,7 @@
-"""Waves of the pressure within a contact: the strongest one that readings tell, or what they would have told.
+"""Waves of the pressure within a contact: the strongest one in the readings, or the smallest detectable one.
 
-Pressure p(x) (1 + A cos(k x) + B sin(k x)) with p that of the fitted contact is linear in A and B. Each wave is fitted beside what the fit already
-has; T = gain in squares is chi-squared with two degrees of freedom where there is none. The power of a wave is (A^2 + B^2)/2, relative to the pressure's.
+Pressure p(x) (1 + A cos(k x) + B sin(k x)) with p that of the fitted contact is linear in A and B. Each wave is added to the fit; T = gain in squares
+is chi-squared with two degrees of freedom if there is no wave. The power of a wave is (A^2 + B^2)/2, relative to the pressure's.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CHANCE = 0.01
 
 @dataclass(frozen=True)
 class Texture:
-    """Power of the strongest wave, its wavelength, and its two columns of readings where it is beyond doubt."""
+    """Power of the strongest wave, its wavelength, and its two columns of readings if it is significant."""
 
     power: Finding
     wavelength: Finding
@@ -49,7 +49,7 @@ def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
     found = search.waves(*(v.ravel() for v in np.meshgrid(wavelengths, angles, indexing="ij")))
     noise = max(1.0, best.squares / max(best.freedom, 1))
     quantile = math.sqrt(max(rise, 3.84))
-    # of what the noise that was stated would let show: a wave that is there is no noise
+    # detectable with the stated noise: a real wave must not count as noise
     seen = quantile * found.std <= SHOWS
     if not seen.any():
         return _blurred(radius)
@@ -92,7 +92,7 @@ class _Waves:
 
 
 class _Search:
-    """Waves fitted one by one, beside what a fit already has."""
+    """Fits waves one by one, in addition to the terms of a fit."""
 
     def __init__(self, shapes: Shapes, data: Data, best: Fit) -> None:
         self._shapes, self._data, self._best = shapes, data, best

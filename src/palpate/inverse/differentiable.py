@@ -42,7 +42,7 @@ __all__ = [
     "whole_traction",
 ]
 
-#: What gradients are taken with respect to, besides readings and traction.
+#: Quantities, besides readings and traction, with gradients.
 NAMES = ("modulus", "depth", "gains", "noise")
 #: Depths at which the map is worked out, for a range of it.
 DEPTHS = 12
@@ -57,9 +57,10 @@ class Matrices:
     """A skin as matrices, in double precision.
 
     ``here`` (reading, unknown) is the map of the components sought; ``coefficients`` (degree, reading, unknown) that of its depths, with ``depth_range``;
-    ``follows`` (reading,) is 1 where readings go with 1/modulus; ``valid`` (reading,) 0 at masked taxels; ``channel`` (reading, channel) says whose reading it is;
+    ``follows`` (reading,) is 1 for readings proportional to 1/modulus; ``valid`` (reading,) 0 at masked taxels; ``channel`` (reading, channel) is 1
+    for the channel of a reading;
     ``noise`` (reading,); ``penalty`` (unknown, unknown), times the parameter, and its inverse ``prior``; ``inverse`` (unknown, reading) the linear estimate;
-    ``hessian`` of the constrained problem, where nothing is varied.
+    ``hessian`` that of the constrained problem if the model is fixed.
     """
 
     here: Floats
@@ -188,7 +189,7 @@ def _diagonal(blocks: list[Floats]) -> Floats:
 
 
 def _map(xp: Any, m: Matrices, a: Mapping[str, Any], p: Mapping[str, Any]) -> Any:
-    """A (reading, unknown) of a modulus, a depth and gains. NaN where the depth leaves its range."""
+    """A (reading, unknown) for a modulus, a depth and gains; NaN if the depth leaves its range."""
     out = a["here"]
     depth = p.get("depth")
     if depth is not None:

@@ -1,4 +1,4 @@
-"""What an inversion returns."""
+"""The result of an inversion."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class Errors:
         freeze(self)
 
     def work_out(self) -> None:
-        """Make all fields that are made when they are first asked for; what they share is worked out once."""
+        """Compute all lazy fields; they share intermediate results."""
 
     @classmethod
     def gathered(cls, parts: Sequence[Errors | None], gather: Callable[[list[Any]], Any]) -> Errors:
-        """Each array made of those of the parts (None where a part is)."""
+        """Concatenate the arrays of the parts (None if a part is None)."""
         names = [f.name for f in fields(cls)]
         return cls(**{n: gather([None if p is None else getattr(p, n) for p in parts]) for n in names})
 
 
 @dataclass(frozen=True)
 class Stated:
-    """Standard deviations that an estimate owes to a pad and sensors that are not known exactly (`palpate.Uncertainty`).
+    """Standard deviations due to the uncertainty of pad and sensors (`palpate.Uncertainty`).
 
-    Shapes and units as in `Errors`; 0 in frames where nothing touches. No constant of the method scales them.
+    Shapes and units as in `Errors`; 0 in frames without contact. No constant of the method scales them.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Stated:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What an inversion returns: the traction and how it was chosen.
+    """The result of an inversion: the traction and how the method found it.
 
     ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
     square misfit in the same units) have the batch shape, the noise of the
@@ -137,7 +137,7 @@ class Estimate:
     force_bounds: Floats | None = None
 
     def status(self) -> npt.NDArray[np.int8] | None:
-        """What became of each frame (*batch), as codes of `palpate.Status`; None where nothing tells the batch."""
+        """Outcome of each frame (*batch) as codes of `palpate.Status`, or None without batch information."""
         known = next((a for a in (self.residual, self.parameter, self.converged, self.contact) if a is not None), None)
         if known is None:
             return None
@@ -165,13 +165,13 @@ class Estimate:
         return code
 
     def left_out(self) -> list[int]:
-        """Readings that are left out in some frame."""
+        """Readings excluded in any frame."""
         if self.outliers is None:
             return []
         return [int(r) for r in np.flatnonzero(self.outliers.reshape(-1, self.outliers.shape[-1]).any(axis=0))]
 
     def remarks(self) -> tuple[str, ...]:
-        """What a method says of its own way."""
+        """The method's remarks on how it solved the frame."""
         if self.settling is None:
             return self.said
         settling = float(np.median(np.atleast_1d(self.settling)))
@@ -192,3 +192,8 @@ def frames_of(readings: Sequence[Any], operator: Operator) -> Iterator[list[Floa
     arrays = [to_numpy(r).astype(np.float64).reshape(-1, len(a.channels), *a.shape) for r, a in zip(readings, planes)]
     for i in range(math.prod(batch_of(readings, operator))):
         yield [a[i] for a in arrays]
+
+
+def in_frames(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
+    """ " in 3 of 70 frames", or "" for a single frame."""
+    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

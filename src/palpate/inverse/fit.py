@@ -1,4 +1,4 @@
-"""Does the model explain the readings? A misfit probability from the size and the whiteness of what is left."""
+"""Misfit probability from the size and the whiteness of the residual."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.sensing.arrays import Array, ScatteredArray
 
-__all__ = ["DISCREPANCY", "FEWEST", "MODEL_DETAIL", "POOR_FIT", "PROVEN", "misfit_probability", "neighbours"]
+__all__ = ["DISCREPANCY", "MIN_DEGREES", "MODEL_DETAIL", "POOR_FIT", "PROVEN", "misfit_probability", "neighbours"]
 
 Pairs = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
@@ -23,11 +23,11 @@ POOR_FIT = 0.01
 #: Misfit probability from which on it is taken as shown that noise is all there is. One quiet frame in ten has less, and wider intervals for it; so had
 #: three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09), and a ball that two of 252 readings felt, over noise that was given (0.012).
 PROVEN = 0.1
-#: What a pad's model leaves of the readings before a frame says more (root mean square). Published recordings of six real skins with a force sensor beside
-#: them leave 2 to 30 % (`benchmarks/real.py`).
+#: Default residual of a pad's model, as a part of the readings (root mean square). Published recordings of six real skins with a force sensor have 2
+#: to 30 % (`benchmarks/real.py`).
 DISCREPANCY = 0.15
-#: Fewer pairs of neighbours, or degrees of freedom, tell nothing.
-FEWEST = 6
+#: Fewer pairs of neighbours, or degrees of freedom, are no evidence.
+MIN_DEGREES = 6
 
 
 def neighbours(planes: Sequence[Array]) -> Pairs:
@@ -65,7 +65,7 @@ def misfit_probability(
     detail: float = 0.0,
     others: Sequence[float] = (),
 ) -> float:
-    """Probability of as much misfit as is left, or more, where the model is right; NaN where too few readings are left to tell.
+    """Probability of at least this misfit if the model is right; NaN with too few degrees of freedom.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ def misfit_probability(
 
     Notes
     -----
-    Whiteness is tested by the products of neighbours, whose signs are as often plus as minus where what is left is noise:
-    z = sum r_i r_j / sqrt(sum r_i^2 r_j^2) is then standard normal for any size and tails of the noise (a sign-flip form of Moran's I; P.
-    A. P. Moran, Biometrika 37, 1950, 17-23). What contact takes up makes it smaller, never larger.
+    Whiteness is tested by the products of neighbours: if the residual is noise, their signs are random, and z = sum r_i r_j / sqrt(sum r_i^2 r_j^2)
+    is standard normal for any size and tails of the noise (a sign-flip form of Moran's I; P.
+    A. P. Moran, Biometrika 37, 1950, 17-23). The degrees of freedom of the contact make z smaller, never larger.
     """
     import scipy.special
 
@@ -96,7 +96,7 @@ def misfit_probability(
     i, j = pairs
     both = observed[i] & observed[j]
     i, j = i[both], j[both]
-    if len(i) >= FEWEST and free >= FEWEST:
+    if len(i) >= MIN_DEGREES and free >= MIN_DEGREES:
         size = residual**2 + detail**2
         std = math.sqrt(float((size[i] * size[j]).sum()))
         z = float((residual[i] * residual[j]).sum()) / max(std, 1e-300)

@@ -1,4 +1,4 @@
-"""What a method is: options, what it needs of a skin, and how it is prepared.
+"""The interface of methods: options, needs of a skin, preparation.
 
 A method is a frozen dataclass with keyword-only fields, one for each option, declared by the functions below; its class says its short
 name and its needs. ``prepare`` does what depends on skin and method, and what it returns solves frames. To add a method: one
@@ -27,10 +27,10 @@ __all__ = ["Method", "Needs", "Option", "Prepared", "choice", "count", "function
 
 @dataclass(frozen=True)
 class Option:
-    """What an option accepts and how it is said.
+    """The accepted values of an option and its text form.
 
-    ``check`` returns the value in the form in which it is kept, or raises. ``read`` turns the text of a command line into a value (or
-    raises ValueError); None where an option cannot be said there.
+    ``check`` returns the value in its stored form, or raises. ``read`` parses the text of a command line (or raises ValueError); None if an option
+    has no text form.
     """
 
     help: str
@@ -41,7 +41,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a method needs of a skin, beyond what it finds out by itself."""
+    """What a method requires of a skin."""
 
     free_boundary: bool = False
     pressure: bool = False
@@ -51,7 +51,7 @@ class Needs:
 class Prepared(Protocol):
     """A method prepared for a skin."""
 
-    #: Where its results live.
+    #: The kind of its surface.
     grid: Grid
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
@@ -70,7 +70,7 @@ class Method(abc.ABC):
     >>> isinstance(method, pp.Method), str(method), method.chosen
     (True, "tikhonov(order=2, rule='gcv')", 'gcv')
 
-    >>> sorted(method.options()), pp.ConstantFriction.required()
+    >>> sorted(method.options()), pp.paper.ConstantFriction.required()
     (['order', 'parameter', 'rule'], ('friction',))
 
     >>> method.returns(("z",)), method.assumptions()  # nothing is assumed
@@ -91,13 +91,13 @@ class Method(abc.ABC):
     #: One line for help texts.
     summary: ClassVar[str]
     needs: ClassVar[Needs] = Needs()
-    #: Components sought where the user does not say; None: all that the channels can tell apart.
+    #: Components sought by default; None: all that the channels separate.
     seeks: ClassVar[tuple[str, ...] | None] = None
     #: Whether its results have error bars.
     error_bars: ClassVar[bool] = False
     #: Whether it is one of the methods for comparison.
     comparison: ClassVar[bool] = False
-    #: Whether components that the channels alone cannot tell apart may be sought: that pressure pushes, and where, tells them apart.
+    #: Whether components that the channels cannot separate may be sought, because the constraints (pressure pushes, contact is compact) separate them.
     narrows: ClassVar[bool] = False
     #: Whether it solves one frame after another, in a hundredth of a second or more each.
     by_frame: ClassVar[bool] = False
@@ -121,7 +121,7 @@ class Method(abc.ABC):
 
     @property
     def friction_given(self) -> float | None:
-        """The coefficient of friction that it was given, without a sign; None where it was given none.
+        """The given coefficient of friction without its sign, or None.
 
         Examples
         --------
@@ -137,11 +137,11 @@ class Method(abc.ABC):
         """What depends on skin and method and not on the frame; `check` first."""
 
     def resolved(self, problem: Problem) -> Method:
-        """The method that this one comes to on a skin: itself, where it does not choose among others."""
+        """The method that runs on a skin: the method itself, or the one that it chooses."""
         return self
 
     def returns(self, components: tuple[str, ...]) -> tuple[str, ...]:
-        """The components that a result holds where ``components`` are sought."""
+        """The components of a result if ``components`` are sought."""
         return components
 
     def assumptions(self) -> tuple[str, ...]:
@@ -159,7 +159,7 @@ class Method(abc.ABC):
         return tuple(f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING)
 
     def check(self, problem: Problem) -> None:
-        """Raise where the skin lacks what the method needs."""
+        """Raise if the skin lacks what the method needs."""
         if self.needs.free_boundary and problem.boundary == "periodic":
             raise Unsupported(
                 f'method="{self.name}" needs boundary="free"; use method="tikhonov" on a periodic surface.'

@@ -1,4 +1,4 @@
-"""What is and what is not observable: the condition of each wavevector's matrix."""
+"""Observability: the condition of each wavevector's matrix."""
 
 from __future__ import annotations
 
@@ -18,15 +18,14 @@ __all__ = ["Observability", "check_observable", "is_observable", "observability"
 
 #: Below this ratio of singular values at every wavelength a combination of components leaves no trace.
 BLIND = 1e-9
-#: What presses acts on readings that do not tell it from shear where it moves them by this part of what shear does.
+#: Pressure confounds shear if it moves the readings by at least this part of what shear does.
 ACTS = 0.1
-#: On a bonded pad, which is a sensor's, pressure is sought by default where it moves them by this part: to take it as zero would say 0 N of whatever
-#: presses. Markers on the surface of an incompressible gel (Poisson's ratio 0.48) feel 0.02 to 0.09. What is not known of
-#: the force is in its interval, which is wide there.
+#: On a bonded pad, which is a sensor's, pressure is sought by default if it moves the readings by at least this part: with pressure zero, every load
+#: would read 0 N. Markers on the surface of an incompressible gel (Poisson's ratio 0.48) have 0.02 to 0.09. The interval of the force is then wide.
 FELT = 0.01
-#: Readings up to which pressure is then sought by default: a frame of more takes minutes.
+#: Largest number of readings for this default: larger frames take minutes.
 NARROWED_READINGS = 1100
-#: Channels across the surface: what presses reaches them first.
+#: Channels normal to the surface: pressure affects them most.
 NORMAL = ("displacement_z", "strain_zz", "stress_zz")
 
 
@@ -107,12 +106,12 @@ def is_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) 
 
 
 def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
-    """What is sought by default: the most components that can be told apart.
+    """The components sought by default: as many as the channels separate.
 
-    All of them. Else, where a channel across the surface (stress_zz, strain_zz, displacement_z) is measured, pressure, with the shear
-    along x (or y) where a channel is odd in that axis, as stress_xz and displacement_x are: to take pressure as zero there would make
-    shear of what presses. Else, on a pad bonded to a base, all of them where what presses moves the readings too (`presses`). Else both
-    shears; else one, where every channel is odd in that axis; else pressure.
+    All of them, if possible. Else, if a channel normal to the surface (stress_zz, strain_zz, displacement_z) is measured: pressure, with the shear
+    along x (or y) if a channel is odd in that axis, as stress_xz and displacement_x are; with pressure zero, pressure would appear as shear. Else, on
+    a pad bonded to a base, all of them if pressure moves the readings too (`presses`). Else both shears; else one, if every channel is odd in that
+    axis; else pressure.
     """
     line = planes[0].dimensions == 1
     channels = [c for p in planes for c in p.channels]
@@ -166,8 +165,8 @@ def check_observable(
 ) -> None:
     """Raise `NotObservable`, naming a remedy, unless the components can be told apart.
 
-    ``narrowed``: that pressure pushes, and where, may tell apart what the channels alone do not; each must still leave a trace.
-    ``remedied``: a method that does so serves this skin.
+    ``narrowed``: constraints may separate components that the channels do not; each must still affect the readings. ``remedied``: a method that does
+    so serves this skin.
     """
     measured = getattr(pad, "components", components)
     unknown = [c for c in components if c not in measured]
@@ -208,6 +207,6 @@ def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str])
     # both in the same units: the displacement of a bonded layer stays what it is as the wavelength grows
     matrix = _whitened(pad, planes, k, 0.3 if len(names) == 3 else 0.0, scaled=np.full(2, k[-1]))
     response = np.abs(matrix).max(axis=-2)
-    # (wavelength, component): what is left of the response where the wavelength is far beyond the array
+    # (wavelength, component): the response at wavelengths far above the size of the array
     left = response[0] / np.maximum(response.max(axis=0), 1e-300)
     return tuple(c for c in components if left[names.index(c)] < 1e-3)

@@ -1,4 +1,4 @@
-"""What a method is prepared for, and what methods share: decompositions, operators on finer grids."""
+"""The input of a method, with caches that methods share: decompositions, operators on finer grids."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Kept:
         self._lock = Lock()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """What is kept under ``key``, made where it is not."""
+        """Return the value cached under ``key``; make it if it is missing."""
         with self._lock:
             if key in self._things:
                 self._things.move_to_end(key)
@@ -56,12 +56,12 @@ class Kept:
         return value
 
     def things(self) -> list[Any]:
-        """All that is kept."""
+        """All cached values."""
         with self._lock:
             return list(self._things.values())
 
     def clear(self) -> None:
-        """Let go of all."""
+        """Clear the cache."""
         with self._lock:
             self._things.clear()
 
@@ -72,7 +72,7 @@ class Kept:
         return len(self._things)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"entries": self.entries, "nbytes": self.nbytes}  # what is prepared can be prepared again
+        return {"entries": self.entries, "nbytes": self.nbytes}  # prepared values can be prepared again
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
@@ -92,11 +92,11 @@ class Problem:
     components : tuple of str
         What is sought.
     fixed : bool
-        Whether the user gave the surface: contact is then sought nowhere else.
+        Whether the user gave the surface: contact is then sought only there.
     nuisance : tuple of str or None
-        What readings hold besides contact and noise (`palpate.sensing.nuisance`); None: the readings decide.
+        Nuisances of the readings (`palpate.sensing.nuisance`); None: the readings decide.
     uncertainty : Uncertainty
-        How well pad and sensors are known.
+        Uncertainty of pad and sensors.
     zeroed : bool
         Whether a zero was taken from the readings: stress and strain then have no offsets.
     """
@@ -121,7 +121,7 @@ class Problem:
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.uncertainty = (uncertainty or Uncertainty()).of(pad)
-        #: what methods that know contact leave room for, and what linear ones do: only what is stated of depth and thickness
+        #: the uncertainty for constrained methods, and for linear ones: only a stated one of depth and thickness
         self.doubts = self.uncertainty.beside(pad, self.planes)
         self.stated = self.uncertainty.beside(pad, self.planes, assumed=False)
         self.common_std = self.uncertainty.common(self.planes)
@@ -134,7 +134,7 @@ class Problem:
     def seeking(self, components: Sequence[str]) -> Problem:
         """The same problem with other components sought; it shares what does not depend on them.
 
-        `InvalidInput` where the surface is out of proportion to the arrays, or lies beside them.
+        `InvalidInput` if the surface is too large for the arrays, or lies beside them.
         """
         check_above(self.planes, self.surface)
         if not self.fixed:
@@ -158,7 +158,7 @@ class Problem:
     def with_even_noise(self) -> Problem:
         """The same problem with one noise for all channels of a kind: its root mean square where it is given, else 1 in the unit of the channel.
 
-        What a pad's model leaves unexplained is spread so (`palpate.inverse.contact.discrepancy`).
+        The misfit of a pad's model, spread evenly (`palpate.inverse.contact.discrepancy`).
         """
         squares: dict[str, list[float]] = {}
         for array in self.planes:
@@ -182,12 +182,12 @@ class Problem:
 
     @property
     def columns(self) -> tuple[int, ...]:
-        """Places of the components sought among those of the surface."""
+        """Indices of the components sought among those of the surface."""
         return tuple(self.surface.components.index(c) for c in self.components)
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the channels alone cannot tell the components apart."""
+        """Whether the channels alone cannot separate the components."""
         return self.kept.get(
             ("ambiguous", self.columns), lambda: not is_observable(self.pad, self.planes, self.components)
         )
@@ -204,7 +204,7 @@ class Problem:
 
     @property
     def wide(self) -> Operator:
-        """The same from a surface that reaches far enough to explain what presses beyond the array's edge."""
+        """The same on a surface wide enough for loads beyond the array's edge."""
         if self.fixed:
             return self.operator
         return self.kept.get(
@@ -216,12 +216,12 @@ class Problem:
         return Operator(self.pad, self.planes, surface, self.boundary, recall=self.recall)
 
     def about(self) -> dict[str, str]:
-        """What this problem is that of, as digests by name.
+        """The identity of this problem, as digests by name.
 
         Raises
         ------
         Unsupported
-            A pad of the user's own making: nothing tells it from another.
+            A pad of the user's own class: it has no digest.
         """
         parts = {
             "pad": self.pad,
@@ -239,7 +239,7 @@ class Problem:
         return {name: value for name, value in found.items() if value is not None}
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
-        """What is kept and takes long to work out, for `Recall`."""
+        """The cached values that take long to compute, for `Recall`."""
         out: dict[str, tuple[Floats, ...]] = {}
         for thing in self.kept.things():
             if isinstance(thing, Operator | System):
@@ -249,7 +249,7 @@ class Problem:
         return out
 
     def doubtful(self, u: Uncertainty, traction: Floats, *, wide: bool = False) -> tuple[Floats, Floats]:
-        """What is not known of modulus, thickness and depth, `doubts` or `stated`, does to the readings of ``traction`` (component, *surface).
+        """The effect of the uncertainty of modulus, thickness and depth (`doubts` or `stated`) on the readings of ``traction`` (component, *surface).
 
         Returns columns (reading, unknown), in the unit of the channels for a change of 1 (100 %), and their standard deviations.
         """
@@ -287,7 +287,7 @@ class Problem:
         return self.kept.get(("moved", name, wide and not self.fixed), made)
 
     def prepare_doubts(self, *, wide: bool = False) -> None:
-        """Make what `doubtful` needs for `doubts`; scattered sensors, whose operators are large, wait until it is asked for."""
+        """Prepare `doubtful` for `doubts`; for scattered sensors, whose operators are large, do it at first use."""
         if not any(isinstance(a, ScatteredArray) for a in self.planes):
             for name in ("depth", "thickness"):
                 if getattr(self.doubts, name):

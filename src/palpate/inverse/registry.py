@@ -19,7 +19,7 @@ from palpate.inverse.paper.constant_friction import ConstantFriction
 from palpate.inverse.paper.division import Division
 from palpate.inverse.paper.linear_system import LinearSystem
 
-__all__ = ["GROUP", "method_asked", "method_from_text", "method_named", "methods", "options", "register", "unnamed"]
+__all__ = ["GROUP", "method_from_text", "method_named", "methods", "options", "register", "requested_method", "unnamed"]
 
 AnyMethod = TypeVar("AnyMethod", bound=type[Method])
 
@@ -144,11 +144,11 @@ def method_named(name: str, given: Mapping[str, Any]) -> Method:
 
 
 def unnamed(given: Iterable[str]) -> str:
-    """The method meant where only options are given: the automatic one, or the linear one where an option is its own."""
+    """The default method for the options: the automatic one, or the linear one if an option belongs to it."""
     return Tikhonov.name if {"order", "parameter", "rule"} & set(given) else Automatic.name
 
 
-def method_asked(method: str | Method | None, given: Mapping[str, Any]) -> Method:
+def requested_method(method: str | Method | None, given: Mapping[str, Any]) -> Method:
     """The method that Python asks for: by name or as an object, or by its options alone.
 
     Raises
@@ -173,12 +173,12 @@ def method_asked(method: str | Method | None, given: Mapping[str, Any]) -> Metho
 
 
 def method_from_text(name: str | None, given: Mapping[str, str]) -> Method:
-    """The method with these options as a command line says them.
+    """The method with options given as text on a command line.
 
     Raises
     ------
     InvalidInput, Unsupported
-        As for `method_named`; options that cannot be said in text are among what is not taken.
+        As for `method_named`; options without a text form are refused.
     """
     chosen = unnamed(given) if name is None else name
     known = methods()
@@ -194,5 +194,5 @@ def method_from_text(name: str | None, given: Mapping[str, str]) -> Method:
         try:
             said[option] = text if read is None else read(text)
         except ValueError:
-            said[option] = text  # what it should have been is said by the option's own check
+            said[option] = text  # the option's own check says what is accepted
     return method_named(chosen, said)

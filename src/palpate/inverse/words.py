@@ -1,4 +1,4 @@
-"""What a method assumed, and what the readings cannot tell, in sentences."""
+"""Notes on assumptions of a method and on what the readings cannot determine."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from palpate.sensing.uncertainty import MODULUS, scale_free
 
 __all__ = ["ASSUMED", "notes", "surface_strain"]
 
-#: How a sentence begins that says what was assumed: a summary joins these in one line, and they are no notes.
+#: Prefix of sentences about assumptions: a summary joins these in one line, and they are not notes.
 ASSUMED = "assumed: "
 
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
 
 
 def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: Any) -> tuple[str, ...]:
-    """Notes for every result of a problem, ``default`` being what would be sought if nothing were asked for."""
+    """Notes for every result of a problem; ``default`` are the components sought by default."""
     sought, found = problem.components, []
     zero = [c for c in problem.surface.components if c not in sought]
     if zero:

@@ -14,7 +14,7 @@ from palpate.touch import Touch
 
 __all__ = ["CameraSource"]
 
-#: Seconds without a picture that are said.
+#: Report a camera without pictures after this many seconds.
 LATE = 1.0
 
 
@@ -105,9 +105,9 @@ class CameraSource:
         self._std: Any = None
 
     def __call__(self) -> Iterator[tuple[float, Any]]:
-        """(time [s], displacements (2, n) [m]) of the newest picture; a picture that tells nothing is all NaN.
+        """(time [s], displacements (2, n) [m]) of the newest picture; all NaN for an unusable picture.
 
-        A camera that ends raises `InvalidInput`: the view must say so.
+        A camera that ends raises `InvalidInput`, so that the page reports it.
         """
         skipped, said, before = 0, "", None
         for count, reading in enumerate(self.touches.readings, 1):
@@ -125,7 +125,7 @@ class CameraSource:
             self._std = reading.std
             yield reading.time, reading.values
             if count == self.touches.readings.reference:
-                self.latest.start()  # the zero is taken, and what the first frames prepare is there
+                self.latest.start()  # the zero is done, and so is the preparation in the first frames
         if self.touches.readings.pictures.notes:
             raise InvalidInput(" ".join(self.touches.readings.pictures.notes))
 
@@ -134,7 +134,7 @@ class CameraSource:
         return self.touches.step(values, time, std=self._std)
 
     def close(self) -> None:
-        """End the pictures; who waits for one gets none."""
+        """End the pictures; a waiting reader gets none."""
         self.latest.close()
 
 

@@ -1,7 +1,7 @@
 """How many connections the page's server keeps, for how long, and how often it speaks of them.
 
-Whoever reaches the port can open connections and say nothing. Each holds a file descriptor, of which a process has about a thousand: without
-a bound the server could accept no page any more, and the stream could open no file.
+Whoever reaches the port can open idle connections. Each holds a file descriptor, of which a process has about a thousand: without a limit the server
+could accept no page, and the stream could open no file.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["BACKLOG", "HELLO", "OPEN", "Connections", "Seldom", "accept_failures
 OPEN, BACKLOG = 64, 32
 #: Seconds that a connection may take to ask for something.
 HELLO = 30.0
-#: Seconds between two lines of a log that say the same.
+#: Seconds between two equal lines of a log.
 PAUSE = 60.0
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -65,7 +65,7 @@ class Connections:
 
 
 def bounded(base: type[Any], connections: Connections) -> type[Any]:
-    """The protocol ``base`` of uvicorn, counted among ``connections``, and ended where it asks for nothing."""
+    """The protocol ``base`` of uvicorn, counted among ``connections`` and closed when idle."""
 
     class Bounded(base):  # type: ignore[misc]
         """uvicorn alone takes any number of connections, and waits for ever for a request that never comes or never ends."""
@@ -92,7 +92,7 @@ def bounded(base: type[Any], connections: Connections) -> type[Any]:
 
 
 class Seldom(logging.Filter):
-    """Lets each message of a logger pass once a minute, with how often it would have been said since.
+    """Lets each message of a logger pass once a minute, with the count of suppressed ones.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def seldom(*loggers: logging.Logger) -> Iterator[None]:
 
 
 def accept_failures_are_warnings(loop: asyncio.AbstractEventLoop, logger: logging.Logger) -> None:
-    """Where the system has no descriptor left for a new connection, say it in one line: asyncio writes a traceback for each."""
+    """If the system has no descriptor for a new connection, warn in one line; asyncio writes a traceback for each."""
 
     def handle(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")

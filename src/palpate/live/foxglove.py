@@ -55,7 +55,7 @@ class FoxgloveServer:
             self._send(*self._encoder.readings(time, values), time)
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Send the result of one frame."""
         now = float(touch.time) if time is None else time  # type: ignore[arg-type]
         for kind, data in self._encoder.touch(touch, now):
             self._send(kind, data, now)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RerunSink"]
 
-#: Shear arrows on a side of the map, at most.
+#: Largest number of shear arrows on a side of the map.
 ARROWS = 24
 
 
@@ -53,7 +53,7 @@ class RerunSink:
         self._stream.log("readings", self._rerun.Tensor(to_numpy(values).astype(np.float32)))
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Log the result of one frame."""
         rr, grid = self._rerun, touch.surface
         self._stream.set_time("time", duration=float(touch.time) if time is None else time)  # type: ignore[arg-type]
         values = to_numpy(touch.values).astype(np.float32)
@@ -83,7 +83,7 @@ class RerunSink:
         self._stream.log("events", self._rerun.TextLog(str(event), level="WARN" if warning else "INFO"))
 
     def close(self) -> None:
-        """Send what waits.
+        """Send the queue.
 
         Raises
         ------

@@ -34,20 +34,20 @@ __all__ = ["BUDGET", "LOCAL", "Live", "address", "is_local", "serve", "show"]
 
 #: This machine, by its names.
 LOCAL = ("127.0.0.1", "localhost", "::1")
-#: What a frame of a live view may take [s].
+#: Time for a frame of a live view [s].
 BUDGET = 0.02
 
 STATIC = Path(__file__).parent / "static"
-#: What the page is made of, besides itself; uPlot draws the charts (MIT licence, beside it).
-PARTS = ("live.js", "map.js", "readings.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
-KINDS = {"js": "text/javascript", "css": "text/css"}
+#: Files of the page besides the page itself; uPlot draws the charts (MIT licence, beside it).
+PAGE_FILES = ("live.js", "map.js", "readings.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
+MEDIA_TYPES = {"js": "text/javascript", "css": "text/css"}
 #: Largest message that a page may send [bytes].
 LARGEST = 1024
 #: Pages at the same time.
 PAGES = 16
-#: Seconds that a page may leave what is sent to it unread.
+#: Timeout of a page that does not read [s].
 STALLED = 10.0
-#: Seconds between reports of what was refused on the wire, and recordings that may be begun in a minute.
+#: Seconds between reports of refused packets, and the largest number of recordings started in a minute.
 REPORT, RECORDINGS = 1.0, 60
 _SAFE = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; img-src 'self' data:; frame-ancestors 'none'",
@@ -58,17 +58,16 @@ _SAFE = {
 
 
 class Live:
-    """The application around a session: ``app`` is what a server runs.
+    """The application around a session: a server runs ``app``.
 
     Parameters
     ----------
     session : Session
     token : str, optional
-        What a page must bring as ``?token=...`` or ``Authorization: Bearer ...``; one is made up unless it is given (``live.token``).
-        ``""`` asks for none: anybody on this machine may then look, under this machine's own names (localhost, 127.0.0.1, ::1), and
-        no page may ask for a new zero.
+        What a page must send as ``?token=...`` or ``Authorization: Bearer ...``; default: a random one (``live.token``). ``""`` requires none:
+        anybody on this machine may then look, under this machine's own names (localhost, 127.0.0.1, ::1), and no page may request a new zero.
     folder : str or Path, optional
-        Where recordings started from the page go; without it the page cannot record.
+        Folder of recordings that the page starts; without it the page cannot record.
     """
 
     def __init__(self, session: Session, *, token: str | None = None, folder: str | Path | None = None) -> None:
@@ -136,7 +135,10 @@ class Live:
         inner = Starlette(
             routes=[
                 Route("/", page("index.html", "text/html")),
-                *(Route(f"/{path.rsplit('/')[-1]}", page(path, KINDS[path.rsplit(".")[-1]])) for path in PARTS),
+                *(
+                    Route(f"/{path.rsplit('/')[-1]}", page(path, MEDIA_TYPES[path.rsplit(".")[-1]]))
+                    for path in PAGE_FILES
+                ),
                 Route("/health", health),
                 WebSocketRoute("/stream", stream),
             ],
@@ -177,7 +179,7 @@ class Live:
 
     @staticmethod
     def _unwelcome(origin: str | None, host: str | None) -> str | None:
-        """A browser says where its page came from; it must be from here. What is no address is from elsewhere."""
+        """ "origin" if the page of a request came from another origin, else None. A malformed origin counts as another."""
         if origin is None:
             return None
         try:
@@ -197,7 +199,7 @@ class Live:
                 loop.call_soon_threadsafe(fresh.set)
 
         async def send(what: dict[str, Any] | bytes) -> None:
-            # one that never reads must not keep its place
+            # a page that never reads loses its place
             async with asyncio.timeout(STALLED):
                 await (socket.send_bytes(what) if isinstance(what, bytes) else socket.send_text(json.dumps(what)))
 
@@ -237,7 +239,7 @@ class Live:
                 await listener
 
     async def _listen(self, socket: Any, answers: deque[dict[str, Any]], fresh: asyncio.Event) -> None:
-        """What the page asks for: recording, on or off; a new zero. Anything else is counted and left."""
+        """Handle the page's requests: recording on or off, a new zero. Count and ignore anything else."""
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -256,7 +258,7 @@ class Live:
                     raise ValueError("record must be true or false")
             except (ValueError, KeyError, TypeError, RecursionError):
                 self._refuse("message")
-                await asyncio.sleep(0)  # a flood of these leaves room for the others
+                await asyncio.sleep(0)  # a flood of these leaves room for others
                 continue
             try:
                 name = await asyncio.to_thread(self.session.record, self._path() if record else None)
@@ -266,7 +268,7 @@ class Live:
             fresh.set()
 
     def _path(self) -> Path:
-        """Where the next recording goes; a name that is not taken yet."""
+        """The path of the next recording; never an existing one."""
         if self.folder is None:
             raise InvalidInput("recording from the page is off: start with --record-to FOLDER.")
         now = time.monotonic()
@@ -295,7 +297,7 @@ def is_local(host: str) -> bool:
 
 
 def address(live: Live, host: str, port: int) -> str:
-    """What to open in a browser."""
+    """The address to open in a browser."""
     query = f"?token={quote(live.token)}" if live.token else ""
     return f"http://{f'[{host}]' if ':' in host else host}:{port}/{query}"
 
@@ -320,7 +322,7 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
     with sockets.socket(family, sockets.SOCK_STREAM) as bound:
         bound.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
         if hasattr(sockets, "TCP_USER_TIMEOUT"):
-            # what a page leaves unread for so long ends its connection; the library alone would keep it
+            # a page that does not read for so long is disconnected; the library alone would keep it
             bound.setsockopt(sockets.IPPROTO_TCP, sockets.TCP_USER_TIMEOUT, round(1e3 * STALLED))
         try:
             bound.bind((host, port))
@@ -356,16 +358,16 @@ def show(
     monitor : GraspMonitor, optional
         Default: one with the same friction.
     sinks : sequence of Sink
-        Where the stream goes besides: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`.
+        Other receivers of the stream: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`.
     name : str
         Shown on the page.
     host, port
         Where the page is; this machine alone by default.
     token : str, optional
-        What a page must bring; made up unless it is given. ``""`` asks for none, on this machine only. The address to open is
+        What a page must send; default: a random one. ``""`` requires none, on this machine only. The address to open is
         logged (``logging.getLogger("palpate.live")``).
     **tracking
-        Options of `Skin.track`, such as ``friction`` and ``baseline``; a ``budget`` in which a page is shown well, unless it is given.
+        Options of `Skin.track`, such as ``friction`` and ``baseline``; the default ``budget`` suits a page.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from palpate._numbers import plain_time
 from palpate._threads import few_threads
 from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import Event, GraspMonitor
-from palpate.live.taxels import MOST, described, edge, flat_readings
+from palpate.live.taxels import MAX_READINGS, described, edge, flat_readings
 from palpate.network.waiting import FrameSource
 from palpate.recordings import Sink, recorder
 from palpate.sensing.zero import MOVED, STANDS
@@ -131,25 +131,24 @@ class Session:
     ----------
     skin : Skin
     source : callable
-        Returns an iterable of (time [s], readings), or a `FrameSource`. Where its times go back (a sensor that restarts) or another
-        sender is served, times go on from the last one by this machine's clock: page, tracker and sinks see one time that only
-        increases. That is said among the events. The zero is kept.
+        Returns an iterable of (time [s], readings), or a `FrameSource`. If its times jump back (a restarted sensor) or the sender changes, times
+        continue from the last one by this machine's clock: page, tracker and sinks see one increasing time. An event reports it. The zero stays.
     tracker, monitor : Tracker, GraspMonitor
     pace : bool
-        Wait until each frame is due by its time (a recording); else take frames as they come (a sensor).
+        Wait until each frame is due by its time (a recording); else process frames as they come (a sensor).
     loop : bool
-        Begin again when the source ends.
+        Start again when the source ends.
     end : callable, optional
         Ends a source that waits for frames.
     sinks : sequence of Sink
-        Where readings, touches and events go besides the page: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`. One that
-        fails is reported and left; the stream goes on.
+        Receivers of readings, touches and events besides the page: a `palpate.recordings.recorder`, a `FoxgloveServer`, a `RerunSink`. One that fails
+        is reported and dropped; the stream continues.
     report : callable, optional
-        Told in one sentence when a sink or the source fails.
+        Called with one sentence when a sink or the source fails.
     step : callable, optional
         Takes readings and time and returns the `Touch`, in place of ``tracker.step``.
     pages : bool
-        Make packets for pages; without pages they are work for nobody.
+        Make packets for pages.
     """
 
     def __init__(
@@ -188,17 +187,17 @@ class Session:
         self._thread: threading.Thread | None = None
         self._sinks = list(sinks)
         self._report = report
-        #: Why sinks were left; the stream went on without them.
+        #: Why sinks were dropped; the stream continued without them.
         self.lost: list[PalpateError] = []
         self._recorder: Sink | None = None
         self.recording: str | None = None
-        self._stands = False  # said once
+        self._stands = False  # reported once
         self._moved = False  # of the zero that is used now
         self._zero_from = 0  # frames that a new zero is wanted from
         self._taxels, self._edge = described(skin), edge(skin)
-        #: Readings that packets hold; 0 where they are too many for a page.
+        #: Readings in a packet; 0 if they are too many for a page.
         self.readings = sum(len(p["names"]) * len(p["channels"]) for p in self._taxels)
-        self.readings = self.readings if self.readings <= MOST else 0
+        self.readings = self.readings if self.readings <= MAX_READINGS else 0
         self._resting: tuple[Any, Any] | None = None  # sum and number of the readings of the zero that is being taken
         self._zero: Any = 0.0
 
@@ -236,7 +235,7 @@ class Session:
         return end
 
     def layout(self) -> dict[str, Any]:
-        """What does not change from packet to packet."""
+        """The part that is the same in all packets."""
         grid = self.skin.surface
         line = grid.dimensions == 1
         with self._lock:
@@ -260,7 +259,7 @@ class Session:
         }
 
     def state(self) -> dict[str, Any]:
-        """What a page must know even when no frame comes: how the stream is, and what became of it on the wire."""
+        """The state for a page without new frames: the stream and its losses."""
         listener = self._listener
         return {
             "failure": self.failure,
@@ -275,13 +274,13 @@ class Session:
         self.behind += 1
 
     def note(self, text: str) -> None:
-        """Say something among the events."""
+        """Add a remark to the events."""
         with self._lock:
             self._remember([text])
         self._notify()
 
     def noted(self, after: int) -> tuple[int, list[str]]:
-        """How many events there were so far, and those after so many (as far as they are remembered)."""
+        """The count of events so far, and those after a given count (as far as they are stored)."""
         with self._lock:
             count = self._noted
             return count, self.past[-(count - after) :] if count > after else []
@@ -305,7 +304,7 @@ class Session:
         return self.recording
 
     def rezero(self, frames: int = FRAMES_OF_ZERO) -> None:
-        """Take the zero anew from the next ``frames`` frames, in which nothing must touch; said among the events."""
+        """Take a new zero from the next ``frames`` frames, in which nothing may touch; record an event."""
         with self._lock:
             self._zero_from = frames
 
@@ -326,7 +325,7 @@ class Session:
                     if not self.loop:
                         return
         except Exception as error:
-            # the page must say that the stream has ended, whatever ended it
+            # the page must show that the stream has ended, for any reason
             self.failure = str(error) or type(error).__name__
             if self._report is not None:
                 self._report(self.failure)
@@ -391,7 +390,7 @@ class Session:
             self.note(f"{time:.3f} s  a new zero is taken from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
         events = self.monitor.update(touch) if "z" in touch.components else []
-        self._doubt_the_zero(touch, time)
+        self._check_zero(touch, time)
         packet = self._packed(touch, events, born, self._shown(touch, reading)) if self._pages else None
         with self._lock:
             self._remember([str(e) for e in events])
@@ -412,8 +411,8 @@ class Session:
         self.count += 1
         self._notify()
 
-    def _doubt_the_zero(self, touch: Touch, time: float) -> None:
-        """Says once that readings stand far from 0, once for each zero that its frames moved, and where a contact is begun anew."""
+    def _check_zero(self, touch: Touch, time: float) -> None:
+        """Note that readings stand far from 0: once for each zero that its frames moved, and when a contact begins again."""
         if STANDS in touch.notes and not self._stands:
             self._stands = True
             self.note(f"{time:.3f} s  {STANDS}")
@@ -461,7 +460,7 @@ class Session:
         self.lost.append(error)
         if sink is self._recorder:
             self._recorder, self.recording = None, None
-        with contextlib.suppress(PalpateError):  # it has said why
+        with contextlib.suppress(PalpateError):  # it has reported the reason
             sink.close()
         if self._report is not None:
             self._report(f"{error} The live view goes on without it.")

@@ -1,4 +1,4 @@
-"""Where the taxels of a skin lie, for the page: outlines, names, and the edge of the array beyond which nothing is measured."""
+"""Positions of the taxels for the page: outlines, names, and the edge of the measured area."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.readings import checked_planes
 from palpate.skin import Skin
 
-__all__ = ["MOST", "described", "edge", "flat_readings"]
+__all__ = ["MAX_READINGS", "described", "edge", "flat_readings"]
 
-#: Readings that are shown one by one; a page keeps those of the last minute.
-MOST = 4096
+#: Readings to show one by one; a page keeps those of the last minute.
+MAX_READINGS = 4096
 #: Size of a scattered taxel without an aperture, as a part of the distance to its neighbour.
-PART = 0.7
+TAXEL_SIZE = 0.7
 
 
 def described(skin: Skin) -> list[dict[str, Any]]:
@@ -69,13 +69,13 @@ def _size(p: Array) -> tuple[float, float]:
     points = np.asarray(p.points, dtype=np.float64)
     if min(apertures) <= 0.0:
         if isinstance(p, ScatteredArray):
-            apertures = [PART * _apart(points)] * len(apertures)
+            apertures = [TAXEL_SIZE * _spacing(points)] * len(apertures)
         else:
             apertures = [float(s) for s in p.grid.spacings]
     return (apertures[-1], apertures[0]) if len(apertures) == 2 else (apertures[0], 0.0)
 
 
-def _apart(points: Any) -> float:
+def _spacing(points: Any) -> float:
     """The usual distance of a point from its neighbour."""
     from scipy.spatial import KDTree
 

@@ -38,7 +38,7 @@ def publish_touches(session: Session, connection: Any, *, key: str) -> Callable[
 
     def send() -> None:
         nonlocal sent
-        if session.packet is not None and session.count > sent:  # it is told of events and of the end too
+        if session.packet is not None and session.count > sent:  # it also receives events and the end
             sent = session.count
             publisher.put(session.packet)
 

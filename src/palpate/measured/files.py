@@ -16,19 +16,19 @@ from palpate.units import KIND_OF_SI, UNITS
 
 __all__ = ["read_table", "write_table"]
 
-#: Columns beside the channels, and the kind of their unit.
+#: Columns besides the channels, and the kind of their unit.
 COLUMNS = {
     "press_x": "length", "press_y": "length", "force_x": "force", "force_y": "force", "force_z": "force", "contact_radius": "length",
     "taxel_x": "length", "taxel_y": "length", "press": "", "taxel": "",
 }  # fmt: skip
 #: Of these there must be all.
 NEEDED = ("press_x", "press_y", "force_z", "taxel_x", "taxel_y")
-#: Lines of a CSV at most: 3000 presses of 1000 taxels.
+#: Largest number of lines of a CSV: 3000 presses of 1000 taxels.
 LINES = 3_000_000
 
 
 def read_table(path: Path, radius: float | None, indenter: str | None) -> Table:
-    """The table of a file; ``radius`` and ``indenter`` where it does not say them, or says other ones.
+    """The table of a file; ``radius`` and ``indenter`` if it does not state them, or to override them.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_table(path: Path, radius: float | None, indenter: str | None) -> Table:
 
 
 def _unit(path: Path, name: str, unit: str | None) -> float:
-    """What a 1 in a column is in SI units."""
+    """The unit of a column in SI units."""
     kind = COLUMNS[name] if name in COLUMNS else KIND_OF_SI[channel_unit(name)]
     if not kind:
         return 1.0
@@ -151,7 +151,7 @@ def _csv(path: Path) -> dict[str, Any]:
 
 
 def _in_order(taxels: Any, taxel: Any) -> tuple[Any, Any]:
-    """Taxels in the order in which the file first names them."""
+    """Taxels in the order of their first appearance in the file."""
     first = np.full(len(taxels), len(taxel))
     np.minimum.at(first, taxel, np.arange(len(taxel)))
     order = np.argsort(first)
@@ -166,7 +166,7 @@ def _netcdf(path: Path) -> dict[str, Any]:
     try:
         with xarray.open_dataset(path, decode_times=False) as opened:
             data = opened.load()
-    except Exception as error:  # each engine raises what it likes
+    except Exception as error:  # each engine raises exceptions of its own
         raise InvalidInput(
             f"{path} cannot be read as NetCDF ({str(error)[:120]}). NetCDF 4 needs palpate[files]."
         ) from error

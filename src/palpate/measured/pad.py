@@ -30,42 +30,42 @@ __all__ = ["Measured"]
 
 #: Cells along an axis, at most, that are chosen for a patch.
 CELLS = 48
-#: How far a taxel of an array may lie from one of the table, as a part of the distance of neighbouring taxels.
-ASIDE = 0.05
-#: Modulus of the half-space that stands for the pad where an elastic model is asked for [Pa]. So stiff that no reading, whatever its unit, is taken for
-#: one beyond what an elastic pad bears.
+#: Largest distance of a taxel of an array from one of the table, as a part of the distance of neighbouring taxels.
+MAX_OFFSET = 0.05
+#: Modulus of the half-space that replaces the pad for an elastic model [Pa]. It is so stiff that no reading, in any unit, exceeds what an elastic pad
+#: bears.
 STIFF = 1e12
 #: A table is refused where presses that are left out are foretold no better than this part of their readings, and noise does not explain it: places are
 #: farther apart than the response is wide, or readings belong to other presses.
 USELESS = 0.6
-#: And where they are foretold no better than this part, noise or not: hardly better than by zero.
+#: Reject predictions with a relative error above this, with or without noise: hardly better than zero.
 NOTHING = 0.85
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A pad that is known by a table: what every reading says when something of a known size presses at known places.
+    """A pad known by a table: every reading for presses of known size at known places.
 
-    It goes where `HalfSpace` and `BondedLayers` go: no elastic model is taken, so that any shape of pad and any kind of sensor whose readings grow with
-    the load serves. Between the places the response is interpolated, the indenter's size is taken out, and what the table does not tell is in the error bars
-    (`uncertainty`), as `palpate.measured.response` explains. Contact is sought on the rectangle that was pressed, and nowhere else.
+    It replaces `HalfSpace` or `BondedLayers`. It needs no elastic model: any shape of pad and any sensor serves whose readings grow with the load.
+    The response is interpolated between the places and corrected for the indenter's size; the error bars include the error of the interpolation
+    (`uncertainty`), as `palpate.measured.response` explains. Contact is sought only on the rectangle that was pressed.
 
-    A table of normal presses says nothing of shear: pressure alone is then sought, and shear that acts is taken for it where it moves the readings. Press
-    sideways too (`force` with x and y) to measure it.
+    A table of normal presses has no shear: only pressure is then sought, and shear appears as pressure if it moves the readings. Press sideways too
+    (`force` with x and y) to measure it.
 
     Parameters
     ----------
     table : str, Path or palpate.measured.Table
         A .nc or .csv (see the page on measured responses), or the numbers themselves; `of` takes them with an array.
     radius : float, optional
-        Radius of the disc that the indenter touched [m], where the file does not say it.
+        Radius of the disc that the indenter touched [m], if the file does not state it.
     indenter : str, optional
-        "hertz" (a ball), "disc" or "punch", where the file does not say it.
+        "hertz" (a ball), "disc" or "punch", if the file does not state it.
 
     Raises
     ------
     InvalidInput
-        A file or table that cannot be meant; the message says what is accepted.
+        An invalid file or table; the message says what is accepted.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class Measured:
     >>> bool(pad.fit.noise[0] < 1.0), round(pad.uncertainty.gain, 2)  # less than 1 Pa; 1 %
     (True, 0.01)
 
-    What an elastic model would tell, and a table does not; a half-space stands for the pad where one is asked for what can be observed.
+    Properties of an elastic model that a table lacks; for observability a half-space replaces the pad.
 
     >>> pad.modelled, pad.thickness, pad.mean_compliance(0.0), pad.compliance(0.0).shape
     (False, None, None, (6, 6))
@@ -212,7 +212,7 @@ class Measured:
             raise InvalidInput(f"{path} exists, and may hold what was measured; give another name.")
         write_table(self.table, Path(path))
 
-    # -- what the table tells ------------------------------------------------------------------------------------------
+    # -- results of the table ------------------------------------------------------------------------------------------
 
     @cached_property
     def fit(self) -> Response:
@@ -240,7 +240,7 @@ class Measured:
         return np.asarray(self.table.force[:, ["xyz".index(c) for c in self.table.components]])
 
     def _excess(self, found: Response) -> Floats:
-        """What presses that were left out are off by beyond the noise of the table, as a part of their readings."""
+        """Cross-validation error beyond the noise of the table, as a part of the readings."""
         readings = self.table.readings[:, :, self.table.working]
         size = np.sqrt((readings**2).mean(axis=(0, 2)))
         return np.asarray(np.sqrt(np.maximum(found.held_out**2 - (found.noise / size) ** 2, 0.0)))
@@ -263,7 +263,7 @@ class Measured:
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """What holds where a skin states nothing: no modulus, depth or thickness enters; each reading is off by what the table does not tell of it (gain).
+        """The default uncertainty: no modulus, depth or thickness enters; the gain is the error of each reading between places of the table.
 
         The error is that of presses as in the table at places between, with all readings taken together; `Uncertainty.scale` is how well the force of the
         presses was known.
@@ -298,11 +298,11 @@ class Measured:
 
     @property
     def thickness(self) -> float | None:
-        """None: a table knows no base."""
+        """None: a table has no base."""
         return None
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
-        """Fields of one wavevector in a half-space that stands for the pad, for the components that were measured: they tell what can be observed."""
+        """Fields of one wavevector in a half-space that replaces the pad, for the measured components: they decide what can be observed."""
         out = _STANDS_FOR.states(wavenumber, direction, depth).copy()
         for i, c in enumerate("xyz"):
             if c not in self.components:
@@ -377,7 +377,7 @@ class Measured:
         apart = float(np.median(near.query(t.positions, k=2)[0][:, 1]))
         distance, found = near.query(array.points[:, ::-1])
         valid = array.valid.ravel()
-        beside = valid & (distance > ASIDE * apart)
+        beside = valid & (distance > MAX_OFFSET * apart)
         if beside.any():
             y, x = array.points[int(np.argmax(beside))]
             raise InvalidInput(

@@ -1,4 +1,4 @@
-"""What a table of presses tells of the response at every place, as a Gaussian process, with the indenter's size taken out.
+"""The response at every place from a table of presses, as a Gaussian process, corrected for the indenter's size.
 
 The response G(x) of a reading, per newton on the point x of the surface, is
 
@@ -35,18 +35,18 @@ __all__ = ["SHAPES", "Response", "fitted", "spread"]
 SHAPES = ("hertz", "disc", "punch")
 #: Waves of a process along an axis, at most, and of all components together: their products are a second's work.
 ALONG, WAVES = 34, 1200
-#: Rows of presses times readings from which the shared response is found, drawn where there are more.
+#: Largest number of rows (presses times readings) for the shared response; of more, a random sample is used.
 ROWS = 20_000
 #: Rows of a block.
 BLOCK = 4000
 #: Lengths l that are tried, over the distance of neighbouring presses.
 LENGTHS = (0.25, 0.4, 0.6, 0.85, 1.2, 1.8, 2.7)
-#: Room beside the lags, in distances of neighbouring presses: without it a wave that leaves on one side enters on the other.
+#: Margin beside the lags, in distances of neighbouring presses: without it, waves wrap round.
 ROOM = 2.0
 #: Places between those that were pressed, at which the uncertainty is worked out.
 PLACES = 120
-#: Parts of the table of which each is foretold from the others.
-PARTS = 5
+#: Parts of the table for cross-validation.
+FOLDS = 5
 
 _PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
@@ -179,7 +179,7 @@ def fitted(
     channels: Sequence[str],
     components: Sequence[str],
 ) -> Response:
-    """The response that a table tells of.
+    """The response fitted to a table.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def fitted(
     low, high = both.min(axis=0), both.max(axis=0)
     lag = np.abs(presses[:, None] - taxels).max(axis=(0, 1)) + ROOM * near
     lags = Waves(np.zeros(2), lag, along)
-    # the processes of the readings' own are asked for only where presses are
+    # the readings' own processes are needed only near presses
     low, high = presses.min(axis=0), presses.max(axis=0)
     here = Waves(0.5 * (low + high), (high - low) + ROOM * near, along)
     fit = _Fit(data, lags, here, near)
@@ -224,16 +224,16 @@ class _Fit:
 
     def response(self) -> Response:
         data = self.data
-        part = np.random.default_rng(1).permutation(len(data.presses)) % PARTS
+        part = np.random.default_rng(1).permutation(len(data.presses)) % FOLDS
         parts = [
-            [self.products(data.some(np.flatnonzero(part == p)), i) for p in range(PARTS)] for i in range(self.channels)
+            [self.products(data.some(np.flatnonzero(part == p)), i) for p in range(FOLDS)] for i in range(self.channels)
         ]
         normal = [_Normal.sum(p) for p in parts]
         length = self.length(normal)
         posts, own, noise, errors, held = [], [], [], [], []
         for i in range(self.channels):
             post = _Shared.of(normal[i], self.weights(length))
-            left = data.readings[:, i] - self.foretold(data, i, post.mean)
+            left = data.readings[:, i] - self.predicted(data, i, post.mean)
             mine = _Own.of(self.kernel(data, data, length), left)
             posts.append(post)
             own.append(mine)
@@ -276,8 +276,8 @@ class _Fit:
         """Of the waves with themselves and with the readings; of readings that are drawn where there are many."""
         n, _, taxels = data.readings.shape
         index = np.arange(n * taxels)
-        if len(index) > ROWS // PARTS:
-            index = np.sort(np.random.default_rng(0).choice(index, ROWS // PARTS, replace=False))
+        if len(index) > ROWS // FOLDS:
+            index = np.sort(np.random.default_rng(0).choice(index, ROWS // FOLDS, replace=False))
         size = self.components * self.lags.size.size
         gram, right, square = np.zeros((size, size)), np.zeros(size), 0.0
         for start in range(0, len(index), BLOCK):
@@ -305,7 +305,7 @@ class _Fit:
                 return LENGTHS[place] * self.near
             place = best
 
-    def foretold(self, data: _Data, channel: int, mean: Floats) -> Floats:
+    def predicted(self, data: _Data, channel: int, mean: Floats) -> Floats:
         """(press, taxel) by the shared response."""
         n, _, taxels = data.readings.shape
         means = mean.reshape(self.components, *self.lags.size.shape)
@@ -320,7 +320,7 @@ class _Fit:
             out[here] = total.reshape(len(here), taxels)
         return out
 
-    # -- what each reading has of its own ------------------------------------------------------------------------------
+    # -- the individual part of each reading ----------------------------------------------------------------------------
 
     def seen(self, data: _Data, length: float) -> Floats:
         """Waves of the own responses, times the root of their variance, as presses see them (component, press, parity and wave)."""
@@ -353,30 +353,30 @@ class _Fit:
         share = rng.uniform(0.0, 1.0, (PLACES, 1))
         places = data.presses[one] + share * (data.presses[other] - data.presses[one])
         moved = _Data(places, data.forces[one], data.radius[one], data.shape, data.readings[one], data.taxels, data.odd)
-        square = own.untold(self.kernel(moved, data, length), self.kernel(moved, moved, length).diagonal()) * len(
-            data.taxels
-        )
+        square = own.predictive_variance(
+            self.kernel(moved, data, length), self.kernel(moved, moved, length).diagonal()
+        ) * len(data.taxels)
         each = rng.integers(len(data.taxels), size=(PLACES, min(8, len(data.taxels))))
         for press, taxels in enumerate(each):
             rows = self.rows(moved, channel, np.full(len(taxels), press), taxels)
-            square[press] += post.untold(rows).mean() * len(data.taxels)
-        mean = self.foretold(moved, channel, post.mean) + own.variance * self.kernel(moved, data, length) @ own.weights
+            square[press] += post.predictive_variance(rows).mean() * len(data.taxels)
+        mean = self.predicted(moved, channel, post.mean) + own.variance * self.kernel(moved, data, length) @ own.weights
         size = float((mean**2).sum())
         return float(math.sqrt(square.sum() / max(size, 1e-300)))
 
     def held_out(
         self, length: float, channel: int, part: npt.NDArray[np.intp], parts: Sequence[_Normal], post: _Shared
     ) -> float:
-        """What presses that are left out are off by from what the others foretell, over their readings."""
+        """Cross-validation error of the presses, relative to their readings."""
         data = self.data
         left, size = 0.0, float((data.readings[:, channel] ** 2).sum())
-        for p in range(PARTS):
+        for p in range(FOLDS):
             rest, gone = data.some(np.flatnonzero(part != p)), data.some(np.flatnonzero(part == p))
             mean = post.again(_Normal.sum([n for i, n in enumerate(parts) if i != p]), self.weights(length))
             own = _Own.of(
-                self.kernel(rest, rest, length), rest.readings[:, channel] - self.foretold(rest, channel, mean)
+                self.kernel(rest, rest, length), rest.readings[:, channel] - self.predicted(rest, channel, mean)
             )
-            found = self.foretold(gone, channel, mean) + own.variance * self.kernel(gone, rest, length) @ own.weights
+            found = self.predicted(gone, channel, mean) + own.variance * self.kernel(gone, rest, length) @ own.weights
             left += float(((found - gone.readings[:, channel]) ** 2).sum())
         return math.sqrt(left / max(size, 1e-300))
 
@@ -450,14 +450,14 @@ class _Shared:
         out[self.kept] = self.over * d * solve(matrix, d * normal.right[self.kept], assume_a="pos")
         return out
 
-    def untold(self, rows: Floats) -> Floats:
-        """Variance of what it foretells, of rows of waves."""
+    def predictive_variance(self, rows: Floats) -> Floats:
+        """Predictive variance for rows of waves."""
         return np.asarray(((rows[:, self.kept] @ self.root) ** 2) @ self.scale)
 
 
 @dataclass(frozen=True)
 class _Own:
-    """Posterior of what each reading has of its own: ``weights`` (press, taxel) times ``variance`` times the covariance with the presses."""
+    """Posterior of the individual part of each reading: ``weights`` (press, taxel) times ``variance`` times the covariance with the presses."""
 
     variance: float
     noise: float
@@ -482,7 +482,7 @@ class _Own:
         weights = vectors @ (b / total[:, None])
         return cls(over * noise, math.sqrt(noise), weights, vectors, total)
 
-    def untold(self, across: Floats, itself: Floats) -> Floats:
+    def predictive_variance(self, across: Floats, itself: Floats) -> Floats:
         """Variance at places with these covariances (place, press) and variances (place,), of a process of variance 1."""
         explained = (self.variance * across @ self.vectors) ** 2 / self.values
         return np.asarray(np.maximum(self.variance * itself - explained.sum(axis=1), 0.0))

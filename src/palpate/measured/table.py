@@ -1,4 +1,4 @@
-"""A table of presses: where, how hard, what every reading said; checked, whatever it came from."""
+"""A table of presses (places, forces, readings), checked."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from palpate.measured.response import SHAPES, spacing
 
 __all__ = ["Table"]
 
-#: Fewest places from which a response is found: a square of 4 x 4 has four inside.
-FEWEST = 16
-#: Most presses: the work grows as their cube.
-MOST = 3000
+#: Smallest number of places for a response: a square of 4 x 4 has four inside.
+MIN_PLACES = 16
+#: Largest number of presses: the work grows as their cube.
+MAX_PRESSES = 3000
 #: Larger places than this are no metres [m].
 LARGEST = 2.0
-#: A component is loaded where its largest force is at least this part of the largest of all.
+#: A component is loaded if its largest force is at least this part of the largest of all.
 LOADED = 1e-6
 #: A reading that changes by less than this part of what the others do is dead.
 DEAD = 1e-6
-#: Forces beyond this part of the largest are those of a press; the others are frames at rest.
-AT_REST = 1e-9
+#: A frame whose force is below this part of the largest is at rest.
+REST_FRACTION = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,7 +95,7 @@ class Table:
                 f"({n}, {len(channels)}, {len(positions)}); got {force.shape} and {readings.shape}."
             )
         _check_force(force)
-        rest = np.abs(force).max(axis=1) <= AT_REST * np.abs(force).max()
+        rest = np.abs(force).max(axis=1) <= REST_FRACTION * np.abs(force).max()
         if self.indenter not in SHAPES:
             raise InvalidInput(f"indenter must be {', '.join(SHAPES)}; got {self.indenter!r}.")
         radius = _numbers("radius", self.radius)
@@ -134,14 +134,14 @@ class Table:
 
     def _check_places(self) -> None:
         distinct = np.unique(self.places, axis=0)
-        if len(distinct) < FEWEST or np.ptp(distinct, axis=0).min() <= 0.0:
+        if len(distinct) < MIN_PLACES or np.ptp(distinct, axis=0).min() <= 0.0:
             raise InvalidInput(
-                f"the table has presses at {len(distinct)} places, and at least {FEWEST} are needed, spread over an area. Press at more places, about as "
+                f"the table has presses at {len(distinct)} places, and at least {MIN_PLACES} are needed, spread over an area. Press at more places, about as "
                 "far apart as the sensors are deep."
             )
-        if len(self.places) > MOST:
+        if len(self.places) > MAX_PRESSES:
             raise InvalidInput(
-                f"the table has {len(self.places)} presses, and at most {MOST} are served. Take every so many of them, or average those at one place."
+                f"the table has {len(self.places)} presses, and at most {MAX_PRESSES} are served. Take every so many of them, or average those at one place."
             )
         widest = float(np.ptp(distinct, axis=0).max())
         beside = (self.positions.max(axis=0) < distinct.min(axis=0)) | (

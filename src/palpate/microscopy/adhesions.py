@@ -20,9 +20,9 @@ from palpate.inverse.method import Method, Needs
 from palpate.inverse.problem import Problem
 from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
-from palpate.microscopy.noise import OWN, Noise, shared_part
+from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance
 from palpate.microscopy.sampler import MOST, Chain, Places
-from palpate.microscopy.vectors import Vectors, doubtful_of, first_guess, noise_of, outliers, vectors_of
+from palpate.microscopy.vectors import Vectors, find_doubtful, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
 __all__ = ["Adhesions", "Sample", "sampled"]
@@ -31,23 +31,24 @@ Flags = npt.NDArray[np.bool_]
 
 #: Chains, the steps of each until it has come to what it samples, and between two samples. Twice as many move the energy by 2 % (benchmarks/cells.py).
 CHAINS, BURN, BETWEEN = 3, 1200, 40
-#: A chain begins with the maxima of the first guess, then with those of what is left, so many times; and so many steps after each.
+#: A chain starts from the maxima of the first guess, then of the residual, so many times; and so many steps after each.
 ROUNDS, SETTLE, MAXIMA = 3, 150, 30
 #: Maxima of less than this part of the largest (of the square of the traction) begin no blob; above the next number, traction is strong.
 FAINT, STRONG = 0.02, 0.04
 #: Blobs are between these sizes [m], about that of an adhesion of 1.4 um, unless vectors lie so far apart [pitches] that smaller ones are beyond them; at most a part of the field.
 LEAST, MIDDLE, LEAST_PITCHES, MIDDLE_PITCHES, LARGEST = 0.08e-6, 0.35e-6, 0.04, 0.25, 0.12
-#: Outside the mask, and beyond the field of view, a blob is so many times less likely.
+#: Outside the mask, and outside the field of view, the prior of a blob is lower by this factor.
 OUTSIDE = 0.05
 #: Noise is no smaller than this part of the largest displacements: no gel is known better.
 MODEL = 1e-3
-#: A vector that is left by so many times the noise is an outlier, one that the median test left out and that is left by less than the other is none.
+#: A vector with a residual of this many times the noise is an outlier; one that the median test excluded and with a smaller residual than the second
+#: number is none.
 LEFT, BACK = 5.0, 3.0
 #: Blobs follow the displacement to this part of it.
 DETAIL = 0.2
 #: Fields of more vectors along a side are averaged over tiles.
 WIDEST = 160
-#: Neighbours share noise where their residuals correlate by more than this.
+#: Neighbours share noise if their residuals correlate by more than this.
 SHARED = 0.1
 
 
@@ -85,7 +86,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """What the chains say of a field: ``samples``, standard deviation of the noise [m], vectors that were left out, and words."""
+    """Result of the chains: ``samples``, standard deviation of the noise [m], excluded vectors, and notes."""
 
     samples: list[Sample]
     response: Response
@@ -136,7 +137,7 @@ def sampled(
     least = max(LEAST, LEAST_PITCHES * pitch)
     reach = 2.0 * pitch * math.hypot(*shape)
     response = Response.of(pad, depth, least, reach)
-    # the surface itself moves, wherever the beads are
+    # the surface itself moves, at any depth of the beads
     surface = response if depth == 0 else Response.of(pad, 0.0, least, reach)
     there = field.valid
     u = field.displacement - (np.nanmedian(field.displacement, axis=(1, 2), keepdims=True) if drift else 0.0)
@@ -149,7 +150,7 @@ def sampled(
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
     bad = outliers(u, level * shape_of_noise.relative) & there
     # an adhesion finer than the vectors looks like an outlier: which it is belongs to what is sampled
-    doubtful = doubtful_of(u, bad, there, level)
+    doubtful = find_doubtful(u, bad, there, level)
     wrong = np.zeros(shape)
     bad &= ~doubtful
     u = np.where(there, u, 0.0)
@@ -179,11 +180,13 @@ def sampled(
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
         rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
-        walk = _begun(chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window)
+        walk = _start_blobs(
+            chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+        )
         walk.walk(BURN)
         if number == 0:
             left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
-            found = _left_out(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
+            found = _find_outliers(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
             shared = 1.0 if noise is not None or stated else _shared(left, there & ~found)
             if shared > 1.0:
                 # noise that neighbours share is as much more at the wavelengths of traction
@@ -194,7 +197,7 @@ def sampled(
             if shared > 1.0 or (found != bad).any():
                 bad = found
                 vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
-                walk = _begun(
+                walk = _start_blobs(
                     chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
                 )
                 walk.walk(BURN)
@@ -247,8 +250,8 @@ def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Fla
 def _of_mean(ratio: int, field: Field) -> float:
     """Variance of the mean of ``ratio`` x ``ratio`` vectors, in that of one."""
     lags = field.pitch * np.subtract.outer(np.arange(ratio), np.arange(ratio)).ravel()
-    shared = shared_part(lags[:, None], lags[None, :], field.aperture if field.aperture > field.pitch else 0.0)
-    return float(((1.0 - OWN) * shared.mean()) + OWN / ratio**2)
+    shared = shared_variance(lags[:, None], lags[None, :], field.aperture if field.aperture > field.pitch else 0.0)
+    return float(((1.0 - INDEPENDENT_SHARE) * shared.mean()) + INDEPENDENT_SHARE / ratio**2)
 
 
 def _every(field: Field) -> Vectors:
@@ -260,10 +263,10 @@ def _every(field: Field) -> Vectors:
     return Vectors(places, np.zeros((2, count)), np.full(count, field.aperture**2 / 12), np.ones(count), field.aperture)
 
 
-def _begun(
+def _start_blobs(
     walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
 ) -> Chain:
-    """Blobs where the first guess is largest, then where that of what they leave is."""
+    """Blobs at the maxima of the first guess, then at those of the residual."""
     pitch, rng = walk.places.pitch, walk.rng
     for number in range(ROUNDS):
         if number:
@@ -287,8 +290,8 @@ def _begun(
     return walk
 
 
-def _left_out(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
-    """Outliers by what is left of all vectors, once traction is known; adhesions are no blobs, which is a part of what they move."""
+def _find_outliers(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
+    """Outliers by the residuals of all vectors, given the traction; ``DETAIL`` allows for adhesions that are no blobs."""
     size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
     return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))
 
@@ -325,7 +328,7 @@ class Adhesions(Method):
     field: Field
 
     def prepare(self, problem: Problem) -> _Prepared:
-        """Nothing is left to be prepared."""
+        """Check the problem; the field is prepared already."""
         self.check(problem)
         return _Prepared(problem, self.found, self.field)
 

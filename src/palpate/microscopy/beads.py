@@ -1,14 +1,14 @@
 """Displacements from two pictures of beads: window correlation, refined by least squares on the deformed picture.
 
-Coarse: cross-correlation of windows by FFT, outliers told by their neighbours (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100). Fine: the
-second picture is deformed by what is known so far, and each window's remaining displacement d solves
+Coarse: cross-correlation of windows by FFT, outliers detected by their neighbours (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100). Fine:
+the second picture is deformed by the field so far, and each window's remaining displacement d solves
 
     sum w (g g^T) d = -sum w g r,      r = second(x + u(x)) - first(x),
 
-with the gradient g of the mean of both pictures, so that noise does not add to it (in N, of one times that of the other), and Gaussian weights w, which leave no wavelength of the
-wrong sign; the last time w is the window itself, and what is known already is its mean over the window, so that each displacement is
-that mean. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, neighbouring pixels counted together (the residuals
-of one bead belong together): what the residuals say themselves, whatever made them.
+with the gradient g of the mean of both pictures, so that noise does not add to it (in N, the product of both pictures' gradients), and Gaussian
+weights w, which give no wavelength the wrong sign. In the last round w is the window itself, and the field so far enters by its mean over the window,
+so that each displacement is a mean. Its covariance is N^-1 M N^-1, with N = sum w g g^T and M the covariance of the scores w g r, summed over
+neighbouring pixels (the residuals of one bead are correlated). It needs no model of the noise.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ __all__ = ["bead_displacements"]
 SIGMA = 1.0 / 3.545
 #: Rounds of deforming the second picture and looking again; between them the field is smoothed by so many steps.
 ROUNDS, SMOOTHED = 5, 0.4
-#: Pixels around which residuals count as one.
-TOGETHER = 5
-#: A vector known worse than this [px] tells nothing.
-WORST = 1.0
-#: Pictures whose windows are less alike than this (median correlation, after deformation) do not show the same beads.
-ALIKE = 0.35
-#: A window that is less alike than this part of the median holds no beads, or others.
+#: Residuals are correlated over this many pixels.
+RESIDUAL_LENGTH = 5
+#: A vector with a larger standard deviation [px] carries no information.
+MAX_STD = 1.0
+#: If the median correlation of windows after deformation is smaller, the pictures do not show the same beads.
+MIN_CORRELATION = 0.35
+#: A window with a correlation below this part of the median holds no beads, or others.
 UNLIKE = 0.4
-#: Windows less alike than this part of the median after a round, which least squares cannot bring together (beads are further off than they are wide), are sought within so
-#: many pixels, or half a window; a place serves where it is as much alike.
+#: Windows with a correlation below this part of the median after a round (beads further off than they are wide) are searched within so many pixels,
+#: or half a window; a match needs this part of the median again.
 SOUGHT, FAR, PLACE = 0.7, 8, 0.5
-#: Interpolation and pixels leave at least this [px].
+#: Smallest error of interpolation and pixels [px].
 FLOOR = 0.005
 
 
@@ -124,13 +124,13 @@ def bead_displacements(
         u, std, alike = fine.round(smooth, last=last)
         if not last:
             u = fine.sought(smooth, u, alike)
-    if not np.nanmedian(alike) > ALIKE:
+    if not np.nanmedian(alike) > MIN_CORRELATION:
         raise InvalidInput(
             f"the pictures do not show the same beads in the same places: windows correlate by {float(np.nanmedian(alike)):.2f} after deformation. Are they a pair, in "
             "focus, and is the window large enough for the shift between them?"
         )
     unlike = alike < UNLIKE * np.nanmedian(alike)
-    bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > WORST) | unlike
+    bad = ~np.isfinite(u).all(axis=0) | (std.max(axis=0) > MAX_STD) | unlike
     bad |= mended(np.where(bad, np.nan, u))[1]
     notes = [f"windows of {window} px every {step} px, first picture at rest, second pulled"]
     count = int(bad.sum())
@@ -249,15 +249,15 @@ class _Fine:
         return np.asarray(each / each.sum(axis=1, keepdims=True), dtype=np.float32)
 
     def _summed(self, image: Floats, weights: str) -> Floats:
-        """Weighted means about the vectors."""
+        """Weighted means round the vectors."""
         rows, columns = self.weights[weights]
         return np.asarray(rows @ image @ columns.T, dtype=np.float64)
 
     def round(self, known: Floats, *, last: bool) -> tuple[Floats, Floats, Floats]:
-        """Displacements, standard deviations [px] and how alike the windows are, from a field that is known already.
+        """Displacements, standard deviations [px] and correlations of the windows, from an estimate of the field.
 
-        The ``last`` time displacements are means over their windows, with their weights and no others: what is known is weighed by them, and only what is
-        left by the beads that happen to be there. Before, there are no standard deviations.
+        The ``last`` round gives means over the windows, with uniform weights for the field so far, so that the beads weigh only the remainder.
+        Earlier rounds have no standard deviations.
         """
         weights = "box" if last else "gaussian"
         dense = [self.between[0] @ c.astype(np.float32) @ self.between[1].T for c in known]
@@ -267,7 +267,7 @@ class _Fine:
         r = (warped - self.a) * inside
         mean = 0.5 * (warped + self.a)
         gy, gx = (_slope(mean, axis) * inside for axis in (0, 1))
-        # what both pictures share, without the noise of either
+        # the common part of both pictures, without the noise of either
         ay, ax, by, bx = *self.slopes, _slope(warped, 0) * inside, _slope(warped, 1) * inside
         nxx, nxy, nyy = (self._summed(p, weights) for p in (ax * bx, 0.5 * (ax * by + ay * bx), ay * by))
         sx, sy = gx * r, gy * r
@@ -276,7 +276,7 @@ class _Fine:
         good = (det > 1e-4 * np.median(np.abs(nxx + nyy)) ** 2) & (nxx + nyy > 0)
         safe = np.where(good, det, 1.0)
         d = np.stack([-(nyy * qx - nxy * qy), -(nxx * qy - nxy * qx)]) / safe
-        # no step beyond what a linear model of a bead can tell
+        # limit the step to the range of a linear model of a bead
         d = d * np.minimum(1.0, 2.0 / np.maximum(np.hypot(*d), 1e-9))
         before = np.stack([self._summed(c, weights) for c in dense]) if last else known
         u = before + np.where(good, d, np.nan)
@@ -285,7 +285,9 @@ class _Fine:
         if not last:
             self.seen = warped
             return u, np.zeros_like(u), alike
-        near = [scipy.ndimage.uniform_filter(s, TOGETHER, mode="constant") * TOGETHER**2 for s in (sx, sy)]
+        near = [
+            scipy.ndimage.uniform_filter(s, RESIDUAL_LENGTH, mode="constant") * RESIDUAL_LENGTH**2 for s in (sx, sy)
+        ]
         factor = 1.0 / self.window**2
         mxx, myy = (factor * self._summed(s * n, weights) for s, n in zip((sx, sy), near))
         mxy = factor * 0.5 * (self._summed(sx * near[1], weights) + self._summed(sy * near[0], weights))
@@ -296,8 +298,8 @@ class _Fine:
         return u, np.where(good, std, np.inf), alike
 
     def sought(self, known: Floats, u: Floats, alike: Floats) -> Floats:
-        """Displacements ``u`` of a round with those of windows that are unlike by correlation of the window itself with the picture that was deformed by
-        what was ``known``, where it is found there.
+        """Displacements ``u`` of a round, with those of poorly correlated windows replaced by a search of the window in the picture deformed by
+        ``known``, if it is found there.
         """
         cv2 = opencv()
         u, half, reach = u.copy(), self.window // 2, min(FAR, self.window // 2)
@@ -316,7 +318,7 @@ class _Fine:
         return u
 
     def _warped(self, rows: Floats, columns: Floats, *, exact: bool) -> Floats:
-        """The second picture where the field says; OpenCV's places are whole 32nds of a pixel, which serves on the way there."""
+        """The second picture deformed by the field; OpenCV rounds places to 32nds of a pixel, which suffices for intermediate rounds."""
         if not exact:
             cv2 = opencv()
             return np.asarray(cv2.remap(self.b, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101))

@@ -1,12 +1,12 @@
-"""Adhesions as blobs of shear: how they move the gel, what work they do, and what they are on a grid.
+"""Adhesions as blobs of shear: displacement of the gel, work, and traction on a grid.
 
 A blob is a force with a Gaussian density of variance s^2. An isotropic gel moves by u = [g0 + g2 (2 r r^T/|r|^2 - 1)] F at a point r from it. On the surface of a
 half-space, with q = |r|^2/4 s^2 and modified Bessel functions scaled by exp(-q),
 
     g0 = a (1 - nu/2) I0(q),  g2 = a nu/2 I1(q),  a = (1 + nu)/(pi E s) sqrt(pi/2),
 
-which is Cerruti's solution (K. L. Johnson, Contact Mechanics, 1985, section 3.6) averaged over the Gaussian. Variances add where what is measured is a mean too,
-and where the mean over another blob is sought: the work of blobs on each other is closed.
+which is Cerruti's solution (K. L. Johnson, Contact Mechanics, 1985, section 3.6) averaged over the Gaussian. Variances add for displacements averaged
+over a window, and for the mean over another blob: the work of blobs on each other has a closed form.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ PROFILES = ("Gaussian", "half ellipsoid", "even")
 PARTS, PART_SIZE = 37, 0.17
 #: Blobs narrower than this part of a square have the same mean over it, whatever their profile.
 NARROW = 0.3
-#: The error function is 1 to double precision from here on.
-FAR = 6.0
-#: A gel is taken as the same in all directions of its surface where its responses differ by less than this.
+#: The error function is 1 to double precision beyond this argument.
+ERF_ONE = 6.0
+#: A gel is isotropic in its surface if its responses differ by less than this.
 ISOTROPIC = 1e-6
 
 
@@ -55,7 +55,7 @@ class Response:
         first = 1.0 / reach
         k = np.geomspace(1e-2 * first, 8.0 / least, WAVES)
         along, across = _responses(pad, k, 0.0)
-        # the top layer alone, where waves are short
+        # short waves depend on the top layer only
         ratio = 1.0 - float(along[-1] / across[-1])
         modulus = 2.0 * (1.0 + ratio) / float(across[-1] * k[-1])
         half = cls((1.0 + ratio) / (math.pi * modulus) * math.sqrt(math.pi / 2), ratio)
@@ -128,7 +128,7 @@ def painted(places: Floats, variance: Floats, x: Floats, y: Floats, side: float)
     def parts(middle: Floats, at: Floats) -> Floats:
         ends = (np.append(at - 0.5 * side, at[-1] + 0.5 * side) - middle[:, None]) / wide
         # 1 or -1 but near the blob: the function is dear
-        near = np.abs(ends) < FAR
+        near = np.abs(ends) < ERF_ONE
         sums = np.sign(ends)
         sums[near] = erf(ends[near])
         return np.asarray(0.5 * np.diff(sums, axis=1))

@@ -16,7 +16,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.microscopy.adhesions import Sample
 from palpate.microscopy.blobs import Response
-from palpate.microscopy.doubts import doubts, in_these_words
+from palpate.microscopy.doubts import doubts, reworded
 from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted, inverted, of_adhesions
 from palpate.microscopy.masks import on_grid, read_mask
@@ -44,11 +44,11 @@ class Quantity:
     label, unit : str
     value, std : float
     expected : float or None
-        What it should be, where physics says so.
+        Its value by physics, if any.
     why : str
-        What it is, in a sentence.
+        Its meaning, in a sentence.
     ends : (float, float) or None
-        Ends of the 95 % interval where they are not 1.96 standard deviations away.
+        Ends of the 95 % interval, if they differ from 1.96 standard deviations.
 
     Examples
     --------
@@ -120,7 +120,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class CellForces:
-    """Traction of a cell and what follows from it.
+    """Traction of a cell and derived quantities.
 
     Attributes
     ----------
@@ -131,15 +131,15 @@ class CellForces:
     draws : array (draw, 2, row, column)
         Samples of its posterior.
     samples : tuple of Sample or None
-        The adhesions of each, where they were sampled.
+        The adhesions of each, if sampled.
     inside : array (row, column) of bool
-        Where the cell is.
+        True inside the cell.
     quantities : dict of str to Quantity
         strain_energy, contractile_moment, contractility, force_inside, force_outside, net_force_x, net_force_y, torque, background and so on.
     touch : Touch
         The whole result, beyond the field of view too.
     notes : tuple of str
-        What was assumed and what looks wrong.
+        Assumptions, and reasons for doubt.
     """
 
     field: Field
@@ -208,7 +208,7 @@ class CellForces:
         return plot_traction(self, title=title)
 
     def write_report(self, path: str | Path, *, title: str = "", source: str = "", command: str = "") -> None:
-        """One HTML file that holds everything: numbers, pictures, what was assumed.
+        """Write one HTML file with numbers, pictures and assumptions.
 
         Examples
         --------
@@ -254,7 +254,7 @@ class CellForces:
     def write_netcdf(self, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
         """The whole result as netCDF, as `palpate.recordings.write_touch` writes it, with displacement, traction at the vectors and the mask beside it.
 
-        ``provenance``: what it takes to make it again; each becomes an attribute.
+        ``provenance``: how to make it again; each entry becomes an attribute.
 
         Examples
         --------
@@ -291,7 +291,7 @@ def cell_forces(
     pad : Pad
         The gel: `HalfSpace`, or `BondedLayers` of a thickness on glass.
     mask : array, path or None
-        Where the cell is (`read_mask`, which picks one of several); None: all of the field of view.
+        The cell (`read_mask`, which selects one of several); None: all of the field of view.
     size : (int, int), optional
         Columns and rows of the picture that the mask belongs to.
     picture : array (row, column), optional
@@ -299,18 +299,19 @@ def cell_forces(
     depth : float
         Of the beads below the surface [m].
     noise : float, optional
-        Standard deviation of the displacements [m]; by default that of the field (`Field.noise`), or it is learned where the field has none.
+        Standard deviation of the displacements [m]; by default that of the field (`Field.noise`), or else an estimate.
     method : str
-        "adhesions" (default): traction is in patches of any number, place and size, which are sampled; vectors that neither they nor noise explain are left out, and
-        said. "tikhonov": one even penalty, for traction that is everywhere.
+        "adhesions" (default): traction is in patches of any number, place and size, which are sampled; unexplained vectors are excluded, with a note.
+        "tikhonov": one even penalty, for traction that is everywhere.
     order, rule
         As for `Tikhonov`, and for it alone.
     drift : bool
-        Besides traction a shift of the whole picture is sought (default); False where it cannot move.
+        Also fit a shift of the whole picture (default); False if it cannot move.
     uncertainty : Uncertainty, optional
-        How well modulus and scale are known: they enter every number and the map's standard deviation (not stated: 10 % and 2 %). Thickness, depth and gains do not, and a note says so.
+        Uncertainty of modulus and scale: they enter every number and the map's standard deviation (default: 10 % and 2 %). Thickness, depth and gains
+        do not, and a note says so.
     draws : int
-        Samples of the posterior that tell the errors.
+        Samples of the posterior for the errors.
     seed : int
 
     Returns
@@ -387,8 +388,8 @@ def cell_forces(
     numbers, principal = _numbers(done, field, inside, corners is not None, known)
     said = [
         *field.notes,
-        *map(in_these_words, done.touch.notes),
-        *(f"assumed: {in_these_words(one)}" for one in done.touch.assumed),
+        *map(reworded, done.touch.notes),
+        *(f"assumed: {reworded(one)}" for one in done.touch.assumed),
         *done.notes,
         *(
             [f"how well {', '.join(beside)} is known does not enter these errors, only how well modulus and scale are"]

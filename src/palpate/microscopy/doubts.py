@@ -1,4 +1,4 @@
-"""What looks wrong in the traction of a cell, in words that name what to look at."""
+"""Reasons to doubt the traction of a cell, each with what to check."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted
 from palpate.microscopy.orientation import suspected
 
-__all__ = ["doubts", "in_these_words"]
+__all__ = ["doubts", "reworded"]
 
 #: Net force or torque is questioned from so many standard deviations on; the two principal moments of a cell that pulls have one sign.
 QUESTIONED = 3.0
 OPPOSED = 0.3
-#: What to look at where the field concentrates traction better with other axes (`suspected`).
+#: What to check if the field concentrates traction better with other axes (`suspected`).
 AXES = {
     "v's sign": "with v of the other sign it does not: is v's sign right? Where v alone grows upwards, say v_up=True (--v-up); where y does too, up=True (--up)",
     "u for v": "with u and v exchanged it does not: are u and v the right way round, and are rows and columns those of the picture?",
@@ -29,16 +29,17 @@ AXES = {
 }
 #: Residuals this many times the noise are questioned.
 MISFIT = 2.0
-#: Strains above this are beyond linear elasticity; displacements below this [px] beyond any picture.
+#: Larger strains are beyond linear elasticity; smaller displacements [px] are beyond any picture.
 STRAINED, SMALLEST = 0.3, 0.02
-#: The energy rests on the window where it is less than this part without it; so many samples tell, and blobs stay as wide as this part.
+#: The energy depends on the window if it is less than this part without it; with the number of samples to test it, and the smallest width of blobs as
+#: a part of their own.
 RESTS, SOME, NARROWEST = 0.8, 12, 0.1
-#: A mask is questioned that holds less than this part of the traction, where it would hold more than the next elsewhere.
+#: A mask is doubtful if it contains less than this part of the traction, and would contain more than the second number elsewhere.
 HELD, FOUND = 0.5, 0.8
-#: Traction of so many standard deviations counts there.
-TOLD = 1.5
-#: Remedies of the inversion, as they are said here.
-WORDS = {
+#: Traction of at least this many standard deviations counts there.
+SIGNIFICANT_TRACTION = 1.5
+#: Remedies of the inversion in the words of microscopy.
+REMEDIES = {
     "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
     "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
     "where something presses, seek it as well (components x, y, z)": "where the cell presses too, that is an error",
@@ -47,9 +48,9 @@ WORDS = {
 }
 
 
-def in_these_words(note: str) -> str:
-    """A note with the remedy as it is said here."""
-    for theirs, ours in WORDS.items():
+def reworded(note: str) -> str:
+    """A note with the remedy in the words of microscopy."""
+    for theirs, ours in REMEDIES.items():
         note = note.replace(theirs, ours)
     return note
 
@@ -62,7 +63,7 @@ def doubts(
     masked: bool,
     done: Inverted,
 ) -> list[str]:
-    """What looks wrong."""
+    """Reasons to doubt a result."""
     said = []
 
     def own(q: Any) -> float:
@@ -151,7 +152,7 @@ def doubts(
             f"{unlike} of {field.valid.size} vectors differ from all about them, and make traction of their own: if they are bad ones, leave them out with without_outliers() "
             "(--drop-outliers)"
         )
-    # what was left out is said where that was done
+    # the fit notes excluded vectors itself
     lost = int((~field.valid).sum()) - field.left_out
     if lost > 0:
         said.append(
@@ -185,10 +186,10 @@ def _largest_patch(done: Inverted) -> float | None:
 
 
 def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], field: Field) -> list[str]:
-    """A mask that would hold the traction if it lay elsewhere."""
+    """Whether the mask would contain the traction at another position."""
     size = np.hypot(*traction)
-    # only what is distinct from zero
-    size = np.where(size > TOLD * np.hypot(*std), size, 0.0)
+    # only significant traction
+    size = np.where(size > SIGNIFICANT_TRACTION * np.hypot(*std), size, 0.0)
     if not size.any():
         return []
     whole = max(float(size.sum()), 1e-300)

@@ -34,7 +34,7 @@ class Field:
     Parameters
     ----------
     displacement : array (2, row, column)
-        Along x and along y [m]; NaN where there is none.
+        Along x and along y [m]; NaN for missing vectors.
     start : (float, float)
         Pixel (column, row) of the first vector.
     step : float
@@ -42,15 +42,15 @@ class Field:
     pixel : float
         Metres in a pixel.
     std : array (2, row, column), optional
-        Standard deviation of each [m]; NaN where it is not known.
+        Standard deviation of each [m]; NaN if unknown.
     drift : (float, float), optional
-        Shift along x and y [m] that was taken out.
+        Subtracted shift along x and y [m].
     aperture : float
-        Side [m] of the square that each vector is a mean over, such as a window; 0: a point.
+        Side [m] of the square over which each vector is a mean, such as a window; 0: a point.
     notes : tuple of str
         What was assumed.
     left_out : int
-        How many of the vectors that are NaN were there and were left out, which ``notes`` say.
+        How many vectors were excluded (now NaN); ``notes`` say why.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class Field:
         self._sensible()
 
     def _sensible(self) -> None:
-        """Refuse what the wrong unit makes."""
+        """Refuse values that a wrong unit produces."""
         u = self.displacement - np.nanmedian(self.displacement, axis=(1, 2), keepdims=True)
         # single outliers are no wrong unit
         largest = float(np.nanquantile(np.hypot(*u), COMMON))
@@ -177,7 +177,7 @@ class Field:
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:
-        """Where there is a vector (row, column).
+        """True for existing vectors (row, column).
 
         Examples
         --------
@@ -276,7 +276,7 @@ class Field:
 
     @property
     def noise(self) -> float | None:
-        """Standard deviation of a typical vector [m]: the root mean square of ``std``; None where that is not known.
+        """Standard deviation of a typical vector [m]: the root mean square of ``std``; None if unknown.
 
         It is what ``method="tikhonov"`` takes for all vectors, each with its own: with an even penalty, noise that neighbouring windows share makes traction finer and noisier (error
         of 0.39 for 0.34). ``method="adhesions"`` takes ``std`` of each vector, and what windows share (`palpate.microscopy.noise`).
@@ -317,7 +317,7 @@ class Field:
         )
 
     def recording(self) -> Recording:
-        """One frame for `palpate reconstruct` and any other program: ``meta`` says where the first vector lies and the pitch [m].
+        """One frame for `palpate reconstruct` and other programs: ``meta`` states the position of the first vector and the pitch [m].
 
         Examples
         --------

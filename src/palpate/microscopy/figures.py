@@ -35,7 +35,7 @@ def _round(value: float) -> float:
     return next(m * power for m in (5.0, 2.0, 1.0) if m * power <= value * (1 + 1e-9))
 
 
-def _said(value: float, unit: str) -> str:
+def _value_text(value: float, unit: str) -> str:
     factor, name = scaled(value, unit)
     return f"{value * factor:g} {name}"
 
@@ -51,7 +51,9 @@ def square_ends(field: Field) -> tuple[float, float, float, float]:
 def _canvas(
     field: Field, picture: Any, near: npt.NDArray[np.bool_] | None = None
 ) -> tuple[Any, Any, tuple[float, float, float, float]]:
-    """Figure and axes in pixels of the picture, rows downwards, and what is in view: all, or what is ``near`` (row, column) where that is far less."""
+    """Figure and axes in pixels of the picture, rows downwards, with the view: all, or only the squares ``near`` (row, column) if these are much
+    smaller.
+    """
     from matplotlib.figure import Figure
 
     ends = square_ends(field)
@@ -77,7 +79,7 @@ def _canvas(
 def _closer(
     field: Field, near: npt.NDArray[np.bool_], ends: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float]:
-    """What is near with room about it, where that is a small part of the view."""
+    """Zoom in with a margin if the object fills only a small part of the view."""
     sides = []
     for axis, (low, high) in ((0, (ends[0], ends[1])), (1, (ends[3], ends[2]))):
         at = field.start[axis] + field.step * np.flatnonzero(near.any(axis=axis))
@@ -98,7 +100,7 @@ def _arrows(
     shown = size[np.isfinite(size)]
     if not shown.size or shown.max() <= 0:
         return
-    # few squares hold all traction of a sparse map
+    # in a sparse map a few squares hold all traction
     largest = max(float(np.percentile(shown, 99.8)), 0.7 * float(shown.max()))
     stride = max(1, round(max(rows, columns) / ARROWS))
     # the strongest first, so that no adhesion falls between arrows
@@ -122,7 +124,7 @@ def _arrows(
     axes.text(
         corner[0],
         corner[1] - 0.025 * high,
-        _said(key, unit),
+        _value_text(key, unit),
         color="white",
         fontsize=8,
         ha="left",
@@ -144,7 +146,7 @@ def scale_bar(axes: Any, field: Field, ends: tuple[float, float, float, float]) 
     axes.text(
         right - 0.5 * length,
         low - 0.025 * high,
-        _said(scale, "m"),
+        _value_text(scale, "m"),
         color="white",
         fontsize=8,
         ha="center",
@@ -181,7 +183,7 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     factor, unit = scaled(top, "Pa")
     figure, axes, ends = _canvas(field, forces.picture, forces.inside | (size > FAINT * top) if forces.masked else None)
     over = forces.picture is not None
-    # where the picture shows the cell, the colour lets it through where little is pulled
+    # on a picture of the cell, weak traction is transparent
     alpha = np.clip(size / (0.35 * top), 0.12, 0.8) if over else None
     image = axes.imshow(
         size * factor, extent=square_ends(field), cmap="inferno", vmin=0.0, vmax=top * factor, alpha=alpha, interpolation="nearest", zorder=1
@@ -247,7 +249,7 @@ def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float,
 
 
 def _assumed(forces: CellForces) -> str:
-    """What the picture rests on, in two lines."""
+    """The assumptions of the picture, in two lines."""
     field, pad = forces.field, forces.pad
     layers = getattr(pad, "layers", None)
     top = pad if layers is None else layers[-1]

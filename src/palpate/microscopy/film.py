@@ -252,7 +252,7 @@ class Film:
                 for job in left:
                     keep(job, _tried(self, job))
             else:
-                with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_one_thread) as pool:
+                with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_limit_threads) as pool:
                     running = {pool.submit(_tried, self, job): job for job in left}
                     try:
                         while running:
@@ -299,7 +299,7 @@ def _write(at: str, text: str) -> None:
     Path(at).write_text(text, encoding="utf-8")
 
 
-def _one_thread() -> None:
+def _limit_threads() -> None:
     """A process is for one core."""
     from threadpoolctl import threadpool_limits
 

@@ -1,4 +1,4 @@
-"""What a reader finds in a file, before anybody knows what a pixel is."""
+"""The contents of a file before the size of a pixel is known."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from palpate.errors import InvalidInput
 from palpate.microscopy.names import BOTH_STDS, POSITIONS, STDS, VECTORS, which
 
-__all__ = ["Found", "beside", "chosen", "one_of_many", "stacked_pair"]
+__all__ = ["Found", "beside", "chosen", "list_names", "stacked_pair"]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -102,19 +102,19 @@ def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = 
             return candidates[matching[0]]
         numbered = [key for key in candidates if key.endswith(f"({name})")]
         if name.isdigit() and numbered:
-            # what a program filtered before what it began with: in the order of the names
+            # the filtered output of a program comes before its input: in the order of the names
             best = min(numbered, key=lambda key: _rank(key))
             if len([key for key in numbered if _rank(key) == _rank(best)]) == 1:
                 return _noted(candidates[best], f"frame {name} is {best}")
         several = [key for key in candidates if key.rpartition("(")[0] == name]
         if several:
             raise InvalidInput(
-                f'{path}: {name!r} has {len(several)} frames: {one_of_many(several)}. Say which with name={several[0]!r} (--name "{several[0]}"), or take them all with palpate film.'
+                f'{path}: {name!r} has {len(several)} frames: {list_names(several)}. Say which with name={several[0]!r} (--name "{several[0]}"), or take them all with palpate film.'
             )
-        raise InvalidInput(f"{path}: no field {name!r}; it holds {one_of_many(candidates)}.")
+        raise InvalidInput(f"{path}: no field {name!r}; it holds {list_names(candidates)}.")
     if len(candidates) > 1:
         raise InvalidInput(
-            f"{path} holds {len(candidates)} {what}: {one_of_many(candidates)}. Say which with name=, such as name={next(iter(candidates))!r} "
+            f"{path} holds {len(candidates)} {what}: {list_names(candidates)}. Say which with name=, such as name={next(iter(candidates))!r} "
             f'(--name "{next(iter(candidates))}").'
         )
     return next(iter(candidates.values()))
@@ -132,7 +132,7 @@ def _noted(found: Any, note: str) -> Any:
     return found
 
 
-def one_of_many(names: Any) -> str:
+def list_names(names: Any) -> str:
     """The names for a message."""
     listed = list(names)
     return ", ".join(map(repr, listed[:8])) + (f" and {len(listed) - 8} more" if len(listed) > 8 else "")

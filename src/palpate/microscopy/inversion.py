@@ -28,8 +28,8 @@ from palpate.touch import Touch
 __all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
-#: The mean displacement of the field of view is that of so many rows and columns.
-FEW = 12
+#: Average the displacement of the field of view over this many rows and columns.
+MEAN_SAMPLES = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class Inverted:
     moved: Floats
     draws: Floats
     moved_by_draws: Floats
-    #: What the adhesions were sampled as, and their work (draw, row, column) [J]; None from a linear method.
+    #: The samples of adhesions, and their work (draw, row, column) [J]; None from a linear method.
     samples: tuple[Sample, ...] | None = None
     work: Floats | None = None
     notes: tuple[str, ...] = ()
@@ -100,7 +100,7 @@ def of_adhesions(
     pitch = field.pitch
     x, y = pitch * np.arange(columns), pitch * np.arange(rows)
     each = np.stack([s.on(x, y, pitch) for s in found.samples])
-    steps = [max(1, n // FEW) for n in (columns, rows)]
+    steps = [max(1, n // MEAN_SAMPLES) for n in (columns, rows)]
     some = np.stack([a.ravel() for a in np.meshgrid(x[:: steps[0]], y[:: steps[1]])], axis=1)
     shift = np.stack([s.moved(some, pitch**2 / 12, found.response).mean(axis=1) for s in found.samples])
     work = np.stack([s.work(x, y, pitch, found.response, m) for s, m in zip(found.samples, shift)])
@@ -141,7 +141,7 @@ def inverted(
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]
-    # the surface itself moves, wherever the beads are
+    # the surface itself moves, at any depth of the beads
     grid: Any = skin.surface
     top = AreaArray(shape=grid.shape, pitch=grid.spacings[0], depth=0.0, channels=array.channels, center=grid.center)
     whole = Skin(pad, top, surface=grid)

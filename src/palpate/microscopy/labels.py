@@ -16,8 +16,7 @@ from palpate._extras import missing
 from palpate._files import ordinary
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.masks import OUTLINES, inside_outline, read_outlines
-from palpate.microscopy.pickled import read_objects
+from palpate.microscopy.masks import OUTLINES, array_or_masks, inside_outline, read_outlines
 from palpate.microscopy.spread import read
 from palpate.recordings.files import atomically
 
@@ -26,12 +25,12 @@ if TYPE_CHECKING:
 
 __all__ = ["LabelForce", "forces_of_labels", "read_labels", "write_labels_table"]
 
-#: Each vector's square is cut into so many parts along each side, of which labels hold some.
-PARTS = 4
-#: Vectors within so many pitches of an outline tell its force; and one of so many standard deviations half stays unseen.
+#: Divide the square of each vector into this many parts along each side to measure how much of it a label covers.
+SUBDIVISIONS = 4
+#: Vectors within so many pitches of an outline determine its force; and half of the loads of so many standard deviations stay undetected.
 NEAR, UNSEEN = 3.0, 2.0
-#: More labels than this are a photograph.
-MOST = 20_000
+#: A picture with more labels is a photograph.
+MAX_LABELS = 20_000
 REGIONS = (".roi", ".zip")
 
 
@@ -108,16 +107,7 @@ def read_labels(
     if ending in OUTLINES:
         return _of_outlines(path, size, pixel)
     if ending == ".npy":
-        try:
-            values: Any = np.load(path, allow_pickle=False)
-        except (ValueError, OSError, EOFError):
-            held = read_objects(path)
-            values = held.get("masks") if isinstance(held, dict) else None
-            if not isinstance(values, np.ndarray):
-                raise InvalidInput(
-                    f'{path}: holds no "masks", as a _seg.npy of Cellpose does. Save the labels alone with np.save.'
-                ) from None
-        return _of_picture(values, str(path))
+        return _of_picture(array_or_masks(path)[0], str(path))
     from palpate.microscopy.pictures import read_picture
 
     return _of_picture(read_picture(path), str(path))
@@ -138,7 +128,7 @@ def _of_picture(values: npt.NDArray[Any], name: str) -> dict[str, npt.NDArray[np
         raise InvalidInput(
             f"{name}: every pixel is zero, so it holds no label. Give each area a whole number from 1 on."
         )
-    if len(found) > MOST or (
+    if len(found) > MAX_LABELS or (
         values.dtype.kind in "iuf"
         and len(found) > 16
         and (np.diff(values.astype(np.float64), axis=1) == 0).mean() < 0.8
@@ -231,7 +221,7 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
     for i, mask in enumerate(masks.values(), start=1):
         there = mask[np.clip(at[1], 0, mask.shape[0] - 1)[:, None], np.clip(at[0], 0, mask.shape[1] - 1)[None, :]]
         number[there & inside[1][:, None] & inside[0][None, :]] = i
-    side = field.pitch / PARTS
+    side = field.pitch / SUBDIVISIONS
     sums = (
         np.stack([_sums(t, number, len(masks)) for t in _tractions(forces, field.pitch * x, field.pitch * y, side)])
         * side**2
@@ -292,7 +282,7 @@ def _hidden(forces: CellForces, mask: npt.NDArray[np.bool_], area: float, sums: 
 
 def _parts(count: int) -> Floats:
     """Middles of the parts of ``count`` squares, in steps from the first vector."""
-    return (np.arange(count * PARTS) + 0.5) / PARTS - 0.5
+    return (np.arange(count * SUBDIVISIONS) + 0.5) / SUBDIVISIONS - 0.5
 
 
 def _tractions(forces: CellForces, x: Floats, y: Floats, side: float) -> Any:
@@ -302,7 +292,7 @@ def _tractions(forces: CellForces, x: Floats, y: Floats, side: float) -> Any:
             yield sample.on(x, y, side)
     else:
         for draw in forces.draws:
-            yield np.repeat(np.repeat(draw, PARTS, axis=1), PARTS, axis=2)
+            yield np.repeat(np.repeat(draw, SUBDIVISIONS, axis=1), SUBDIVISIONS, axis=2)
 
 
 def _sums(traction: Floats, number: npt.NDArray[Any], count: int) -> Floats:
@@ -328,7 +318,7 @@ def write_labels_table(rows: list[dict[str, Any]], path: str | Path) -> None:
 
 
 def rows_of(labelled: list[LabelForce], *, file: str, frame: int) -> list[dict[str, Any]]:
-    """Rows of a table: where each label's force comes from, and what it is."""
+    """Rows of a table: the origin and the size of each label's force."""
     return [
         {
             "file": file,

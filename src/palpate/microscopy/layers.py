@@ -12,14 +12,14 @@ from palpate.errors import InvalidInput, PalpateError
 
 __all__ = ["cell_layers", "layer_reader"]
 
-#: Arrows are so long at most, in steps between vectors.
+#: Largest length of an arrow, in steps between vectors.
 LONGEST = 3.0
 
 Layer = tuple[Any, dict[str, Any], str]
 
 
 def layer_reader(path: Any) -> Callable[[Any], list[Layer]] | None:
-    """What napari asks of a reader: a function of the path, or None where the file is not that of a cell.
+    """Reader for napari: a function of the path, or None if the file is not that of a cell.
 
     Examples
     --------

@@ -28,9 +28,9 @@ Bools = npt.NDArray[np.bool_]
 
 #: A picture of more grey levels than this is no mask, unless so many of the pixels side by side have one value: it then holds labels.
 LEVELS, EQUAL = 16, 0.9
-#: Names of the columns of an outline along x and along y.
-ALONG_X = ("x", "px", "pos_x", "xpos", "col", "column", "columns", "axis-1", "axis_1")
-ALONG_Y = ("y", "py", "pos_y", "ypos", "row", "rows", "axis-0", "axis_0")
+#: Column names of the coordinates of an outline: x, and y below.
+X_NAMES = ("x", "px", "pos_x", "xpos", "col", "column", "columns", "axis-1", "axis_1")
+Y_NAMES = ("y", "py", "pos_y", "ypos", "row", "rows", "axis-0", "axis_0")
 OUTLINES = (".csv", ".txt", ".json", ".geojson", ".roi")
 
 
@@ -70,14 +70,14 @@ def read_mask(
         values = np.asarray(source)
         corners = values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_
         return (
-            _outline(_one([values], cell, "the outline"), "the outline")
+            _outline(_select_outline([values], cell, "the outline"), "the outline")
             if corners
             else _picture(values, "the mask", cell)
         )
     path = ordinary(source)
     ending = path.suffix.lower()
     if ending in OUTLINES:
-        return _outline(_one(_corners(path, ending, pixel), cell, str(path)), str(path))
+        return _outline(_select_outline(_corners(path, ending, pixel), cell, str(path)), str(path))
     if ending == ".npy":
         return read_mask_array(path, cell)
     from palpate.microscopy.pictures import read_picture
@@ -90,28 +90,32 @@ def read_outlines(path: Path, *, pixel: float | None) -> list[Floats]:
     return [_outline(one, str(path)) for one in _corners(path, path.suffix.lower(), pixel)]
 
 
-def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
-    """The mask in a .npy file: an array, or the ``masks`` of Cellpose."""
+def array_or_masks(path: Path) -> tuple[npt.NDArray[Any], bool]:
+    """The array in a .npy file, or the ``masks`` of Cellpose, and whether it was the latter."""
     try:
-        values: Any = np.load(path, allow_pickle=False)
+        return np.load(path, allow_pickle=False), False
     except (ValueError, OSError, EOFError):
         held = read_objects(path)
         values = held.get("masks") if isinstance(held, dict) else None
         if not isinstance(values, np.ndarray):
             keys = ", ".join(map(str, list(held)[:8])) if isinstance(held, dict) else type(held).__name__
             raise InvalidInput(
-                f'{path}: holds no "masks", as a _seg.npy of Cellpose does; it holds {keys}. Save the mask alone with np.save.'
+                f'{path}: holds no "masks", as a _seg.npy of Cellpose does; it holds {keys}. Save the masks alone with np.save.'
             ) from None
-        if values.ndim != 2:
-            raise InvalidInput(
-                f"{path}: its masks have the shape {values.shape}, a stack: save one plane with np.save."
-            ) from None
+        return values, True
+
+
+def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
+    """The mask in a .npy file: an array, or the ``masks`` of Cellpose."""
+    values, cellpose = array_or_masks(path)
+    if cellpose and values.ndim != 2:
+        raise InvalidInput(f"{path}: its masks have the shape {values.shape}, a stack: save one plane with np.save.")
     if values.ndim == 2 and values.shape[1] == 2 and values.dtype != np.bool_:
-        return _outline(_one([values], cell, str(path)), str(path))
+        return _outline(_select_outline([values], cell, str(path)), str(path))
     return _picture(values, str(path), cell)
 
 
-def _one(outlines: Sequence[Any], cell: int | None, name: str) -> Any:
+def _select_outline(outlines: Sequence[Any], cell: int | None, name: str) -> Any:
     """The outline of one cell, by its place from 1."""
     if cell is None and len(outlines) > 1:
         raise InvalidInput(
@@ -141,7 +145,9 @@ def _picture(values: npt.NDArray[Any], name: str, cell: int | None = None) -> Bo
         raise InvalidInput(f"{name}: the mask is empty: every pixel is zero. Inside the cell it must be another value.")
     if cell is not None:
         if cell not in levels:
-            raise InvalidInput(f"{name}: no pixel has the value {cell} of cell (--cell); there are {_few(levels)}.")
+            raise InvalidInput(
+                f"{name}: no pixel has the value {cell} of cell (--cell); there are {_list_levels(levels)}."
+            )
         return np.asarray(values == cell)
     if len(levels) > LEVELS and (np.diff(values, axis=1) == 0).mean() < EQUAL:
         raise InvalidInput(
@@ -149,12 +155,12 @@ def _picture(values: npt.NDArray[Any], name: str, cell: int | None = None) -> Bo
         )
     if len(levels) > 1:
         raise InvalidInput(
-            f"{name}: holds {len(levels)} values beside zero ({_few(levels)}), several cells perhaps: say which with cell={levels[0]:g} (--cell {levels[0]:g})."
+            f"{name}: holds {len(levels)} values beside zero ({_list_levels(levels)}), several cells perhaps: say which with cell={levels[0]:g} (--cell {levels[0]:g})."
         )
     return np.asarray(values != 0)
 
 
-def _few(levels: Any) -> str:
+def _list_levels(levels: Any) -> str:
     return ", ".join(f"{v:g}" for v in levels[:6]) + (f" and {len(levels) - 6} more" if len(levels) > 6 else "")
 
 
@@ -236,9 +242,9 @@ def _text_corners(path: Path, pixel: float | None) -> list[Any]:
 
 
 def _side(name: str) -> str:
-    """Whether a column holds "x" or "y" of an outline; "" where it holds neither."""
+    """ "x" or "y" if a column holds that coordinate of an outline, else ""."""
     short = re.sub(r"[_ ](px|pixels?|[uµμnm]?m)$", "", plain(name.lstrip("#% ")))
-    return "x" if short in ALONG_X else "y" if short in ALONG_Y else ""
+    return "x" if short in X_NAMES else "y" if short in Y_NAMES else ""
 
 
 def _named_corners(path: Path, names: list[str], rows: list[list[str]], pixel: float | None) -> list[Any]:
@@ -353,8 +359,3 @@ def inside_outline(corners: Floats, x: Floats, y: Floats) -> Bools:
         with np.errstate(divide="ignore", invalid="ignore"):
             inside ^= crosses & (xx < (x1 - x0) * (yy - y0) / (y1 - y0) + x0)
     return inside
-
-
-def outline_pixels(mask: npt.NDArray[Any]) -> Sequence[Floats] | None:
-    """Corners of an outline, for drawing; None of a picture."""
-    return None if mask.dtype == np.bool_ else [np.concatenate([mask, mask[:1]])]

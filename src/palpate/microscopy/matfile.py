@@ -41,7 +41,7 @@ def fields_of(path: Path) -> dict[str, Found]:
 def _all(path: Path, tree: dict[str, Any]) -> dict[str, Found]:
     candidates = dict(_fields(tree, ""))
     for found in candidates.values():
-        # those of the file, where the struct of the field has none
+        # those of the file, if the struct of the field has none
         place, unit, pixel = _stated(tree)
         found.place, found.unit, found.pixel = found.place or place, found.unit or unit, found.pixel or pixel
         for key in ("place", "unit"):
@@ -99,7 +99,7 @@ def _check_sizes(path: Path) -> None:
                 try:
                     inner = zlib.decompressobj().decompress(file.read(min(count, 256)), 8)
                 except zlib.error:
-                    return  # said where it is read
+                    return  # the reader reports it
                 if len(inner) == 8:
                     check_size(struct.unpack(order + "II", inner)[1], f"{path}: a variable")
             file.seek(start + count)
@@ -137,7 +137,7 @@ def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
 
 
 def _attributes(group: Any, parts: dict[str, Any]) -> dict[str, Any]:
-    """The parts of a group, with what HDF5 and netCDF keep beside a matrix: its units."""
+    """The parts of a group, with the units that HDF5 and netCDF store beside a matrix."""
     for key in list(parts):
         for name in UNIT_NAMES:
             unit = group[key].attrs.get(name) if isinstance(parts[key], np.ndarray) else None

@@ -43,7 +43,7 @@ BOTH_STDS = ("std", "ustd", "u_std", "sigma")
 OUT_OF_PLANE = ("w", "uz", "u_z", "dz", "displacement_z", "disp_z")
 #: And of the number of a frame, in tables of several.
 FRAMES = ("frame", "frames", "frame_number", "frame number", "timepoint")
-#: And of words that say the units of positions and displacements.
+#: And of words for the units of positions and displacements.
 UNIT_NAMES = ("units", "unit")
 FLAGS = ("flags", "flag", "mask", "vector type", "typevector", "type", "chc")
 
@@ -60,7 +60,7 @@ def plain(name: str) -> str:
 
 
 def unit_in(name: str) -> str | None:
-    """The unit that a name holds in brackets: 'u [px/frame]' says "px", 'u (um)' says "um"; None where it holds none."""
+    """The unit in brackets of a name, or None: 'u [px/frame]' gives "px", 'u (um)' gives "um"."""
     found = _UNIT.search(name)
     if found is None:
         return None
@@ -68,7 +68,7 @@ def unit_in(name: str) -> str | None:
 
 
 def unit_of(text: str) -> str | None:
-    """A unit as it is written here: "pixels/frame" is "px", "microns" is "um"; None of nothing."""
+    """The canonical name of a unit: "px" for "pixels/frame", "um" for "microns"; None for no unit."""
     unit = re.sub(r"/\s*(frame|fr|pair)s?$", "", text.strip().strip("[]").strip(), flags=re.IGNORECASE)
     return _WRITTEN.get(unit.lower(), plain_unit(unit)) or None
 

@@ -18,17 +18,17 @@ import scipy.sparse
 
 from palpate.elastic.pad import Floats
 
-__all__ = ["Noise", "Whitener", "shared_part", "whitener"]
+__all__ = ["Noise", "Whitener", "shared_variance", "whitener"]
 
 #: Part of the variance that no other window shares. Of rendered beads neighbours at half a window correlate by 0.44 to 0.5 (0.5 by the formula) and by 0.73 at a quarter (0.75); a
 #: part of 0.1 keeps the model from taking the finest differences between overlapping windows as known.
-OWN = 0.1
+INDEPENDENT_SHARE = 0.1
 #: A vector's error given the others follows from so many that come before it (A. V. Vecchia, J. R. Stat. Soc. B 50, 1988, 297-312).
 BEFORE = 40
-#: Covariances of more vectors than this are not held whole.
+#: Covariances of more vectors are not stored as a whole.
 DENSE = 3000
-#: A vector is known no better than this part of the typical one: standard deviations that residuals tell are themselves uncertain.
-BEST = 0.3
+#: Smallest standard deviation of a vector over the typical one: those of residuals are themselves uncertain.
+MIN_RELATIVE_STD = 0.3
 
 Flags = npt.NDArray[np.bool_]
 
@@ -50,7 +50,7 @@ class Noise:
         each = np.sqrt((std**2).mean(axis=0))
         typical = float(np.nanmedian(each))
         filled = np.where(np.isfinite(each), each, typical)
-        return cls(np.maximum(filled / typical, BEST), side), typical
+        return cls(np.maximum(filled / typical, MIN_RELATIVE_STD), side), typical
 
     @property
     def plain(self) -> bool:
@@ -58,7 +58,7 @@ class Noise:
         return self.side == 0 and bool((self.relative == 1.0).all())
 
 
-def shared_part(dx: Floats, dy: Floats, side: float) -> Floats:
+def shared_variance(dx: Floats, dy: Floats, side: float) -> Floats:
     """Correlation of the errors of windows (dx, dy) apart."""
     if side <= 0:
         return np.asarray(((dx == 0) & (dy == 0)) * 1.0)
@@ -88,8 +88,8 @@ def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], pl
     parts = []
     for dr in range(-reach, reach + 1):
         for dc in range(-reach, reach + 1):
-            shared = float(shared_part(np.array(dc * pitch), np.array(dr * pitch), noise.side))
-            value = 1.0 if dr == dc == 0 else (1.0 - OWN) * shared
+            shared = float(shared_variance(np.array(dc * pitch), np.array(dr * pitch), noise.side))
+            value = 1.0 if dr == dc == 0 else (1.0 - INDEPENDENT_SHARE) * shared
             first = number[max(0, -dr) : rows - max(0, dr), max(0, -dc) : columns - max(0, dc)].ravel()
             second = first + dr * columns + dc
             parts.append((first, second, value * s[first] * s[second]))
@@ -117,7 +117,7 @@ def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], pl
     for k in range(len(order)):
         near = np.arange(k)
         if k > BEFORE:
-            # errors of vectors that share nothing still tell of each other, by those between
+            # independent errors of two vectors still correlate through those between
             far = np.abs(at[:k] - at[k]).max(axis=1)
             near = np.argpartition(far, BEFORE)[:BEFORE]
         block = among(np.append(near, k), np.append(near, k))

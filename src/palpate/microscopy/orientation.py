@@ -22,17 +22,17 @@ from palpate.microscopy.fields import Field, mended
 
 __all__ = ["suspected"]
 
-#: What the axes may have been: what is asked, and the components that they make of u, v.
-MEANT: tuple[tuple[str, Callable[[Any], Any]], ...] = (
+#: Possible errors of the axes: the question to the user, and the components that each makes of u, v.
+AXES_TRIED: tuple[tuple[str, Callable[[Any], Any]], ...] = (
     ("", lambda u: u),
     ("v's sign", lambda u: np.stack([u[0], -u[1]])),
     ("u for v", lambda u: u[::-1]),
     ("u for v and a sign", lambda u: np.stack([u[1], -u[0]])),
 )
-#: Repetitions with more noise, of which the spread's error is learned.
+#: Repetitions with more noise to estimate the error of the spread.
 REPEATS = 8
-#: Spreads of traction [log] that differ by less are one: a pad that is not quite the gel, or points between which a field was interpolated, change them as much.
-ALIKE = 0.01
+#: Spreads of traction [log] that differ by less are equal: a pad that differs a little from the gel, or an interpolated field, changes them as much.
+SAME_SPREAD = 0.01
 #: Axes are not the right ones where the torque, as a part of the first moments, is larger by so much than as the field is.
 TURNS = 0.1
 #: Sizes of q that are tried, as the square of displacement over response, least and largest.
@@ -65,7 +65,7 @@ def suspected(field: Field, pad: Pad, *, depth: float, noise: float) -> str:
     rng = np.random.default_rng(0)
     repeated = values + noise * rng.standard_normal((REPEATS, *values.shape))
     spreads, torques = [], []
-    for _, meant in MEANT:
+    for _, meant in AXES_TRIED:
         size = response.size(meant(values), noise)
         made = [response.traction(meant(u), noise, size) for u in (values, *repeated)]
         spreads.append([_spread(t) for t in made])
@@ -73,8 +73,8 @@ def suspected(field: Field, pad: Pad, *, depth: float, noise: float) -> str:
     found = np.log(spreads)
     off = found[:, 0] - found[0, 0]
     error = (found[:, 1:] - found[:1, 1:]).std(axis=1, ddof=1)
-    better = (off < -np.maximum(error, ALIKE)) & (np.array(torques) <= torques[0] + TURNS)
-    return MEANT[int(np.argmin(np.where(better, off, np.inf)))][0] if better.any() else ""
+    better = (off < -np.maximum(error, SAME_SPREAD)) & (np.array(torques) <= torques[0] + TURNS)
+    return AXES_TRIED[int(np.argmin(np.where(better, off, np.inf)))][0] if better.any() else ""
 
 
 def _spread(t: Floats) -> float:
@@ -101,7 +101,7 @@ class _Response:
         safe = np.where(at, self.k, 1.0)
         direction = np.stack([np.where(at, kx / safe, 1.0), ky / safe], axis=-1)
         response = pad.states(safe, direction, depth)[..., :2, :2] / safe[..., None, None]
-        # a square of displacements is what is measured
+        # the data are squares of displacements
         blur = np.sinc(kx * field.aperture / (2.0 * np.pi)) * np.sinc(ky * field.aperture / (2.0 * np.pi))
         self.left, self.sizes, self.right = np.linalg.svd(response * (blur * at)[..., None, None])
         self.prior = (at / safe**2)[..., None]

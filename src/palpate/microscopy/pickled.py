@@ -38,7 +38,7 @@ def _encoded(text: Any, code: Any = "latin1") -> bytes:
     return str(text).encode("latin1")
 
 
-#: What may be named, and what is built in its place.
+#: Allowed names, and what replaces them.
 BUILT: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): _Array, ("numpy", "dtype"): np.dtype, ("_codecs", "encode"): _encoded, ("collections", "OrderedDict"): dict,
     **{(f"numpy.{core}.{module}", name): made for core in ("core", "_core") for module, name, made in (
@@ -55,7 +55,7 @@ class _Builder(pickle.Unpickler):
 
 
 def read_objects(path: Path) -> Any:
-    """What a .npy file of Python objects holds: dictionaries and lists of arrays, numbers and words.
+    """The contents of a .npy file of Python objects: dictionaries and lists of arrays, numbers and words.
 
     Raises
     ------

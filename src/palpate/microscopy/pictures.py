@@ -13,10 +13,8 @@ from palpate._extras import missing
 from palpate._files import ordinary
 from palpate._memory import require
 from palpate.camera import grey, is_pictures, open_pictures
-from palpate.camera.stacks import check_axes, check_size
+from palpate.camera.stacks import check_size
 from palpate.errors import InvalidInput, PalpateError
-from palpate.microscopy.packed import unpacks
-from palpate.sensing.view import opencv
 
 __all__ = ["read_all", "read_pair", "read_picture"]
 
@@ -29,9 +27,8 @@ def read_all(path: Path, most: int = 10_000, *, channel: int | None = None) -> l
         raise InvalidInput(f"{path}: is no picture: .tif, .png and so on.")
     if channel is not None:
         return _of_channel(path, channel)
-    packed = _packed(path) if path.suffix.lower() in (".tif", ".tiff") else None
-    if packed is not None:
-        return packed
+    if path.suffix.lower() in (".tif", ".tiff"):
+        _check_stack(path)
     out = []
     with open_pictures(path) as pictures:
         for picture in pictures:
@@ -86,9 +83,8 @@ def _of_channel(path: Path, channel: int) -> list[npt.NDArray[Any]]:
     return [_plain(np.ascontiguousarray(page)) for page in values.reshape(-1, *values.shape[-2:])]
 
 
-def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
-    """The pages of a TIFF file that is compressed (LZW, as ImageJ and most microscopes write it), which needs more than tifffile; None of others."""
-    cv2 = opencv()
+def _check_stack(path: Path) -> None:
+    """Refuse a TIFF file of several channels, or that would take more memory than there is."""
     try:
         import tifffile
     except ImportError as error:
@@ -101,30 +97,16 @@ def _packed(path: Path) -> list[npt.NDArray[Any]] | None:
                 raise InvalidInput(
                     f"{path}: holds {count} channels (its axes are {series.axes}): say which shows the beads with channel=1 to channel={count} (--channel 1), or save it by itself (ImageJ: Image > Color > Split Channels)."
                 )
-            check_axes(file, path)
-            plain = all(page.compression == 1 for page in file.pages)
             for number, page in enumerate(file.pages):
                 check_size(int(page.nbytes), f"{path}: page {number}")
             total = 2.0 * sum(page.nbytes for page in file.pages)
             require(total, f"the pictures of {path}", "Save only those at rest and pulled.")
-            good = plain or unpacks(path, file.pages)
     except PalpateError:
         raise
     except (tifffile.TiffFileError, OSError, ValueError, AttributeError, IndexError, TypeError) as error:
         raise InvalidInput(
             f"{path}: cannot be read as TIFF ({str(error)[:80]}); it is truncated or damaged."
         ) from error
-    if plain:
-        return None
-    try:
-        whole, pages = cv2.imreadmulti(str(path), flags=cv2.IMREAD_UNCHANGED) if good else (False, [])
-    except cv2.error:
-        whole, pages = False, []
-    if not whole or not pages:
-        raise InvalidInput(
-            f"{path}: cannot be unpacked; it is damaged, or compressed in a way that is not known. Save it without compression."
-        )
-    return [_plain(page if page.ndim == 2 else page[..., ::-1]) for page in pages]
 
 
 def _plain(image: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -39,7 +39,7 @@ WRONG = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Pillar:
-    """An elastic post, and how well it is known.
+    """An elastic post with its uncertainty.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Pillar:
     Raises
     ------
     InvalidInput
-        Sizes that are not positive, a Poisson's ratio beyond 0 to 0.5, errors beyond 0 to 1.
+        Sizes that are not positive, a Poisson's ratio outside 0 to 0.5, errors outside 0 to 1.
 
     Examples
     --------

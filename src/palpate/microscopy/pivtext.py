@@ -80,12 +80,6 @@ def _names(head: list[str], count: int) -> list[str] | None:
     return None
 
 
-def is_matrix(path: Path) -> bool:
-    """Whether a text file holds a bare matrix: numbers without names, wider than a table of vectors."""
-    head, values = _rows(path)
-    return _names(head, values.shape[1]) is None and values.shape[1] > 16
-
-
 def read_matrix(path: Path) -> Floats:
     """One component as a matrix of text."""
     head, values = _rows(path)
@@ -98,7 +92,7 @@ def read_matrix(path: Path) -> Floats:
 
 
 def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Floats:
-    """The rows of one frame, where a column numbers them."""
+    """The rows of one frame, if a column numbers the frames."""
     column = next((k for k, n in enumerate(names) if plain(n) in FRAMES), None)
     if column is None:
         if name is not None:

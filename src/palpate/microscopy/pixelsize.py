@@ -14,7 +14,7 @@ from palpate.errors import InvalidInput
 
 __all__ = ["PixelSize", "differing", "pixel_size", "pixel_size_of_all"]
 
-#: Metres of what programs call them.
+#: Units in metres, by names that programs use.
 LENGTHS = {
     "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "\\u00b5m": 1e-6, "micron": 1e-6, "microns": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6, "nm": 1e-9,
     "nanometer": 1e-9, "å": 1e-10, "pm": 1e-12, "inch": 0.0254, "in": 0.0254,
@@ -27,7 +27,7 @@ PRINTED = 20e-6
 
 @dataclass(frozen=True)
 class PixelSize:
-    """Width and height of a pixel [m], and who says so."""
+    """Width and height of a pixel [m], and their source."""
 
     x: float
     y: float
@@ -39,7 +39,7 @@ class PixelSize:
 
 
 def pixel_size(path: str | Path) -> PixelSize | None:
-    """The size of a pixel by the file itself; None where it says none that can be meant.
+    """The size of a pixel stated in the file, or None without a plausible one.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def pixel_size(path: str | Path) -> PixelSize | None:
         AttributeError,
         ZeroDivisionError,
     ):
-        return None  # what is damaged is said where the picture is read
+        return None  # errors appear when the picture is read
     return None
 
 
@@ -99,7 +99,7 @@ def pixel_size_of_all(paths: Iterable[str | Path]) -> PixelSize | None:
 
 
 def differing(path: str | Path, pixel: float, said: PixelSize | None = None) -> str:
-    """A sentence where a picture's own file states another size of a pixel than ``pixel`` [m]; "" where it does not."""
+    """A sentence if a picture's own file states another size of a pixel than ``pixel`` [m], else ""."""
     stated = said or pixel_size(path)
     if stated is None or all(math.isclose(v, pixel, rel_tol=SAME) for v in (stated.x, stated.y)):
         return ""

@@ -26,7 +26,7 @@ from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 
-#: Where y grows upwards and no picture's size is given.
+#: The error if y grows upwards without a size of the picture.
 TURNED = "y is flipped about the middle of the vectors, because no picture shows where its top is: a mask is misplaced if they do not lie in its middle (size=, --image)"
 #: Vectors at no regular positions are put on a grid of about as many points.
 _SCATTERED = "the {count} vectors lie at no regular positions: they are interpolated to a grid of {step:.3g} px (cubic, Clough-Tocher)"
@@ -58,7 +58,7 @@ def read_field(
     pixel : float
         Metres in a pixel of the picture.
     unit : "px", "m", "mm", "um" or "nm", optional
-        Of the displacements. Tables of PIV programs are in pixels unless they say otherwise; matrices do not tell.
+        Of the displacements. Tables of PIV programs are in pixels unless they state a unit; matrices state none.
     step : float, optional
         Pixels between vectors, for matrices without positions.
     start : (float, float), optional
@@ -72,11 +72,11 @@ def read_field(
     name : str, optional
         Which field of a file that holds several, or the number of the frame in a table of several.
     follow : bool
-        The vectors of a table belong to where the markers went: each position is moved by its own vector.
+        The vectors of a table belong to the moved markers: each position is moved by its own vector.
     window : float, optional
-        Side [px] of the windows that the program compared: each vector is then taken as the mean over its window. None: as values at points.
+        Side [px] of the program's windows: each vector is then the mean over its window. None: values at points.
     position_unit : str, optional
-        Of the positions of a table; default: what the file says, or that of the displacements.
+        Of the positions of a table; default: that of the file, or that of the displacements.
 
     Returns
     -------
@@ -86,8 +86,7 @@ def read_field(
     Raises
     ------
     InvalidInput
-        A file that is not there, damaged, or holds no field or several; a unit or step that nothing tells; displacements that cannot be in
-        that unit.
+        A file that is not there, damaged, or holds no field or several; an unknown unit or step; displacements that are impossible in that unit.
 
     Examples
     --------
@@ -249,7 +248,7 @@ def _pages(path: Path) -> list[Any]:
 
 
 def _floats(path: Path) -> bool:
-    """Whether the pages of a TIFF file hold floats; nothing is unpacked."""
+    """Whether the pages of a TIFF file hold floats, without unpacking them."""
     try:
         import tifffile
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""One file that holds everything: numbers, pictures, what was assumed."""
+"""A report in one file: numbers, pictures, assumptions."""
 
 from __future__ import annotations
 

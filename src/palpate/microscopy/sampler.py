@@ -30,7 +30,7 @@ TRACTION, SIZE = 0.8, 0.5
 DRIFT = 10.0
 #: Part of doubtful vectors that are outliers, standard deviation of their offsets in the largest displacement, and one is tried in so many steps.
 WRONG, OUTLYING, DOUBT = 0.05, 2.0, 3
-#: A blob that is put in or taken out for a start has to gain so much log evidence.
+#: Log evidence that a blob must add to enter or stay in a start.
 WORTH = 3.0
 #: Of each kind of step, this part: birth, death, move, size, scale; the rest moves by a pitch.
 BIRTH, DEATH, MOVE, RESIZE, RESCALE = 0.15, 0.15, 0.32, 0.18, 0.10
@@ -59,7 +59,7 @@ class Places:
         return self.pitch * x, self.pitch * y
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """Densities of prior and proposal; 0 beyond."""
+        """Densities of prior and proposal; 0 outside."""
         row, column = round(y / self.pitch) + self.margin[0], round(x / self.pitch) + self.margin[1]
         if not (0 <= row < self.prior.shape[0] and 0 <= column < self.prior.shape[1]):
             return 0.0, 0.0
@@ -104,7 +104,7 @@ class Chain:
         self.blobs: Floats = np.zeros((0, 4))
         self.evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
 
-    # -- what blobs are worth
+    # -- evidence of blobs
 
     def _factor(
         self, gram: Floats, linear: Floats, blobs: Floats, noise: float
@@ -166,7 +166,7 @@ class Chain:
         self.count, self.blobs, self.evidence = count, blobs, evidence
 
     def _without(self, k: int) -> tuple[npt.NDArray[np.intp], Floats, float]:
-        """What stays without blob ``k``, and its evidence."""
+        """The state without blob ``k``, and its evidence."""
         at = self.fixed + 2 * k
         stay = np.concatenate([np.arange(at), np.arange(at + 2, self.count)])
         blobs = np.delete(self.blobs, k, axis=0)
@@ -227,7 +227,7 @@ class Chain:
             self._leave(stay, blobs, evidence)
 
     def _hyper(self) -> None:
-        """The typical traction, and the noise where it is not known."""
+        """Sample the typical traction, and the noise if it is unknown."""
         rng, count = self.rng, len(self.blobs)
         if count:
             each = self.level + self._traction(self.blobs[:, 3], self.blobs[:, 2])
@@ -241,7 +241,7 @@ class Chain:
                 self.noise, self.evidence = noise, evidence
 
     def _doubts(self) -> None:
-        """Try one of the doubtful vectors as what it is not just now: an outlier, which has an offset of its own, or none."""
+        """Try to switch one of the doubtful vectors between an outlier, with an offset of its own, and a normal vector."""
         k = int(self.rng.integers(len(self.wrong)))
         before = self.scales[3 + 2 * k]
         now = 0.0 if self.wrong[k] else self.offset
@@ -254,7 +254,7 @@ class Chain:
             self.scales[3 + 2 * k : 5 + 2 * k] = before
 
     def walk(self, steps: int, *, count: bool = True) -> None:
-        """So many steps; without ``count`` no blob is born or dies."""
+        """Do so many steps; without ``count`` no blob is born or dies."""
         rng, pitch = self.rng, self.places.pitch
         for step in range(steps):
             kind = rng.random()
@@ -282,10 +282,10 @@ class Chain:
             if len(self.wrong) and step % DOUBT == 0:
                 self._doubts()
 
-    # -- a start, and what comes of it
+    # -- start
 
     def put(self, blob: Floats) -> None:
-        """Put a blob in where it is worth it."""
+        """Add blobs that raise the evidence."""
         if len(self.blobs) >= MOST or not math.isfinite(self._prior(blob)):
             return
         rows = self._response_of(blob)
@@ -296,7 +296,7 @@ class Chain:
             self._take(len(self.blobs), rows, gram, linear, blobs, evidence)
 
     def prune(self) -> None:
-        """Take out what is not worth it."""
+        """Remove blobs that do not raise the evidence."""
         for k in reversed(range(len(self.blobs))):
             stay, blobs, evidence = self._without(k)
             if evidence > self.evidence - WORTH:
@@ -317,7 +317,7 @@ class Chain:
         return mean, drawn[self.fixed :].reshape(-1, 2)
 
     def modelled(self, vectors: Vectors, mean: Floats) -> Floats:
-        """What the mean makes of other vectors (2, n)."""
+        """Displacement of other vectors (2, n) by the mean."""
         drift = vectors.drift(vectors.places)
         middle = vectors.middle - self.vectors.middle
         # a rotation about another middle

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate._files import ordinary
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import one_of_many
+from palpate.microscopy.found import list_names
 from palpate.microscopy.matfile import fields_of
 from palpate.microscopy.names import VECTORS
 from palpate.microscopy.pivtext import frames_of_text
@@ -46,7 +46,7 @@ def frames_of_field(path: str | Path, name: str | None = None) -> list[str | Non
         try:
             shape = np.load(found, mmap_mode="r", allow_pickle=False).shape
         except (ValueError, OSError, EOFError):
-            return [None]  # said where it is read
+            return [None]  # the reader reports it
         return [str(k) for k in range(shape[0])] if len(shape) == 4 else [None]
     if ending in TEXT:
         return list(frames_of_text(found)) or [None]
@@ -59,13 +59,13 @@ def frames_of_field(path: str | Path, name: str | None = None) -> list[str | Non
     for key in names:
         groups.setdefault(key.rpartition("(")[0] if key.endswith(")") else key, []).append(key)
     if name is not None and name not in groups:
-        raise InvalidInput(f"{found}: no field {name!r}; it holds {one_of_many(groups)}.")
+        raise InvalidInput(f"{found}: no field {name!r}; it holds {list_names(groups)}.")
     if name is None and len(groups) > 1:
         known = [group for group in groups for pair in VECTORS if group == f"{pair[0]}, {pair[1]}"]
         order = [f"{a}, {b}" for a, b in VECTORS]
         if len(known) < len(groups):
             raise InvalidInput(
-                f"{found}: holds several films: {one_of_many(groups)}. Say which with name={next(iter(groups))!r} (--name)."
+                f"{found}: holds several films: {list_names(groups)}. Say which with name={next(iter(groups))!r} (--name)."
             )
         name = min(known, key=order.index)
     return list(groups[name if name is not None else next(iter(groups))])

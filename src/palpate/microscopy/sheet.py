@@ -5,8 +5,9 @@ With N the tension (force per length, stress times thickness) and T the traction
     div N = T   in the sheet,      N n = 0   where it ends freely.
 
 That is two equations for three unknowns. As is usual, the third comes from a plane elastic sheet, even and isotropic, in plane stress (D. T. Tambe et al., Nat. Mater. 10, 2011, 469-475;
-PLoS ONE 8, 2013, e55172): N = C : strain of a displacement that nobody sees, and of which only Poisson's ratio matters. Cells are no such sheet: each pulls by itself, and what pulls in balance with itself
-leaves no traction. The samples therefore hold tensions that cells add, random and of unknown fineness, besides Poisson's ratio, the traction's own samples and what pulls at the edges of the view.
+PLoS ONE 8, 2013, e55172): N = C : strain of an unobserved displacement, where only Poisson's ratio matters. Cells are no such sheet: each contracts,
+and balanced contractions leave no traction. The samples therefore include random tensions of the cells with an unknown length scale, besides
+Poisson's ratio, the traction's own samples and the forces at the edges of the view.
 
 The mean of the average tension needs none of this: with free edges it is -(1/2A) int T . x dA.
 """
@@ -42,7 +43,7 @@ class Sheet:
     ----------
     elements : Elements
     edge : tuple
-        Where it goes on beyond the view: points of integration, displacement there, lengths, and normals.
+        Where it continues outside the view: points of integration, displacement there, lengths, and normals.
     """
 
     elements: Elements
@@ -117,7 +118,7 @@ def _stiffness(ratio: float) -> Floats:
 
 
 def sheet_of(shape: Shape, spacing: float, view: tuple[float, float, float, float] | None = None) -> Sheet:
-    """A sheet on a shape, with triangles of a ``spacing`` [m]; where it meets the sides of a ``view`` (left, right, top, bottom) [m] it goes on beyond."""
+    """A sheet on a shape, with triangles of a ``spacing`` [m]; at the sides of a ``view`` (left, right, top, bottom) [m] it continues outside."""
     points, corners = triangles(shape, spacing)
     if len(corners) < 8:
         raise InvalidInput(

@@ -25,7 +25,7 @@ PUSHED = 0.1
 
 
 def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
-    """Average tension, with lines along the larger principal tension where its direction is known, and the standard deviation beside it."""
+    """Average tension, with lines along the larger principal tension if its direction is known, and the standard deviation beside it."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 

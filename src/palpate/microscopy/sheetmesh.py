@@ -19,10 +19,10 @@ from palpate.errors import InvalidInput
 __all__ = ["Elements", "Shape", "elements_of", "triangles"]
 
 Flags = npt.NDArray[np.bool_]
-#: Sparse matrices, whose types scipy's stubs do not tell apart.
+#: Sparse matrices: scipy's stubs do not distinguish their types.
 Sparse: TypeAlias = Any
 
-#: The outline is that of the mask after a Gaussian of so many of its squares, which takes the steps out.
+#: Standard deviation, in squares of the mask, of the Gaussian that smooths its outline.
 EVEN = 0.8
 #: Points within lie at least this part of the spacing from the outline; triangles flatter than this (1: equilateral) are left out at the outline.
 FREE, FLAT = 0.6, 0.05
@@ -179,7 +179,7 @@ def elements_of(points: Floats, corners: npt.NDArray[np.int64]) -> Elements:
     require("sheets of cells", "skfem")
     from skfem import Basis, ElementTriP1, ElementTriP2, ElementVector, MeshTri
 
-    # in units of the sheet, so that nothing is tiny
+    # in units of the sheet, to avoid tiny numbers
     mesh = MeshTri(np.ascontiguousarray(points.T), np.ascontiguousarray(corners.T))
     basis = Basis(mesh, ElementVector(ElementTriP2()), intorder=DEGREE)
     plain = Basis(mesh, ElementTriP1(), intorder=DEGREE)

@@ -23,20 +23,20 @@ WIDER: dict[str, tuple[float, float]] = {
     "contractility": (1.2, 0.02),
     "force": (1.6, 0.03),
 }
-OTHERS = (1.2, 0.02)
+OTHER_SPREAD = (1.2, 0.02)
 #: Forces that no vector tells are missing from the samples, and wide blobs stand for several adhesions: the number is larger by so many standard deviations of its logarithm,
 #: by the same cells, and by no more than the next.
 SHIFT: dict[str, float] = {"strain_energy": 1.7, "traction_peak": 0.2}
-MOST = 0.6
+MAX_MISSING = 0.6
 
 
 def read(key: str, samples: Floats, common: float) -> tuple[float, float, tuple[float, float]]:
     """Of ``samples``; ``common`` is the relative standard deviation that modulus and scale bring."""
-    factor, part = WIDER.get(key, OTHERS)
+    factor, part = WIDER.get(key, OTHER_SPREAD)
     if key in LOGARITHMIC and (samples > 0).all():
         logs = np.log(samples)
         own = float(logs.std(ddof=1))
-        middle = float(logs.mean()) + min(SHIFT.get(key, 0.0) * own, MOST)
+        middle = float(logs.mean()) + min(SHIFT.get(key, 0.0) * own, MAX_MISSING)
         spread = math.sqrt((factor * own) ** 2 + part**2 + common**2)
         value = math.exp(middle)
         return value, value * spread, (value * math.exp(-SIDE * spread), value * math.exp(SIDE * spread))

@@ -35,8 +35,8 @@ Flags = npt.NDArray[np.bool_]
 #: Poisson's ratio of a plane sheet may be anything between these (1: its area does not change); and the places of Gauss's three points in it, whose weights are 5, 8 and 5.
 RATIOS, GAUSS = (0.0, 1.0), (0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6))
 CYCLE = (0, 1, 2, 1, 0, 1, 2, 1, 2)
-#: Tensions of the cells' own are this part of the sheet's (root mean square). Set from sheets 0 to 9 of benchmarks/cells_sheet.py.
-OWN = 1.0
+#: Tension of the cells over that of the sheet (root mean square). Fitted to sheets 0 to 9 of benchmarks/cells_sheet.py.
+RELATIVE_TENSION = 1.0
 #: Triangles are as wide as the distance of vectors, unless the sheet would be of more than so many or fewer than so many squares of them.
 MOST, FEWEST = 5000, 150
 #: Traction this many windows (or vectors) outside the mask is the sheet's, blurred by the window; squares of which less than this part lies in the sheet pass theirs on.
@@ -73,7 +73,7 @@ class RegionTension:
 
 @dataclass(frozen=True, eq=False)
 class BorderTension:
-    """What two neighbours pass to each other.
+    """The force between two neighbours.
 
     Attributes
     ----------
@@ -211,14 +211,14 @@ def sheet_tension(
     labels: Any = None,
     size: tuple[int, int] | None = None,
     poissons_ratio: float | None = None,
-    own: float = OWN,
+    own: float = RELATIVE_TENSION,
     draws: int = 60,
     seed: int = 0,
 ) -> SheetTension:
     """Tension in a sheet of cells by monolayer stress microscopy.
 
-    The sheet is where the mask of ``forces`` is (all of the field of view without one). Where it ends, nothing pulls at it; where it reaches the edge of the field of view it goes on, and what pulls
-    there is unknown but for the balance of forces, and in the errors.
+    The sheet is where the mask of ``forces`` is (all of the field of view without one). Its ends are free. At the edge of the field of view it
+    continues: the forces there are unknown except for the balance of forces, and enter the errors.
 
         div N = T,    N n = 0 at free edges,    N = C : strain (plane stress)
 
@@ -229,13 +229,13 @@ def sheet_tension(
     forces : CellForces
         With a traction that lies everywhere, ``method="tikhonov"`` suits sheets.
     labels : dict of masks, array or path, optional
-        The cells (`read_labels`), for a mean of each, and what neighbours pass to each other.
+        The cells (`read_labels`), for a mean of each, and the forces between neighbours.
     size : (int, int), optional
-        Columns and rows of the picture of labels; default: what the field covers.
+        Columns and rows of the picture of labels; default: the area of the field.
     poissons_ratio : float, optional
-        Of the sheet; default: anything from 0 to 1, which is a sheet that keeps its area.
+        Of the sheet; default: random from 0 to 1, at which a sheet keeps its area.
     own : float
-        Tensions that cells have by themselves and that leave no traction, as a part of the sheet's: what a uniform elastic sheet leaves out. 0: the sheet is one.
+        Balanced tensions of the cells, which leave no traction, as a part of the sheet's; a uniform elastic sheet has none (0).
     draws : int
         Samples.
     seed : int
@@ -327,7 +327,7 @@ def sheet_tension(
     numbers["area"] = Quantity("area of the sheet", "m^2", float(weight.sum()), 0.0)
     std = np.hypot(maps[1:].std(axis=0, ddof=1), common * maps[0])
     cells, borders = _cells(masks, field, where, weight, tension, common)
-    notes = _said(parts, forces, own, poissons_ratio)
+    notes = _notes(parts, forces, own, poissons_ratio)
     if numbers["average_tension"].interval[1] < 0:
         pressed = "the sheet is pressed as a whole, as hardly any is: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
         notes = (pressed, *notes)
@@ -530,7 +530,7 @@ def _cells(
 def _borders(
     names: list[str], number: npt.NDArray[Any], pixel: float, where: Floats, tension: Floats, common: float
 ) -> tuple[BorderTension, ...]:
-    """Forces across the edges between pixels of two labels: the sum of N n over them, which steps leave as it is."""
+    """Forces across the edges between pixels of two labels: the sum of N n over them, which does not depend on the steps of the border."""
     tree = scipy.spatial.cKDTree(where)
     edges: dict[tuple[int, int], list[tuple[float, float, float, float]]] = {}
     for axis in (0, 1):
@@ -560,7 +560,7 @@ def _borders(
     return tuple(out)
 
 
-def _said(parts: list[_Part], forces: CellForces, own: float, ratio: float | None) -> tuple[str, ...]:
+def _notes(parts: list[_Part], forces: CellForces, own: float, ratio: float | None) -> tuple[str, ...]:
     notes = []
     open_ = any(len(p.sheet.edge[0]) for p in parts)
     for k, part in enumerate(parts):

@@ -16,7 +16,7 @@ from palpate.elastic.pad import Floats
 from palpate.microscopy.blobs import Response
 from palpate.microscopy.noise import Noise, Whitener, whitener
 
-__all__ = ["Vectors", "doubtful_of", "first_guess", "noise_of", "outliers", "vectors_of"]
+__all__ = ["Vectors", "find_doubtful", "first_guess", "noise_of", "outliers", "vectors_of"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -28,9 +28,9 @@ DIFFERENCE = 1.15
 FEW, TILES = 1500, ((4, 8.0), (2, 3.0))
 #: Points along each side of a window over which the displacement near a blob is averaged.
 POINTS = 4
-#: An outlier is doubtful where its neighbours' median is moved by so many times the noise; at most so many are.
+#: An outlier is doubtful if it moves its neighbours' median by this many times the noise; and the largest number of them.
 MOVED, DOUBTED = 2.0, 16
-#: The first guess is sought this part of the field beyond it, in so many steps at most, until what is left is as large as the noise.
+#: Margin of the first guess round the field, as a part of it, and its largest number of steps: it ends when the residual is as large as the noise.
 BEYOND, STEPS, NOISE = 0.15, 60, 1.02
 
 
@@ -61,7 +61,7 @@ def outliers(u: Floats, noise: Any) -> Flags:
     return np.asarray(np.nan_to_num(far).max(axis=0) > OFF)
 
 
-def doubtful_of(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
+def find_doubtful(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
     """Return the outliers (row, column) whose neighbours move too. They may be adhesions finer than the vectors, which move one vector far more than the next."""
     around = np.where(there & ~bad, u, np.nan)
     padded = np.pad(around, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
@@ -105,7 +105,7 @@ class Vectors:
             alone = np.zeros((2 * len(self.doubtful), 2, len(self.places)))
             for k, n in enumerate(self.doubtful):
                 alone[2 * k, 0, n] = alone[2 * k + 1, 1, n] = 1.0
-            #: And then what an offset of each doubtful vector makes, along x and y.
+            #: And the effect of an offset of each doubtful vector, along x and y.
             self.patterns = np.concatenate([self.patterns, self._whitened(alone).reshape(len(alone), -1)])
 
     def _whitened(self, values: Floats) -> Floats:
@@ -152,7 +152,7 @@ def vectors_of(
     noise: Noise | None = None,
     doubtful: Flags | None = None,
 ) -> Vectors:
-    """Vectors one by one near ``strong`` traction and where they are ``doubtful``, and as means of tiles afar."""
+    """Single vectors near ``strong`` traction and where ``doubtful``, and means of tiles elsewhere."""
     rows, columns = there.shape
     alone = np.zeros_like(there) if doubtful is None else doubtful & there
     far = scipy.ndimage.distance_transform_edt(~strong) if strong.any() else np.full(there.shape, np.inf)

@@ -1,10 +1,10 @@
-"""Which frames are taken, and from whom: one sender at a time, its frames in order, whatever else arrives.
+"""Admission of frames: one sender at a time, its frames in order.
 
 A sender is an address (UDP) or a connection (TCP, WebSocket). Its frames form a session that begins with its first good frame and has a
-clock of its own. Within a session a frame is taken when its sequence and its time are a little after those of the last one. A frame far
-from the last may be damage or the sender's new beginning. It is held until `RUN` such frames follow each other, and then all of them are
-taken as a new session (the rule for sources that restart in RFC 3550, appendix A.1). Frames a little before the last are late or copies,
-unless `LATE_RUN` of them follow each other with none of the session between: then the sender has restarted soon after it began.
+clock of its own. Within a session a frame is accepted if its sequence and its time are a little after those of the last one. A frame far from the
+last is damaged, or the sender restarted. It waits until `RUN` such frames follow each other, and then all of them start a new session (the rule for
+restarted sources in RFC 3550, appendix A.1). Frames a little before the last are late or copies, unless `LATE_RUN` of them follow each other with
+none of the session between: then the sender restarted soon after its start.
 
 Frames of two senders never mix. A second one is refused until the first has been silent for a while, several times its own interval.
 """
@@ -26,20 +26,20 @@ __all__ = ["REFUSALS", "Admission", "Limits"]
 
 #: Frames out of their order that must follow each other before they are a new beginning.
 RUN = 3
-#: The same for frames a little before the last, of which a network that changes its order may deliver several.
+#: The same for frames a little before the last, several of which may arrive out of order.
 LATE_RUN = 20
 #: How far the sequence may be ahead (frames lost) or behind (frames late); ahead also by `FASTEST` a second of silence.
 AHEAD, BEHIND, FASTEST = 1000, 1000, 10_000
 #: How far the time may be ahead [s], besides the silence and some of the steps before.
 LEAP, STEPS = 10.0, 10.0
-#: A sender is silent when nothing came for so many of its intervals, but for at most so long [s].
+#: A sender is silent after this many of its intervals without a frame, or at most after so long [s].
 INTERVALS, LONGEST = 5.0, 60.0
 #: Senders that were served before and are remembered, so that two slow ones do not take turns for ever.
 REMEMBERED = 64
 #: One kind of refusal is put into words at most so often [s].
 PAUSE = 10.0
 
-#: What can become of a frame, or of a connection, that is not taken.
+#: Reasons to refuse a frame or a connection.
 REFUSALS = (
     "malformed", "big-endian", "oversized", "shape", "late", "jump", "busy", "slow", "crowded",
 )  # fmt: skip
@@ -111,12 +111,12 @@ class Admission:
         (channel, *array) of a frame.
     limits : Limits
     report : callable
-        Called with a sentence that says what happened.
+        Called with a sentence on each event.
 
     Attributes
     ----------
     counts : dict
-        "frames" taken, "sessions" begun, and what was refused (`REFUSALS`).
+        "frames" accepted, "sessions" started, and refusals by reason (`REFUSALS`).
 
     Examples
     --------
@@ -162,7 +162,7 @@ class Admission:
         return None if self._session is None else self._session.sender
 
     def offer(self, sender: str, data: bytes, now: float) -> tuple[str, list[tuple[int, float, Floats]]]:
-        """What becomes of a message ("frames" or one of `REFUSALS`), and the frames (session, time [s], readings) that are taken for it."""
+        """The outcome of a message ("frames" or one of `REFUSALS`), and the accepted frames (session, time [s], readings)."""
         if len(data) > self.largest:
             text = f"{len(data)} bytes came, a frame has {self.largest}{_states(data)}"
             return self.refuse("oversized", sender, now, text), []
@@ -202,7 +202,7 @@ class Admission:
             self.report(f"sender {sender} left")
 
     def refuse(self, name: str, sender: str, now: float, why: str) -> str:
-        """Count a refusal, and say it, though not too often."""
+        """Count a refusal, and report it at a limited rate."""
         self.counts[name] += 1
         if now - self._reported.get(name, -math.inf) >= PAUSE:
             self._reported[name] = now
@@ -273,7 +273,7 @@ def _times(shape: Sequence[int]) -> str:
 
 
 def _states(data: bytes) -> str:
-    """What the head of a frame says of its shape."""
+    """The shape that the header of a frame states."""
     try:
         magic, _, _, *shape = HEAD.unpack_from(data)
     except struct.error:

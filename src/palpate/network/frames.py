@@ -4,8 +4,8 @@ One frame is, little-endian,
 
     "PLPF" | sequence uint32 | time float64 [s] | channels uint16 | rows uint16 | columns uint16 | values float32
 
-with the values as (channel, row, column), in SI units, compression positive, NaN where missing; taxels that lie on a line or anywhere are
-one row. Every frame states its shape. A sender may ask for a new zero, where it knows that nothing touches:
+with the values as (channel, row, column), in SI units, compression positive, NaN where missing; taxels on a line or scattered are one row. Every
+frame states its shape. A sender may request a new zero when nothing touches:
 
     "PLPZ" | frames uint32
 
@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 MAGIC, ZERO = b"PLPF", b"PLPZ"
-#: Most frames that a zero is taken from.
-MOST = 10_000
+#: Largest number of frames for a zero.
+MAX_ZERO_FRAMES = 10_000
 HEAD = struct.Struct("<4sIdHHH")
 _SWAPPED = struct.Struct(">4sIdHHH")
 
@@ -89,20 +89,20 @@ def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
 
 
 def zero_bytes(frames: int = 10) -> bytes:
-    """The message that asks for a new zero from the next ``frames`` frames, in which nothing must touch.
+    """The message that requests a new zero from the next ``frames`` frames, in which nothing may touch.
 
     Examples
     --------
     >>> zero_bytes(20)
     b'PLPZ\\x14\\x00\\x00\\x00'
     """
-    if isinstance(frames, bool) or not (isinstance(frames, int) and 1 <= frames <= MOST):
-        raise InvalidInput(f"frames must be a whole number from 1 to {MOST}; got {frames!r}.")
+    if isinstance(frames, bool) or not (isinstance(frames, int) and 1 <= frames <= MAX_ZERO_FRAMES):
+        raise InvalidInput(f"frames must be a whole number from 1 to {MAX_ZERO_FRAMES}; got {frames!r}.")
     return ZERO + struct.pack("<I", frames)
 
 
 def zero_from_bytes(data: bytes) -> int:
-    """The frames that a message asks a new zero from; `InvalidInput` where it does not.
+    """The number of frames in a message that requests a new zero; `InvalidInput` for other messages.
 
     Examples
     --------
@@ -110,8 +110,8 @@ def zero_from_bytes(data: bytes) -> int:
     20
     """
     frames = struct.unpack("<I", data[4:])[0] if len(data) == 8 and data[:4] == ZERO else 0
-    if not 1 <= frames <= MOST:
-        raise InvalidInput(f"not a wish for a new zero: PLPZ and a uint32 from 1 to {MOST}.")
+    if not 1 <= frames <= MAX_ZERO_FRAMES:
+        raise InvalidInput(f"not a wish for a new zero: PLPZ and a uint32 from 1 to {MAX_ZERO_FRAMES}.")
     return int(frames)
 
 

@@ -44,22 +44,22 @@ class FrameListener(FrameSource):
     host : str
         Address to listen on; this machine alone by default.
     limits : Limits, optional
-        How long it waits for what.
+        Its timeouts.
     report : callable, optional
-        Called with words about senders (who is served, who began again, who was refused and why), from the listener's thread. Refusals
+        Called with sentences on senders (served, restarted, or refused and why), from the listener's thread. Refusals
         of one kind are reported at most every 10 s; ``counts`` has all of them.
     zero : callable, optional
-        Called with a number of frames where the sender that is served asks for a new zero (`palpate.network.zero_bytes`), from the
-        listener's thread. Without it such a wish is refused as malformed.
+        Called with a number of frames when the current sender requests a new zero (`palpate.network.zero_bytes`), from the listener's thread. Without
+        it such a request is refused as malformed.
 
     Attributes
     ----------
     counts : dict
-        "frames" taken in, "sessions" begun, "dropped" because newer ones came, and what was refused: "malformed", "big-endian",
-        "oversized", "shape", "late" (a sequence or time not after the last), "jump" (far from the last, and no new beginning), "busy"
+        "frames" accepted, "sessions" started, "dropped" because newer ones came, and refusals: "malformed", "big-endian",
+        "oversized", "shape", "late" (a sequence or time not after the last), "jump" (far from the last, without a restart), "busy"
         (another sender is served), "slow" (connections that sent no frame in time), "crowded" (connections closed to let another in).
     events : deque of str
-        The latest words.
+        The latest sentences.
 
     Raises
     ------
@@ -142,7 +142,7 @@ class FrameListener(FrameSource):
         try:
             await self._end.wait()
         finally:
-            # no more are accepted; those that were come to their end: a server that is closed leaves their sockets open (Python 3.11)
+            # accept no more; end those that were accepted: a closed server leaves their sockets open (Python 3.11)
             with contextlib.suppress(NotImplementedError):
                 self._loop.remove_reader(self._socket)
             for _ in range(20):
@@ -152,10 +152,10 @@ class FrameListener(FrameSource):
                     break
                 await asyncio.wait(others, timeout=0.1)
             server.close()
-            await asyncio.sleep(0)  # what was aborted is closed one turn of the loop later
+            await asyncio.sleep(0)  # aborted ones close one turn of the loop later
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Frames of one connection, until it leaves or sends what does not begin as a frame: then nothing tells where one begins."""
+        """Read frames from one connection until it closes or sends something that is no frame: no boundary of frames can be found after that."""
         sender = self._arrived(writer.transport)
         why = None
         try:
@@ -174,7 +174,7 @@ class FrameListener(FrameSource):
             writer.transport.abort()  # a peer that does not read
 
     async def _listen(self, sender: str, reader: asyncio.StreamReader) -> str | None:
-        """Why the connection is closed; None where it ended by itself."""
+        """Serve until the end; return why the connection must close, or None if the peer closed it."""
         wait, refuse = self._limits.hello, self._admission.refuse
         while True:
             try:
@@ -266,7 +266,7 @@ class FrameListener(FrameSource):
             for option, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
                 if hasattr(socket, option):
                     line.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
-        # those whose handshake failed have left without a word
+        # those with a failed handshake have left already
         for name in [n for n, t in self._connections.items() if t.is_closing()]:
             self._left(name)
         if len(self._connections) >= self._limits.connections:

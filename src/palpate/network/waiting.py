@@ -16,7 +16,7 @@ __all__ = ["EVENTS", "WAITING", "FrameSource"]
 
 #: Frames that wait to be taken; the oldest make room for the newest.
 WAITING = 8
-#: Words about senders that are kept for whoever asks later.
+#: Sentences on senders that are stored.
 EVENTS = 100
 
 
@@ -36,7 +36,7 @@ class FrameSource:
     ) -> None:
         self.events: deque[str] = deque(maxlen=EVENTS)
         self.report, self.zero = report, zero
-        self._admission = Admission(shape, limits or Limits(), self._say)
+        self._admission = Admission(shape, limits or Limits(), self._report_text)
         self.shape = tuple(self._admission.shape)
         self.counts = self._admission.counts
         self.counts["dropped"] = 0
@@ -71,7 +71,7 @@ class FrameSource:
             self._ready.notify_all()
 
     def _take(self, sender: str, data: bytes) -> str:
-        """What became of a message."""
+        """The outcome of a message."""
         if data[:4] == ZERO and self.zero is not None:
             return self._zeroed(sender, data, self.zero)
         result, found = self._admission.offer(sender, data, clock.monotonic())
@@ -79,7 +79,7 @@ class FrameSource:
         return result
 
     def _zeroed(self, sender: str, data: bytes, zero: Callable[[int], None]) -> str:
-        """What became of a wish for a new zero: only the sender whose frames are taken may have one."""
+        """Handle a request for a new zero: only the current sender may have one."""
         now = clock.monotonic()
         if sender != self.sender:
             return self._admission.refuse("busy", sender, now, "a new zero is for the sender that is being served")
@@ -87,12 +87,12 @@ class FrameSource:
             frames = zero_from_bytes(data)
         except InvalidInput as error:
             return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
-        self._say(f"{sender} asks for a new zero")
+        self._report_text(f"{sender} asks for a new zero")
         zero(frames)
         return "frames"
 
     def _put(self, frames: Sequence[tuple[int, float, Any]]) -> None:
-        """Frames that were taken."""
+        """Queue accepted frames."""
         if frames:
             with self._ready:
                 for frame in frames:
@@ -101,7 +101,7 @@ class FrameSource:
                     self._frames.append(frame)
                 self._ready.notify()
 
-    def _say(self, text: str) -> None:
+    def _report_text(self, text: str) -> None:
         self.events.append(text)
         if self.report is not None:
             self.report(text)

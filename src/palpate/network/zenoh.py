@@ -14,7 +14,7 @@ from palpate.network.waiting import FrameSource
 
 __all__ = ["LOCAL", "ZenohListener", "zenoh_key", "zenoh_session"]
 
-#: Where a session of ours listens unless its configuration says otherwise: on this machine alone.
+#: Default address of our session: this machine alone.
 LOCAL = "tcp/127.0.0.1:7447"
 #: Names the file of zenoh's own configuration, as for its other programs.
 CONFIG = "ZENOH_CONFIG"
@@ -75,7 +75,7 @@ def zenoh_session(*, listen: str | None = None, connect: str | None = None) -> A
 
 
 def zenoh_key(key: str) -> str:
-    """The key, where zenoh can publish to it.
+    """The key, if zenoh can publish to it.
 
     Raises
     ------
@@ -150,7 +150,7 @@ class ZenohListener(FrameSource):
         self.close()
 
     def close(self) -> None:
-        """Take no more; what waits is still given out."""
+        """Accept no more; the queue is still delivered."""
         with contextlib.suppress(self._zenoh.ZError):  # it has ended already
             self._subscriber.undeclare()
         super().close()

@@ -1,4 +1,4 @@
-"""The founding paper, figure by figure and formula by formula, and what lies beyond it.
+"""The founding paper, figure by figure and formula by formula, and our extensions.
 
 R. Yang's and P. S. Krishnaprasad's group, University of Maryland, late 1980s: line contact on a half-space, the traction
 found from normal stress or strain at depth by dividing Fourier transforms. Depth 1.5, sampling 0.5, E = 1, nu = 0.5,
@@ -13,10 +13,11 @@ found from normal stress or strain at depth by dividing Fourier transforms. Dept
     page        all of it on one page; `tables` are those of the page and of the documentation
 
 In: the paper's numbers and loads, kept in `cases.py`.
-Out: its figures, its formulas checked, and a page with what lies beyond it.
+Out: its figures, its formulas checked, and a page with our extensions.
 Open first: `page.py`.
 """
 
+from palpate.inverse import ConstantFriction, Division, LinearSystem
 from palpate.paper.algorithm import sliding
 from palpate.paper.cases import (
     CASES,
@@ -51,6 +52,9 @@ __all__ = [
     "PAPER_ERRORS",
     "PITCH",
     "SENSORS",
+    "ConstantFriction",
+    "Division",
+    "LinearSystem",
     "PaperFigure",
     "array",
     "claims",

@@ -46,7 +46,7 @@ def _errors(case: str) -> Panel:
     for name, solve in (("division", divide), ("linear system", solve_linear)):
         for channel in CHANNELS:
             true, readings = data(case, channel)
-            # errors of exactly nothing lie below the axis
+            # errors of exactly zero lie below the axis
             curves[f"{name}, {channel.split('_')[0]}"] = np.maximum(
                 np.abs(solve(readings[0], channel) - true[1]), 1e-20
             )

@@ -34,7 +34,7 @@ __all__ = [
 PAD = HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
 #: Of the sensors, as the paper gives them: how deep, how far apart, how many.
 DEPTH, PITCH, SENSORS = 1.5, 0.5, 121
-#: What the paper does not state and its errors and axes let one find: half-width, load, what is added to the half-width, friction.
+#: Values that the paper does not state and that follow from its errors and axes: half-width, load, increment of the half-width, friction.
 HALF_WIDTH, LOAD, EPS, FRICTION = 3.5, 0.678, 0.068, 0.433
 
 #: Mean absolute errors that the paper prints, (case, component, channel) -> text; "?" is an exponent that cannot be read.

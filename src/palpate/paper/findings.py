@@ -1,4 +1,4 @@
-"""What the paper says, in our words, and what we find, in numbers."""
+"""Claims of the paper in our words, with our numbers."""
 
 from __future__ import annotations
 
@@ -304,5 +304,5 @@ def _three_dimensions() -> Claim:
 
 
 def _small(value: float) -> str:
-    """Rounding differs from machine to machine: only its size is told."""
+    """Only the order of magnitude, since rounding differs from machine to machine."""
     return "below 1e-9" if 1e-13 < value < 1e-9 else "below 1e-13" if value <= 1e-13 else f"{value:.1e}"

@@ -26,7 +26,7 @@ __all__ = [
 
 
 class Equation(NamedTuple):
-    """One equation of the paper: its number, what it says in our words, and the dotted names of what computes it."""
+    """One equation of the paper: its number, its meaning in our words, and the dotted names of what computes it."""
 
     number: str
     content: str
@@ -81,7 +81,7 @@ def hooke(stress: npt.ArrayLike, *, youngs_modulus: float, poissons_ratio: float
 def plane_strain(
     stress_zz: npt.ArrayLike, stress_xx: npt.ArrayLike, *, youngs_modulus: float, poissons_ratio: float
 ) -> tuple[Floats, Floats]:
-    """Normal strains (e_zz, e_xx) where nothing is strained along the line of contact: equation 6.
+    """Normal strains (e_zz, e_xx) without strain along the line of contact: equation 6.
 
     There the stress along the line is nu (s_zz + s_xx).
     """
@@ -106,7 +106,7 @@ def inverse_transform(reading: npt.ArrayLike, channel: str, depth: float, omega:
 
         F(y) = (1/2 pi) int g(w) / K1(w) exp(i w y) dw
 
-    by the trapezoidal rule; ``omega`` must be even spaced and leave out 0 where K1 vanishes there.
+    by the trapezoidal rule; ``omega`` must be evenly spaced without 0 if K1 vanishes there.
     """
     ratio = np.asarray(reading) / kernel_transforms(channel, depth, omega)[0]
     waves = np.exp(1j * np.multiply.outer(np.asarray(y, dtype=np.float64), omega))

@@ -1,6 +1,6 @@
 """The paper's figures 1 to 22: its numbering and axis ranges, captions in our words, curves as data.
 
-y is our x. Where the surviving text lost a label of an axis, the range is what the labels left of it step to.
+y is our x. If the text lost a label of an axis, its range follows from the step of the other labels.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ STYLE = {
 #: Width of a column [inch].
 COLUMN = 3.4
 
-#: A curve's look follows from its first words: what is designed lies wide and pale under what is reconstructed.
+#: A curve's style follows from its first words: designed curves are wide and pale, reconstructed ones lie on them.
 _LOOKS = (
     ("designed vertical", {"color": "#9db9d6", "lw": 3.2}),
     ("designed tangential", {"color": "#e3bd9c", "lw": 3.2}),
@@ -60,7 +60,7 @@ _LOOKS = (
     ("Tikhonov", {"color": INK["other"], "lw": 1.0, "marker": "s", "ms": 2.5}),
     ("z = 2", {"color": INK["shear"], "lw": 1.2, "ls": "--"}),
 )
-_PLAIN = {"color": INK["pressure"], "lw": 1.2}
+_LINE_STYLE = {"color": INK["pressure"], "lw": 1.2}
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class PaperFigure:
         grid = figure.subplots(rows, columns, squeeze=False)
         for axes, panel in zip(grid.ravel(), self.panels):
             for i, (name, values) in enumerate(panel.curves.items(), start=1):
-                look = next((look for word, look in _LOOKS if name.startswith(word)), _PLAIN)
+                look = next((look for word, look in _LOOKS if name.startswith(word)), _LINE_STYLE)
                 numbered = len(panel.curves) > 1 and not panel.log
                 axes.plot(panel.x, values, label=f"{i}  {name}" if numbered else name, **look)
             _dress(axes, panel)

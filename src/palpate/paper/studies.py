@@ -184,7 +184,7 @@ def profile_readings() -> list[Row]:
             def excess(eps: float, half_width: float = half_width, load: Callable[[float], float] = load) -> float:
                 return error(punch(x, half_width=half_width, load=load(eps), eps=eps)) - targets[1]
 
-            # the error falls with eps where the edge is sharp
+            # the error falls with eps for a sharp edge
             eps = float(brentq(excess, 0.02, 0.4, xtol=1e-6))
             found = load(eps)
             peak = cylinder(x, half_width=half_width, load=found, eps=eps if both else 0.0)[1].max()
@@ -203,7 +203,7 @@ def profile_readings() -> list[Row]:
     return rows
 
 
-# -- what the paper mentions -------------------------------------------------------------------------------------------
+# -- cases that the paper mentions -------------------------------------------------------------------------------------
 
 
 def noise_study(

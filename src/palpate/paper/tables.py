@@ -75,7 +75,7 @@ def results() -> Results:
 
 
 def formula_rows(code: tuple[str, str] = ("`", "`")) -> list[dict[str, str]]:
-    """Every equation with what computes it."""
+    """Every equation with the function that computes it."""
     return [
         {
             "equation": e.number,
@@ -113,7 +113,7 @@ def to_markdown(rows: Sequence[dict[str, str]]) -> str:
 
 
 def to_html(rows: Sequence[dict[str, str]], *, raw: Sequence[str] = ()) -> str:
-    """A table in HTML; columns named in ``raw`` hold HTML already."""
+    """A table in HTML; columns in ``raw`` are HTML already."""
     head = "".join(f"<th>{html.escape(k)}</th>" for k in rows[0])
     body = "".join(
         "<tr>" + "".join(f"<td>{v if k in raw else html.escape(v)}</td>" for k, v in row.items()) + "</tr>"

@@ -1,4 +1,4 @@
-"""What a simulator tells of contacts."""
+"""Contacts as a simulator states them."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ class Contacts:
     friction : array (contact,)
         Coefficient of friction.
     curvature : array (contact, 2, 2)
-        Sum of both bodies' curvatures [1/m] in x and y; what is flat is 0, a cylinder has one direction of 0.
+        Sum of both bodies' curvatures [1/m] in x and y; 0 for a flat, and along a cylinder.
     world : array (contact,) of int
-        Which of many worlds the contact belongs to.
+        The world of the contact.
     body : array (contact,) of int
         Contacts of one world with the same number are of one pair of bodies, and are spread together.
     known : array (contact,) of bool
-        False where the curvature is not known.
+        False if the curvature is unknown.
     sharp : array (contact,) of bool
         An edge or a corner.
     disc : array (contact, 3)
-        x, y of the middle and the radius [m] of a flat disc that presses; radius 0 where there is none.
+        x, y of the middle and the radius [m] of a flat disc that presses; radius 0 without a disc.
     length : array (contact,)
-        Of the straight line along which a cylinder or a capsule presses [m]; 0 where there is none.
+        Of the straight line along which a cylinder or a capsule presses [m], or 0.
 
     Raises
     ------

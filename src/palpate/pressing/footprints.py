@@ -12,8 +12,8 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["disc_points", "ellipse_points", "hull_points", "strip_points", "tilted"]
 
-#: Points along the radius of an ellipse at the least: 8 leave 1e-3 of the largest reading, 12 a third of that.
-ALONG = 12
+#: Smallest number of points along the radius of an ellipse: 8 give an error of 1e-3 of the largest reading, 12 a third of that.
+MIN_POINTS = 12
 #: Newton steps of `tilted`; six settle an ordinary press.
 STEPS = 30
 #: Largest tilt: the pressure changes by exp(12) over a standard deviation of the footprint, all of it at one edge.
@@ -25,7 +25,7 @@ def ellipse_points(count: int) -> tuple[Floats, Floats]:
 
     With u = sqrt(1 - r^2) the part of the force within dr is 3 u^2 du: Gauss-Legendre in u, even in angle.
     """
-    count = max(ALONG, count)
+    count = max(MIN_POINTS, count)
     t, w = np.polynomial.legendre.leggauss(count)
     u = 0.5 * (t + 1.0)
     radius = np.sqrt(1.0 - u**2)
@@ -37,7 +37,7 @@ def ellipse_points(count: int) -> tuple[Floats, Floats]:
 
 def disc_points(count: int) -> tuple[Floats, Floats]:
     """An even pressure on the unit circle: points (point, 2) and weights, by Gauss-Legendre in r^2."""
-    count = max(ALONG, count)
+    count = max(MIN_POINTS, count)
     t, w = np.polynomial.legendre.leggauss(count)
     radius, angles = np.sqrt(0.5 * (t + 1.0)), 3 * count
     angle = 2.0 * np.pi * (np.arange(angles) + 0.5) / angles
@@ -50,9 +50,9 @@ def strip_points(count: int) -> tuple[Floats, Floats]:
 
     Across by Gauss-Chebyshev of the second kind, along by the midpoint rule.
     """
-    along = (np.arange(max(ALONG, count)) + 0.5) * 2.0 / max(ALONG, count) - 1.0
-    angle = np.pi * np.arange(1, ALONG + 1) / (ALONG + 1)
-    across, weight = np.cos(angle), 2.0 / (ALONG + 1) * np.sin(angle) ** 2
+    along = (np.arange(max(MIN_POINTS, count)) + 0.5) * 2.0 / max(MIN_POINTS, count) - 1.0
+    angle = np.pi * np.arange(1, MIN_POINTS + 1) / (MIN_POINTS + 1)
+    across, weight = np.cos(angle), 2.0 / (MIN_POINTS + 1) * np.sin(angle) ** 2
     u, v = np.meshgrid(along, across, indexing="ij")
     return np.stack([u.ravel(), v.ravel()], axis=-1), np.tile(weight, len(along)) / len(along)
 

@@ -1,4 +1,4 @@
-"""How curved a body is where it is touched."""
+"""Curvature of a body at a point of contact."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Local:
     Attributes
     ----------
     curvature : array (3, 3)
-        Curvature [1/m] as a symmetric tensor in the tangential plane; 0 along what is flat or straight.
+        Curvature [1/m] as a symmetric tensor in the tangential plane; 0 along flat or straight directions.
     known : bool
-        False where the shape there is not known (a mesh): the curvature is then 0 and means nothing.
+        False if the shape is unknown (a mesh): the curvature is then 0 without meaning.
     sharp : bool
         An edge or a corner, which no smooth contact touches.
     disc : float
@@ -144,7 +144,7 @@ def _box(size: Floats, at: Floats) -> Local:
     return Local(sharp=bool(near.sum() > 1))
 
 
-#: What is known of each kind of body, by its name in MuJoCo.
+#: Properties of each kind of body, by its name in MuJoCo.
 SHAPES: dict[str, Callable[[Floats, Floats], Local]] = {
     "plane": _plane,
     "sphere": _sphere,

@@ -1,15 +1,15 @@
 """Traction and readings of contacts that a simulator tells as points and forces.
 
-What presses is spread by its geometry:
+The geometry decides how a load is spread:
 
 - two smooth bodies: Hertz's ellipse (`palpate.solutions.hertz_ellipse`); a cylinder or capsule along its line: Hertz's line contact;
 - flat on flat: the polygon of the simulator's points, or the disc of a cylinder's end, evenly;
 - an edge, a corner or a shape that is not known: a small disc (`Surface.least`).
 
-The centre of pressure is where the line of action of the force meets the surface, so that force and moment are those of the simulator: an ellipse
-lies there; on what is flat the pressure is tilted. Shear on an ellipse is Cattaneo and Mindlin's for the tangential force (sliding where that
-reaches friction), elsewhere in proportion to pressure; a torque about the normal adds shear that turns, in proportion to pressure and distance.
-Forces are put on cells with weights that keep sum, mean and variance of their places.
+The centre of pressure is where the line of action of the force meets the surface, so that force and moment are those of the simulator: an ellipse is
+centred there; on a flat the pressure is tilted. Shear on an ellipse is Cattaneo and Mindlin's for the tangential force (sliding at the friction
+limit), elsewhere proportional to pressure; a torque about the normal adds a rotating shear, proportional to pressure and distance. The weights of
+forces on cells preserve sum, mean and variance of their places.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from palpate.units import is_number
 __all__ = ["Pressed", "Surface"]
 
 Index = npt.NDArray[np.intp]
-#: Cells at least so many times finer than the depth of the taxels: a load put on cells of depth/5 reads within 0.5 % of its exact readings
-#: (tests/test_pressing.py); and at most so many times finer than the skin's own.
+#: Cells are at least this many times finer than the depth of the taxels: a load on cells of depth/5 reads within 0.5 % of its exact readings
+#: (tests/test_pressing.py); and at most this many times finer than the skin's own.
 FINER, FINEST = 5.0, 9
 #: Forces that lean further from the normal than acos(this) press from the side.
 LEANING = 0.25
@@ -64,7 +64,7 @@ class _Points:
 
 @dataclass(frozen=True)
 class Pressed:
-    """What a pad is pressed by in some worlds.
+    """The loads on a pad in some worlds.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class Surface:
             (np.ones(count, dtype=bool), np.full(count, self.least), self._on_little),
         ]
         for these, size, how in kinds:
-            # as many points as each needs, whatever its company
+            # as many points as each needs, independent of the others
             many = np.searchsorted(COUNTS[:-1], 1.5 * size / self._cell)
             for step, points in enumerate(COUNTS):
                 chosen = np.flatnonzero(these & ~done & (many == step))
@@ -434,7 +434,7 @@ class _Pairs:
         return self.on(self.center[:, None] + away, weights, slips=slips)
 
     def on(self, points: Floats, weights: Floats, *, slips: bool = False) -> _Points:
-        """Forces at points (pair, point, 2): pressure by the weights, shear as the module says."""
+        """Forces at points (pair, point, 2): pressure by the weights, shear as the module describes."""
         n, k = weights.shape
         away = points - self.center[:, None]
         pressure = self.force[:, 2]

@@ -205,7 +205,7 @@ class _Parquet:
         for i, field in enumerate(schema):
             try:
                 count, _ = self._flat(first.column(i), field.name)
-            except InvalidInput:  # an empty list: said where the column is read
+            except InvalidInput:  # an empty list: the reader of the column reports it
                 count = None
             shapes.append((field.name, () if count is None else (count,)))
         names, self.places = _named(shapes)
@@ -239,7 +239,7 @@ class _Parquet:
         return _floats(self._path, name, values.reshape(self.rows, count or 1))
 
     def _flat(self, column: Any, name: str) -> tuple[int | None, Any]:
-        """How many numbers a line of a column holds (None: it is no list), and all of them one after another."""
+        """The length of the lists in a column (None: no lists), and all numbers one after another."""
         import pyarrow.compute as pc
 
         types, count = self._pa.types, None

@@ -1,4 +1,4 @@
-"""What a skin.toml says of a camera: how pixels become metres, and what the camera does besides."""
+"""The section [camera] of a skin.toml: pixels to metres, and properties of the camera."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class CameraSettings:
     matrix, distortion : sequences, optional
         Of the lens, as OpenCV's calibration gives them.
     texture : float, optional
-        Of a gel with a texture and no dots: between the places where its displacement is read [m]; dots are looked for where it is not given.
+        For a gel with a texture and no dots: distance between the places of the readings [m]; by default a search for dots.
     roi : sequence of pairs, optional
-        Corners (column, row) of the gel in the pictures, two of a rectangle or more of a polygon: nothing is looked for beyond. By default within the gel's rim, where one
-        shows against a dark housing.
+        Corners (column, row) of the gel in the pictures, two of a rectangle or more of a polygon: the search stays inside. By default the inside of
+        the gel's rim, if one shows against a dark housing.
     distance : float, optional
-        From the camera's centre to the dots [m]; None: so far that motion towards the camera does not show.
+        From the camera's centre to the dots [m]; None: infinite, without perspective.
     reference : int
-        Pictures at the start in which nothing touches.
+        Pictures at the start without contact.
     stage : bool
         Whether the gel as a whole may move in front of the camera.
 

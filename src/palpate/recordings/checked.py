@@ -36,7 +36,7 @@ __all__ = [
 
 #: Attribute that holds the checksum.
 CHECKSUM = "palpate_crc32"
-#: Entry of ``meta`` that says what was lost of a recording that was salvaged.
+#: Entry of ``meta`` with the losses of a salvaged recording.
 SALVAGED = "salvaged"
 #: Bytes of a block in which numbers are read to be checked.
 BLOCK = 1 << 22
@@ -52,8 +52,8 @@ def checksum(
 ) -> int:
     """CRC-32 of names, dimensions, values and attributes, whatever the file format: numbers count in double precision.
 
-    A CRC-32 tells every change of up to 32 neighbouring bits, and all but one of 4e9 other changes. Numbers are read in blocks, so that
-    a data set that lies in a file is never in memory as a whole. ``long``: variables of which ``dataset`` holds an excerpt; the count of
+    A CRC-32 detects every change of up to 32 neighbouring bits, and all but one of 4e9 other changes. Numbers are read in blocks, so that a data set
+    in a file is never completely in memory. ``long``: variables of which ``dataset`` holds an excerpt; the count of
     their frames and, one after another, their blocks. ``known``: variables whose `block_crc` and bytes are known.
     """
     crc = 0
@@ -106,13 +106,13 @@ def _plain(value: Any) -> Any:
 
 
 def confirm(dataset: xarray.Dataset, expected: Any, path: str | Path, remedy: str = "") -> None:
-    """Refuse what is not what was written. ``expected`` None: the file says nothing (of another program, or a stream)."""
+    """Refuse data that differ from what was written. ``expected`` None: the file states no checksum (another program, or a stream)."""
     if expected is not None:
         agree(checksum(dataset), expected, path, remedy)
 
 
 def agree(found: int, expected: Any, path: str | Path, remedy: str = "") -> None:
-    """Refuse what has another checksum than was written down."""
+    """Refuse data with another checksum than the file states."""
     try:
         wanted = int(np.asarray(expected).item())
     except (TypeError, ValueError, OverflowError):
@@ -129,14 +129,14 @@ def recording_checksum(recording: Recording) -> int:
 
 
 def confirm_recording(recording: Recording, expected: Any, path: str | Path, remedy: str = "") -> Recording:
-    """The recording, if it is what was written."""
+    """The recording, confirmed by its checksum."""
     if expected is not None:
         confirm(recording_dataset(recording), expected, path, remedy)
     return recording
 
 
 def with_losses(recording: Recording, expected: Any, path: str | Path, losses: str) -> Recording:
-    """What was salvaged, with a word among its ``meta`` on what was lost: by the checksum of the whole, where there is one."""
+    """The salvaged data, with a note in ``meta`` on the losses, confirmed by a checksum of the whole if there is one."""
     if expected is not None:
         try:
             confirm_recording(recording, expected, path)

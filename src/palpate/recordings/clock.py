@@ -1,6 +1,6 @@
 """One time for the frames of a recording, whatever their stamps are: the policy of every source.
 
-Frames keep the order in which they were received, and none is dropped. Stamps that increase are taken as they are. Otherwise
+Frames keep the order in which they were received, and none is dropped. Increasing stamps are used as they are. Otherwise
 
 - a clock that goes back and on from there was restarted, and one that goes back by a whole period of its counter has wrapped: time goes on;
 - outliers, missing stamps and repeated ones (whole seconds, drivers that never fill them) are replaced by the time at which
@@ -30,11 +30,11 @@ Ints = npt.NDArray[np.int64]
 
 #: A step of up to so many usual ones is no jump.
 LEAP = 10.0
-#: Stamps may go by so many seconds more than the recorder's clock within one step: what has waited in a network is recorded all at once. They may go
-#: by less, without end: what waits is recorded late.
+#: Largest lead of the stamps on the recorder's clock in one step [s]: frames that waited in a network are recorded all at once. A lag has no limit: a
+#: waiting frame is recorded late.
 LATE = 1.0
-#: Time between frames whose stamps are replaced by a clock (a simulated one) that has not moved [s].
-STILL = 1e-6
+#: If stamps are closer than this, the (simulated) clock of the sender stands, and the receiver's clock replaces it [s].
+STOPPED_CLOCK = 1e-6
 #: A step ahead by more than this [s] and `FAR_STEPS` usual ones is a clock that was set, not a pause.
 FAR, FAR_STEPS = 30 * 86400.0, 1000.0
 #: What an explanation costs: a wrong stamp, a jump within a clock, a wrap, a restart.
@@ -50,7 +50,7 @@ _COUNTS = (1.0, 1e-3, 1e-6, 1e-9)
 _PERIODS = tuple(2.0**k for k in (8, 10, 12, 16, 24, 32))
 _CLOCKS = (1.0, 60.0, 3600.0, 86400.0, 604800.0)
 _ALL = tuple(sorted((*_CLOCKS, *(c * p for c in _COUNTS for p in _PERIODS))))
-#: A period is at least so many usual steps, and a step across its end at most so many.
+#: Smallest period, and largest step across its end, in usual steps.
 _LONG, _SHORT = 30.0, 3.0
 #: How programs count dates: in words, seconds in a 1, and what 1970 is.
 _CALENDARS = (
@@ -83,9 +83,9 @@ class Clock:
     time : array (frame,)
         Seconds, increasing.
     order : array (frame,) or None
-        The order in which the frames stand; None: as received.
+        The order of the frames; None: as received.
     note : str
-        What was done, in words; empty where nothing was.
+        The repairs in words, or "".
     source : str
         What messages call the recording.
 
@@ -103,7 +103,7 @@ class Clock:
     source: str = ""
 
     def tell(self) -> None:
-        """Say the note."""
+        """Warn with the note."""
         if self.note:
             warnings.warn(f"{self.source}: {self.note}", UncheckedInput, stacklevel=3)
 
@@ -113,7 +113,7 @@ class Clock:
 
 
 def unit_of_name(name: str) -> float | None:
-    """Seconds in the unit at the end of a name, such as ``time_ms``, ``stampNanosec`` or ``t (us)``; None where it has none.
+    """The unit in seconds at the end of a name, such as ``time_ms``, ``stampNanosec`` or ``t (us)``, or None.
 
     Examples
     --------
@@ -143,19 +143,19 @@ def read_clock(
     Parameters
     ----------
     stamps : array (frame,)
-        As received; NaN where a frame has none. Numbers times ``unit`` are seconds; dates are taken as they are.
+        As received; NaN for frames without. Numbers times ``unit`` are seconds; dates need no unit.
     source : str
         What messages call it.
     recorded : array (frame,), optional
         Seconds at which the frames were recorded, by another clock.
     unit : float, optional
-        Seconds in a 1; None: nobody says it.
+        The unit of stamps in seconds; None: unknown.
     count : float, optional
-        Seconds in a count of the counter that made the stamps, where that is known.
+        Seconds per count of the counter that made the stamps, if known.
     sort : bool
         Put the frames in the order of their stamps.
     remedy, untimed : str
-        What the user does where the frames stand in no order of time, and where nothing tells their times.
+        What the user should do with frames in no order of time, and without any times.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def read_clock(
 class LiveClock:
     """Times of frames that come now, where the future is not known: a stamp that is empty (0) or repeated is replaced by this machine's clock.
 
-    A clock that goes back is left to whoever tells senders and their sessions apart (`palpate.network.Admission`).
+    It does not repair a clock that jumps back: that is for whoever separates senders and their sessions (`palpate.network.Admission`).
 
     Examples
     --------
@@ -215,7 +215,7 @@ class LiveClock:
         time = now if stamp == 0.0 else self._time + (now - self._now) if again else stamp
         replaced = again or stamp == 0.0
         if (replaced or self._replaced) and 0.0 <= self._time - time < LATE:
-            time = self._time + STILL
+            time = self._time + STOPPED_CLOCK
         self._stamp, self._time, self._now, self._replaced = stamp, time, now, replaced
         return time
 
@@ -246,7 +246,7 @@ def stored_clock(values: Any, units: Any, source: str) -> Clock:
 
 
 def _recorder(recorded: Any) -> Floats | None:
-    """The recorder's clock, increasing; None where it tells nothing."""
+    """The recorder's clock, increasing, or None if it has no information."""
     values = np.array(recorded, dtype=np.float64)
     if len(values) > 1 and not (np.diff(values) > 0).any():
         return None
@@ -254,7 +254,7 @@ def _recorder(recorded: Any) -> Floats | None:
 
 
 def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: list[str]) -> Floats:
-    """Seconds of numbers; what had to be recognised is said."""
+    """Numbers in seconds; a guessed unit is noted."""
     known = values[np.isfinite(values)]
     typical = float(np.median(np.abs(known))) if len(known) else 0.0
     steps = np.diff(known)
@@ -296,7 +296,7 @@ def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: l
 
 
 def _plain(values: Floats, log: Floats | None) -> bool:
-    """Whether stamps can be taken as they are."""
+    """Whether stamps need no repair."""
     if not (np.isfinite(values).all() and (np.abs(values) <= LATEST).all()):
         return False
     steps = np.diff(values)
@@ -386,7 +386,7 @@ def _mended(
     before, after = at < at[anchors[0]], at > at[anchors[-1]]
     time[before] = at_anchors[0] - slope * (at[anchors[0]] - at[before])
     time[after] = at_anchors[-1] + slope * (at[after] - at[anchors[-1]])
-    if not (np.diff(time) > 0).all():  # closer than double precision tells
+    if not (np.diff(time) > 0).all():  # closer than double precision resolves
         for i in range(1, number):
             time[i] = max(time[i], np.nextafter(time[i - 1], np.inf))
     return time

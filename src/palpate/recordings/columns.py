@@ -45,9 +45,9 @@ class TableMapping:
     ----------
     channels : mapping of str to str or sequence of str, optional
         Channel -> its column, or its columns. Without channels the table holds positions in every frame: ``x`` and ``y`` are needed, and
-        displacement_x and displacement_y are the way from where each marker was in the first ``reference`` frames.
+        displacement_x and displacement_y start from the position of each marker in the first ``reference`` frames.
     x, y : str or sequence of str, optional
-        Positions at rest, or, beside displacements, positions now: which of both is seen from the numbers, and refused where they are neither.
+        Positions at rest, or, beside displacements, current positions: the numbers decide, and are refused if they are neither.
     frame, time : str, optional
         Number of the frame, and its time: numbers, dates (ISO 8601, or as spreadsheets write them) or times of day; or (date, time of day), two
         columns. Without either a long table is one frame.
@@ -55,7 +55,7 @@ class TableMapping:
         Number of the marker or taxel, or columns that together name it (its row and its column). Lines without it are left out, with a warning.
         Without a column of markers a place is a marker, which must not move.
     only : str, optional
-        Which lines count, "episode_index=3": those with this number in this column.
+        Restrict to lines with a number in a column, such as "episode_index=3".
     scale : float or sequence of float, optional
         Multiplies readings (of each channel) to SI units; negative turns the sign. Without it the titles must name units.
     position_scale : float or (float, float), optional
@@ -63,13 +63,13 @@ class TableMapping:
     time_scale : float, optional
         Multiplies times to seconds. Without it the title may name the unit (``t (ms)``, ``time_us``), else they are seconds.
     rate : float, optional
-        Frames a second, where there is no time. Without it and without time, frame numbers are taken for seconds.
+        Frames a second, without a column of time. Default: 1.
     reference : int
-        Frames at the start that say where markers are at rest, where there are no channels.
+        Frames at the start for the rest positions of markers, without channels.
     shape : (int, int), optional
-        Rows and columns of taxels that are an area. With x and y, these must be its grid.
+        Rows and columns of an area of taxels. With x and y, these must be its grid.
     sort : bool
-        Put the frames in the order of their times. Default: as they stand in the table; a clock that restarts goes on.
+        Sort the frames by time. Default: the order of the table; a restarted clock continues.
 
     Raises
     ------
@@ -182,7 +182,7 @@ class TableMapping:
 
     @property
     def wide(self) -> bool:
-        """Whether a line holds a whole frame.
+        """Whether a line holds a complete frame.
 
         Examples
         --------
@@ -318,7 +318,7 @@ def columns_of_text(text: str) -> dict[str, Any]:
 
 
 def _of_taxels(titles: Sequence[str]) -> str:
-    """A --map for one line per frame with numbered columns: x1, y1, z1, x2, ... or S1, S2, ...; "" where it is none."""
+    """A --map for one line per frame with numbered columns: x1, y1, z1, x2, ... or S1, S2, ...; "" for other titles."""
     families: dict[str, int] = {}
     for title in titles:
         if len(re.findall(r"\d+", title)) == 1 and not set(title) & set(",={}"):

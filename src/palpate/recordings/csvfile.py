@@ -32,7 +32,7 @@ from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table, Titles, read_table_text
-from palpate.recordings.textlines import cells, lines_of, number, text_of, warn_of_a_cut
+from palpate.recordings.textlines import cells, is_text, lines_of, number, text_of, warn_of_a_cut
 from palpate.recordings.touchstream import Piece, TouchStream
 from palpate.touch import Forces
 from palpate.touch.table import write_table
@@ -63,21 +63,16 @@ class Csv(Format):
     text = True
 
     def recognises(self, path: Path) -> bool:
-        with path.open("rb") as file:
-            begin = file.read(4096)
-        return b"\0" not in begin or begin[:2] in (
-            b"\xff\xfe",
-            b"\xfe\xff",
-        )  # UTF-16: refused where it is read, with what to do
+        return is_text(path)
 
     def own(self, path: Path) -> bool:
-        return is_own(path)
+        return is_palpate_csv(path)
 
     def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
         return read_table_text(path, wanted)
 
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
-        return self.read(path) if is_own(path) else read_mapped(path, mapping)
+        return self.read(path) if is_palpate_csv(path) else read_mapped(path, mapping)
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         lines, ended = text_of(path)
@@ -166,7 +161,7 @@ def _positions(text: str, where: str) -> Any:
         raise InvalidInput(f"{problem}; got {text[:40]!r}.") from error
 
 
-def is_own(path: Path) -> bool:
+def is_palpate_csv(path: Path) -> bool:
     """Whether a table names its columns as palpate does."""
     for line in lines_of(path):
         if line.strip(" ,\r\n") == _TITLE:
@@ -190,7 +185,7 @@ class _Columns:
     shape: tuple[int, ...]
     index: tuple[Any, ...]
     factors: list[float]
-    unit: str  # of the time, where it is no date
+    unit: str  # of the time, unless it is a date
     clock: TimeCells
 
     @classmethod
@@ -314,7 +309,7 @@ def _spooled(path: Path, held: Any) -> OpenRecording:
 
 
 class _Head:
-    """What the comments of a table say, and how its last line ends."""
+    """The comments of a table, and the ending of its last line."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._own, self._last = path, False, ""
@@ -323,7 +318,7 @@ class _Head:
         self.expected: str | None = None
 
     def takes(self, count: int, line: str) -> bool:
-        """Whether a line is a comment or empty, and what it says."""
+        """Parse a line that is a comment or empty; return whether it was."""
         where = f"{self._path}, line {count}"
         if count == 1:
             self._own = line.strip(" ,\n") == _TITLE

@@ -33,7 +33,7 @@ _DATE = re.compile(rf"\s*(?:{_DAY})(?:(?:[T_ ]\s*|-|,\s*)(?:{_TIME}){_ZONE})?\s*
 _OF_DAY = re.compile(rf"\s*(?:(?P<days>\d+)\s*days?,?\s*)?(?:{_TIME.rsplit('|', 1)[0]})\s*", re.ASCII)
 
 
-#: What a date has and a number has not, besides colons.
+#: Characters of a date besides colons that no number has.
 _SIGNS = re.compile(r"[-/.].*[-/.]|[T_ ]")
 
 
@@ -65,8 +65,8 @@ class TimeCells:
     def __init__(self, source: str) -> None:
         self._source = source
         self.kind = ""
-        self._day_first = array("d")  # what dates such as 3/4/2017 are with the day first
-        self._orders = {"month", "day"}  # what may come first in all of them
+        self._day_first = array("d")  # parts of dates such as 3/4/2017, day first
+        self._orders = {"month", "day"}  # possible first parts in all of them
         self._count = 0
 
     def value(self, cell: str, where: str) -> float | None:
@@ -159,7 +159,7 @@ def _below(text: Any, limit: int, what: str) -> int:
 
 
 def _days(found: dict[str, Any]) -> tuple[float, float]:
-    """Days since 1970 with the month and with the day first; both alike where the date says it, NaN where it is none."""
+    """Days since 1970, read month first and day first; equal if the date is unambiguous, NaN if it is no date."""
     if found["one"] is not None:
         year, one, two = int(found["year_last"]), int(found["one"]), int(found["two"])
         both = _day(year, one, two), _day(year, two, one)

@@ -1,4 +1,4 @@
-"""What a recording says of the sensor that made it, in its ``meta``, beside what a skin says."""
+"""The sensor's description in the ``meta`` of a recording, compared with that of the skin."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from palpate.recordings.recording import Recording
 from palpate.sensing.arrays import Array
 from palpate.units import parse_quantity
 
-__all__ = ["check_described", "metres_said"]
+__all__ = ["check_described", "metres_of"]
 
 
-def metres_said(text: str) -> Any:
-    """Metres that ``meta`` says, a pair (y, x) where these differ: "0.002", "2 mm", "0.002, 0.001"; None: something else.
+def metres_of(text: str) -> Any:
+    """A length in ``meta`` in metres, a pair (y, x) if these differ: "0.002", "2 mm", "0.002, 0.001"; None for anything else.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def metres_said(text: str) -> Any:
 
 
 def check_described(recording: Recording, planes: Sequence[Array]) -> None:
-    """Refuse a plane whose pitch or depth is another than that which the recording says of itself; of several planes none is asked.
+    """Refuse a plane whose pitch or depth contradicts the recording; with several planes check none.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def check_described(recording: Recording, planes: Sequence[Array]) -> None:
     if len(planes) != 1:
         return
     for key in ("pitch", "depth"):
-        said = metres_said(recording.meta[key]) if key in recording.meta else None
+        said = metres_of(recording.meta[key]) if key in recording.meta else None
         mine = getattr(planes[0], key, None)
         if said is None or mine is None or mine == "base":
             continue

@@ -1,4 +1,4 @@
-"""Writing a file or a folder: all of it or nothing."""
+"""Atomic writing of a file or a folder."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings.locks import sole_writer
 
-__all__ = ["atomically", "in_place", "is_store", "moved_into_place"]
+__all__ = ["atomically", "in_place", "is_store", "moved_into_place", "write_arrays"]
 
 
 def is_store(path: str | Path) -> bool:
@@ -25,10 +28,10 @@ def is_store(path: str | Path) -> bool:
 def in_place(path: str | Path, *, sole: bool = True) -> Iterator[Path]:
     """A fresh name to write a file or a folder to; it is moved to ``path`` when the block ends well.
 
-    What was at ``path`` before is replaced in one step, and stays as it is where the block fails or is interrupted. The fresh name has
+    The old file at ``path`` is replaced in one step, and stays unchanged if the block fails or is interrupted. The fresh name has
     the same ending and lies in a hidden folder beside ``path`` (".palpate-...") that is removed in any case; only a killed process
-    leaves it. A symbolic link stays one: what it points to is replaced. With ``sole``, nobody else may write ``path`` meanwhile (`sole_writer`);
-    else the last one wins.
+    leaves it. A symbolic link stays: its target is replaced. With ``sole``, nobody else may write ``path`` meanwhile (`sole_writer`); else the last
+    writer wins.
 
     Raises
     ------
@@ -39,7 +42,7 @@ def in_place(path: str | Path, *, sole: bool = True) -> Iterator[Path]:
     if not target.parent.is_dir():
         raise InvalidInput(f"{path}: the folder {target.parent} does not exist; make it first.")
     try:
-        try:  # exists() may keep to itself that a name is too long
+        try:  # exists() may hide that a name is too long
             before = os.stat(target)
         except FileNotFoundError:
             before = None
@@ -76,12 +79,22 @@ def _moved(path: str | Path, target: Path, folder: Path, before: os.stat_result 
 
 
 def atomically(path: str | Path, write: Callable[[str], None], *, sole: bool = True) -> None:
-    """Call ``write`` with the name of an empty file beside ``path``, then move it there; leave nothing on failure (`in_place`)."""
-    if os.path.isdir(path):  # that of Path raises where a name is too long
+    """Call ``write`` with the name of an empty file beside ``path``, then move it there; remove it on failure (`in_place`)."""
+    if os.path.isdir(path):  # Path raises it for a name that is too long
         raise InvalidInput(f"{path} is a folder; give a file name.")
     with in_place(path, sole=sole) as fresh:
         fresh.touch()
         write(str(fresh))
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
+    """Write named arrays as .npz by `atomically`."""
+
+    def fill(name: str) -> None:
+        with open(name, "wb") as file:
+            np.savez_compressed(file, **arrays)
+
+    atomically(path, fill)
 
 
 def moved_into_place(fresh: Path, path: str | Path) -> None:

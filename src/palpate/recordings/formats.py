@@ -1,4 +1,4 @@
-"""File formats: one class each, found by the ending of the name, and by what is inside where the ending does not tell.
+"""File formats: one class each, found by the ending of the name, or else by the contents.
 
 A new format is one file with a class that derives from `Format` and one line: in `BUILT_IN`, or as an entry point ``palpate.formats`` of
 another package. Everything else (errors, the command line, results and recordings) takes the formats from here.
@@ -82,7 +82,7 @@ class Format:
     True
     """
 
-    #: what messages call it
+    #: the name in messages
     name: ClassVar[str]
     #: endings of file names, in lower case, the usual one first
     extensions: ClassVar[tuple[str, ...]]
@@ -94,7 +94,7 @@ class Format:
     text: ClassVar[bool] = False
 
     def recognises(self, path: Path) -> bool:
-        """Whether what is inside looks like this format. Only what begins alike is asked for, not that it is whole."""
+        """Whether the first bytes look like this format; the file need not be complete."""
         return False
 
     def own(self, path: Path) -> bool:
@@ -127,7 +127,7 @@ class Format:
         raise self._cannot("read_touch", path)
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
-        """Write a result; ``record`` is what it takes to make it again."""
+        """Write a result; ``record`` is its provenance."""
         raise self._cannot("write_touch", path)
 
     @contextmanager
@@ -167,7 +167,7 @@ class Format:
     def recorder(
         self, path: Path, channels: Sequence[str], *, positions: Any, meta: Mapping[str, Any] | None
     ) -> Recorder:
-        """What writes a stream while it happens."""
+        """A writer for a stream."""
         raise self._cannot("recorder", path)
 
     def can(self, task: str) -> bool:
@@ -175,7 +175,7 @@ class Format:
         return getattr(type(self), task) is not getattr(Format, task)
 
     def usable(self) -> Format:
-        """The format itself where its libraries are installed; else `Unsupported` says which extra brings them."""
+        """The format itself if its libraries are installed, else `Unsupported` names the extra."""
         require(f"{self.name} files", *self.libraries)
         return self
 
@@ -183,9 +183,9 @@ class Format:
         return InvalidInput(f"{path}: {_TASKS[task]} as {', '.join(endings(task))}; got {path.suffix.lower()!r}.")
 
 
-#: Endings of Python's own format, which runs what it holds: never read.
+#: Endings of pickle, which executes its contents: never read.
 PICKLES = (".pkl", ".pickle")
-#: What serves files that are not read here.
+#: Remedies for files that this library does not read.
 _ELSEWHERE = {
     ".mat": "; a displacement field is for palpate tfm",
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "; save the sheet as CSV"),
@@ -266,10 +266,10 @@ def file_format(path: str | Path, *, task: str | None = None) -> str:
 
 
 def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
-    """A file that is there, and its format: by its name, confirmed by what is inside; `InvalidInput` says what is wrong."""
+    """An existing file and its format: by its name, confirmed by its contents; `InvalidInput` says what is wrong."""
     found = Path(path)
     if not found.exists():
-        find_format(found)  # a name that cannot be served is told first
+        find_format(found)  # report an impossible name first
         raise InvalidInput(f"{found}: no such file.")
     if found.is_dir():
         inside = next((f for f in _built_in() if f.folder and f.recognises(found)), None)
@@ -309,7 +309,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
 
 
 def _refuse_pickle(path: Path) -> None:
-    """What to do in place of reading a pickle."""
+    """Refuse a pickle, with an alternative."""
     ending, call = (".parquet", "to_parquet") if importlib.util.find_spec("pyarrow") else (".csv", "to_csv")
     table = f"pandas.DataFrame(pandas.read_pickle({str(path)!r})).rename(columns=str)"
     raise InvalidInput(
@@ -346,10 +346,10 @@ def read_recording(
     ----------
     path : str or Path
     mapping : TopicMapping or TableMapping, optional
-        Where the readings are in a robot's MCAP file or bag, or what the columns of a table of another program are (palpate's own need none).
+        The place of the readings in a robot's MCAP file or bag, or the columns of another program's table (palpate's own need none).
     salvage : bool
-        Read a torn file as far as it goes (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV). What was lost is said
-        in ``meta["salvaged"]``.
+        Read the intact part of a torn file (MCAP, HDF5 that a `Recorder` did not close, the whole lines of a CSV). ``meta["salvaged"]`` states the
+        losses.
 
     Returns
     -------
@@ -379,7 +379,7 @@ def read_recording(
             )
         return known.read_mapped(found, mapping)
     recording = known.read(found, mapping=mapping, salvage=salvage)
-    if salvage and SALVAGED not in recording.meta:  # a format that reads all or nothing
+    if salvage and SALVAGED not in recording.meta:  # a format without partial reading
         return replace(recording, meta={**recording.meta, SALVAGED: "nothing is lost"})
     return recording
 
@@ -443,7 +443,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
 
 def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:
-    """Write beside the name, in its format, and move it there when it is complete; nothing is left where that fails."""
+    """Write beside the name, in its format, and move the complete file there; remove it if that fails."""
     known = find_format(path, task=task)
     if known.folder:
         if Path(path).exists():

@@ -1,9 +1,8 @@
 """A file that HDF5 writes through us, so that a full disk neither crashes HDF5 nor tears what is there.
 
-HDF5 cannot survive a write that fails: what it could not write it tries again when each of its objects is closed, at the latest when the
-process ends, and then it reads freed memory (h5py issues 914, 1775, 2160). So it never sees one. It writes into memory; `HeldFile.commit`
-brings that to the disk in an order in which the file on the disk is whole before and after: first all that lies beyond its end, which alone
-needs room, then the few pages that are changed. Where the room is missing the file stays as it was at the last commit.
+HDF5 does not survive a failed write: it tries again when each of its objects is closed, at the latest at the end of the process, and then reads freed
+memory (h5py issues 914, 1775, 2160). So its writes go to memory and never fail. `HeldFile.commit` writes to the disk in an order that keeps the file
+valid: first the part beyond its end, which alone needs room, then the few changed pages. On a full disk the file stays as it was at the last commit.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["Apart", "HeldFile", "write_netcdf"]
 
 PAGE = 4096
-#: Bytes after which a file that nobody reads yet goes to the disk.
-HELD = 16 * 2**20
+#: Write a file to the disk after this many bytes if nobody has read it.
+MAX_HELD_BYTES = 16 * 2**20
 T = TypeVar("T")
 
 
@@ -35,9 +34,9 @@ class HeldFile:
     ----------
     path : str or Path
     exclusive : bool
-        The file must not exist yet; else it is emptied.
+        Refuse an existing file; else it is emptied.
     hold : int, optional
-        Commit by itself after so many bytes; by default all waits for `commit`. A failure is kept until then.
+        Commit automatically after so many bytes; by default only `commit` writes. It also raises earlier failures.
     """
 
     def __init__(self, path: str | Path, *, exclusive: bool = True, hold: int | None = None) -> None:
@@ -49,19 +48,19 @@ class HeldFile:
         self._hold = hold
         self._failure: OSError | None = None
 
-    # -- what HDF5 does ------------------------------------------------------------------------------------------------
+    # -- the interface of HDF5 ------------------------------------------------------------------------------------------
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Where the next read or write is."""
+        """Set the position of the next read or write."""
         self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
         return self._at
 
     def tell(self) -> int:
-        """Where the next read or write is."""
+        """The position of the next read or write."""
         return self._at
 
     def read(self, size: int = -1) -> bytes:
-        """Bytes from here on, those that were only held included."""
+        """Bytes from the current position, including held ones."""
         count = max(0, self._size - self._at) if size < 0 else size
         data = bytearray(count)
         del data[self.readinto(data) :]
@@ -86,7 +85,7 @@ class HeldFile:
         return count
 
     def write(self, data: Any) -> int:
-        """Hold ``data`` for here."""
+        """Hold ``data`` for the current position."""
         view = memoryview(data).cast("B")
         done = 0
         while done < len(view):
@@ -108,7 +107,7 @@ class HeldFile:
         self._at += len(view)
         self._size = max(self._size, self._at)
         if self._hold is not None and len(self._tail) > self._hold and self._failure is None:
-            with contextlib.suppress(OSError):  # kept for `commit`
+            with contextlib.suppress(OSError):  # `commit` raises it
                 self._to_disk()
         return len(view)
 
@@ -121,12 +120,12 @@ class HeldFile:
         return self._size
 
     def flush(self) -> None:
-        """Nothing: what is held goes to the disk when `commit` says so."""
+        """Do nothing: `commit` writes the held bytes to the disk."""
 
-    # -- what we do ----------------------------------------------------------------------------------------------------
+    # -- our interface --------------------------------------------------------------------------------------------------
 
     def commit(self) -> bool:
-        """Bring what is held to the disk, and say whether anything was; `OSError` where that fails, and the disk is as it was."""
+        """Write the held bytes to the disk; return whether there were any. `OSError` if that fails; the disk then stays unchanged."""
         if self._failure is not None:
             raise self._failure
         if not (self._tail or self._pages or self._size < self._committed):
@@ -135,7 +134,7 @@ class HeldFile:
         return True
 
     def close(self) -> None:
-        """End; what was not committed is gone. `OSError` where the system could not keep what it had taken."""
+        """Close and discard what was not committed. `OSError` if the system could not store what it had accepted."""
         if not self._disk.closed:
             try:
                 if self._failure is None:
@@ -201,19 +200,19 @@ def _work(jobs: SimpleQueue[Any]) -> None:
         act, answer = job
         try:
             answer.put((act(), None))
-        except BaseException as error:  # raised where it was asked for
+        except BaseException as error:  # raised by commit
             answer.put((None, error))
         del job, act, answer
 
 
 def write_netcdf(dataset: xarray.Dataset, path: str | Path, encoding: Mapping[str, Any]) -> None:
-    """A whole data set as NetCDF (HDF5), over what is at ``path``; `OSError` where the disk is full."""
+    """Write a complete data set as NetCDF (HDF5) over ``path``; `OSError` if the disk is full."""
 
     def write() -> None:
         import h5netcdf
         from xarray.backends import H5NetCDFStore
 
-        held = HeldFile(path, exclusive=False, hold=HELD)
+        held = HeldFile(path, exclusive=False, hold=MAX_HELD_BYTES)
         try:
             with h5netcdf.File(held, "w") as file:
                 dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)

@@ -1,6 +1,6 @@
-"""Recording and Touch to labelled arrays (xarray) and back: the one place where what is written gets its names, units and dimensions.
+"""Recording and Touch to labelled arrays (xarray) and back: the one place for names, units and dimensions in files.
 
-What becomes a Dataset here comes back equal. NetCDF, HDF5 and Zarr hold these data sets as they are.
+A Dataset made here converts back to an equal object. NetCDF, HDF5 and Zarr store these data sets as they are.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CONVENTIONS",
-    "OWN",
+    "RESULT_ATTRIBUTES",
     "STATUS_FLAGS",
     "missing_value",
     "recording_dataset",
@@ -44,13 +44,13 @@ __all__ = [
 ]
 
 CONVENTIONS = "palpate recording 1"
-#: What the codes of `Status` mean, as the CF conventions say it.
+#: Meanings of the codes of `Status`, as the CF conventions require.
 STATUS_FLAGS = {
     "flag_values": [int(s) for s in Status],
     "flag_meanings": " ".join(s.label.replace(" ", "_") for s in Status),
 }
-#: Attributes of a result that are its own; the others are its provenance.
-OWN = (
+#: Attributes that describe a result; the others are its provenance.
+RESULT_ATTRIBUTES = (
     *(
         "Conventions",
         "method",
@@ -79,7 +79,7 @@ def _declared(record: type, *, without: tuple[str, ...] = ()) -> dict[str, tuple
 
 
 def missing_value(name: str) -> Any:
-    """What a variable of `touch_dataset` holds for frames that do not have it."""
+    """The value of a variable of `touch_dataset` for frames without it."""
     found = {f.name: f.metadata["missing"] for f in fields(Touch) if f.metadata.get("per_frame")}
     return 0 if name in _TEXT else found.get(name, np.nan)
 
@@ -124,8 +124,9 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
     return dataset
 
 
-def recording_of(dataset: xarray.Dataset, name: str = "the data set") -> Recording:
-    """The recording that a Dataset holds; `InvalidInput` where it holds none. ``name`` is what messages call it."""
+def recording_of(dataset: xarray.Dataset) -> Recording:
+    """The recording in a Dataset; `InvalidInput` if it holds none."""
+    name = "the data set"
     missing = [n for n in ("readings", "channel", "time") if n not in dataset.variables]
     if missing:
         held = ", ".join(map(str, dataset.variables)) or "nothing"
@@ -176,7 +177,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     ----------
     touch : Touch
     provenance : mapping of str to str, optional
-        What it takes to make the result again; each becomes an attribute.
+        Provenance of the result; each entry becomes an attribute.
 
     Returns
     -------
@@ -217,7 +218,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         dataset["status"].attrs = dict(STATUS_FLAGS)
     if touch.time is not None and "time" not in dataset.coords:
         dataset["time"] = (batch, np.asarray(touch.time), {"units": "s"})
-    dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in OWN})
+    dataset.attrs.update({k: str(v) for k, v in (provenance or {}).items() if k not in RESULT_ATTRIBUTES})
     dataset.attrs.update(
         {
             "method": touch.method,
@@ -242,7 +243,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
 
 
 def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
-    """The result that a Dataset of `touch_dataset` holds; `InvalidInput` where it holds none."""
+    """The result in a Dataset of `touch_dataset`; `InvalidInput` if it holds none."""
     attrs = dataset.attrs
     missing = [n for n in ("traction", "component") if n not in dataset.variables]
     missing += [n for n in ("surface", "sought", "method") if n not in attrs]
@@ -261,7 +262,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     errors = None
     if "errors_traction" in dataset:
         if "errors_beyond_force" not in dataset:
-            # written before contact beyond the outermost taxels was accounted for
+            # written before the error of contact beyond the outermost taxels existed
             dataset = dataset.assign(errors_beyond_force=0.0 * dataset["errors_force"])
         errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
     stated = None
@@ -298,7 +299,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
 
 
 def view_of(dataset: xarray.Dataset, name: str = "the data set") -> View | None:
-    """Where the picture of a camera's result lies; None where it is no camera's."""
+    """The position of the picture of a camera's result, or None for other sensors."""
     held = dataset["traction"].attrs.get("view")
     if held is None:
         return None

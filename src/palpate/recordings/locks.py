@@ -15,8 +15,8 @@ from palpate.errors import InvalidInput
 
 __all__ = ["claim", "sole_writer"]
 
-#: What a disk answers that knows no locks; there the last writer wins, as without them.
-_WITHOUT = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+#: Errors of a disk without locks; the last writer wins there.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 #: Files that this process writes: name -> [handle of the lock file, how many claims].
 _held: dict[str, list[int]] = {}
@@ -24,7 +24,7 @@ _guard = threading.Lock()
 
 
 def claim(path: str | Path, *, alone: bool = False) -> Callable[[], None]:
-    """Take the lock of ``path`` and return what gives it back; in a process that holds it already it is counted.
+    """Take the lock of ``path`` and return the function that releases it; a process that holds it already counts it.
 
     The lock belongs to an open file beside ``path`` (hidden, ".palpate-....lock"), so that the system ends it with the process: after kill -9 the empty
     file may stay, and locks nothing.
@@ -32,7 +32,7 @@ def claim(path: str | Path, *, alone: bool = False) -> Callable[[], None]:
     Parameters
     ----------
     path : str or Path
-        What is to be written; a link is followed.
+        The file to write; a link is followed.
     alone : bool
         Refuse also where this process holds the lock.
 
@@ -78,7 +78,7 @@ def sole_writer(path: str | Path, *, alone: bool = False) -> Iterator[None]:
 
 
 def _lock_file(target: str) -> str:
-    """Beside the target, under a name of few letters whatever the length of its own."""
+    """The lock file beside the target, with a short name for any target."""
     folder, name = os.path.split(target)
     return os.path.join(
         folder, f".palpate-{hashlib.sha1(os.fsencode(name), usedforsecurity=False).hexdigest()[:16]}.lock"
@@ -97,7 +97,7 @@ def _locked(target: str, path: str | Path) -> int:
         except OSError as error:
             raise InvalidInput(f"{path}: cannot write there ({error.strerror}).") from error
         try:
-            if not _taken(handle):
+            if not _try_lock(handle):
                 raise InvalidInput(
                     f"{path} is being written by another process{_writer(handle)}. Wait until that has ended, or give another name."
                 )
@@ -119,22 +119,22 @@ def _unlocked(target: str, handle: int) -> None:
             os.unlink(name)
         import fcntl
 
-        # a process that was forked meanwhile holds the same open file
+        # a forked process holds the same open file
         with contextlib.suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_UN)
     os.close(handle)
-    if sys.platform == "win32":  # where what is open cannot be removed
+    if sys.platform == "win32":  # on systems where an open file cannot be removed
         with contextlib.suppress(OSError):
             os.unlink(name)
 
 
-def _taken(handle: int) -> bool:
-    """Whether nobody else holds the lock; it is ours now."""
+def _try_lock(handle: int) -> bool:
+    """Take the lock; return whether that succeeded."""
     if sys.platform == "win32":
         import msvcrt
 
         try:
-            os.lseek(handle, 1 << 20, os.SEEK_SET)  # beyond what is written, which others may read
+            os.lseek(handle, 1 << 20, os.SEEK_SET)  # beyond the written part, which others may read
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         except OSError:
             return False
@@ -147,7 +147,7 @@ def _taken(handle: int) -> bool:
     except BlockingIOError:
         return False
     except OSError as error:
-        if error.errno not in _WITHOUT:
+        if error.errno not in _NO_LOCKS:
             raise InvalidInput(f"the lock of a file cannot be taken ({error.strerror}).") from error
     return True
 
@@ -161,7 +161,7 @@ def _same(handle: int, name: str) -> bool:
 
 
 def _writer(handle: int) -> str:
-    """The number of the process that holds the lock, where its file says so."""
+    """The process that holds the lock, if the file states it."""
     with contextlib.suppress(OSError):
         os.lseek(handle, 0, os.SEEK_SET)
         number = os.read(handle, 20)

@@ -21,19 +21,19 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table, Titles, first_titles, read_table_text
 from palpate.units import KIND_OF_SI, UNITS
 
-__all__ = ["check_apart", "check_one_frame", "explained", "is_frame", "plain_name", "read_mapped"]
+__all__ = ["check_distinct", "check_one_frame", "explained", "is_frame", "plain_name", "read_mapped"]
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
-#: Cells of frames x markers per line of a table from which on markers are not the same ones from frame to frame.
-MOST_MISSING = 4
+#: Above this many cells of frames x markers per line of a table, the markers change from frame to frame.
+MAX_CELLS_PER_LINE = 4
 #: Positions that belong to displacements may differ from frame to frame by this part of the largest displacement (they are rounded).
 ROUNDED = 0.1
-#: Markers that pass their neighbours in one frame, as a part of all, from which on they are numbered anew.
+#: Share of markers that pass their neighbours in one frame above which the numbers are reassigned from frame to frame.
 RENUMBERED = 0.2
-#: Titles of columns that tell recordings apart.
+#: Column titles that identify recordings.
 _EPISODES = ("episode_index", "episode", "episode_id")
-#: Titles of columns that tell frames or times.
+#: Column titles that identify frames or times.
 _FRAMES = ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "time", "t", "timestamp")
 
 
@@ -128,8 +128,8 @@ def _chosen(path: Path, mapping: TableMapping, table: Table, roles: dict[str, li
 class _Frames:
     """Everything by frame and marker."""
 
-    number: Floats  # of each frame, as the table says it
-    stamps: Floats | None  # the time of each, as the table says it; None: they are counted
+    number: Floats  # of each frame, as in the table
+    stamps: Floats | None  # the time of each, as in the table; None: numbers
     marker: Floats  # number of each marker
     numbered: bool  # whether these are the table's own
     places: Floats | None  # (frame, marker, axis) [m]
@@ -150,7 +150,7 @@ def _named(mapping: TableMapping) -> dict[str, Any]:
 
 
 def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[list[str], list[int]]:
-    """What columns are called among the taxels (in a wide table), and where they are."""
+    """Column names among the taxels (in a wide table), and their positions."""
     if isinstance(columns, str):
         places = titles.sliced(columns)
         if places is not None:
@@ -165,7 +165,7 @@ def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[l
 
 
 def is_frame(title: str) -> bool:
-    """Whether a column by its title tells frames or times."""
+    """Whether a column by its title identifies frames or times."""
     return plain_name(title) in _FRAMES
 
 
@@ -211,7 +211,7 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
 
 
 def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]]) -> float | None:
-    """Seconds in a 1 of the time: the mapping, or the title; None where nothing says it. Dates are seconds already."""
+    """Length of the time unit in seconds, from the mapping or the title; None if neither states it. Dates are in seconds already."""
     places = roles.get("time", [])
     titles = table.titles
     if table.dated & set(places):
@@ -284,7 +284,7 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
     numbers, frame = _frames_of(key, marker, len(markers), mapping.sort)
     size = len(numbers) * len(markers)
     most = int(np.bincount(frame).max())
-    if size > MOST_MISSING * rows and len(markers) > MOST_MISSING * most:
+    if size > MAX_CELLS_PER_LINE * rows and len(markers) > MAX_CELLS_PER_LINE * most:
         raise InvalidInput(
             f"{path}: {len(markers)} markers in {len(numbers)} frames of at most {most}: they are renumbered from frame to frame. "
             + (
@@ -378,7 +378,7 @@ def _counted(path: Path, mapping: TableMapping, markers: Floats, placeless: bool
 
 
 def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Floats, Ints]:
-    """Markers that are known by their places: in rows along x."""
+    """Markers identified by their places: in rows along x."""
     gone = ~np.isfinite(where).all(axis=1)
     if gone.any():
         raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmax(gone))])}: no position; take the line out.")
@@ -402,7 +402,7 @@ def check_one_frame(path: Path, title: str, values: Floats) -> None:
 
 
 def _stamps(path: Path, mapping: TableMapping, numbers: Floats, time: Floats | None) -> Floats | None:
-    """The time of each frame as the table says it; NaN where it does not."""
+    """The time of each frame in the table, or NaN."""
     if time is None or mapping.frame is None:
         return numbers if mapping.frame is not None or mapping.time is not None else None
     with warnings.catch_warnings():
@@ -441,16 +441,16 @@ def _wide(
     return _Frames(numbers, stamps, markers, counted, where, readings)
 
 
-# -- what both become --------------------------------------------------------------------------------------------------
+# -- common part ---------------------------------------------------------------------------------------------------------
 
 
 def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock) -> Recording:
     positions = None
     channels = tuple(mapping.channels)
     if frames.places is not None:
-        positions, readings = _at_rest(path, mapping, frames)
+        positions, readings = _rest_positions(path, mapping, frames)
         channels = channels or ("displacement_x", "displacement_y")
-        check_apart(path, positions, [f"{m:g}" for m in frames.marker] if frames.numbered else None)
+        check_distinct(path, positions, [f"{m:g}" for m in frames.marker] if frames.numbered else None)
         if set(channels) >= {"displacement_x", "displacement_y"}:
             _check_order(path, frames, positions, readings[:, [channels.index(f"displacement_{a}") for a in "xy"]])
     else:
@@ -469,8 +469,8 @@ def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock)
     return Recording(readings=readings, channels=channels, time=clock.time, positions=positions, meta=meta)
 
 
-def _at_rest(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:
-    """Where markers are at rest (marker, axis), and readings (frame, channel, marker)."""
+def _rest_positions(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:
+    """Rest positions of markers (marker, axis), and readings (frame, channel, marker)."""
     places = frames.places
     if places is None:
         raise InvalidInput(f"{path}: there are no positions.")
@@ -525,7 +525,7 @@ def _extent(places: Floats) -> float:
     return float(np.nanmax(places, axis=(0, 1)).max() - np.nanmin(places, axis=(0, 1)).min())
 
 
-def check_apart(path: Path, positions: Floats, names: Sequence[str] | None = None, *, unit: str = " m") -> None:
+def check_distinct(path: Path, positions: Floats, names: Sequence[str] | None = None, *, unit: str = " m") -> None:
     """Refuse two markers in the same place."""
     from scipy.spatial import cKDTree
 
@@ -573,7 +573,7 @@ def _check_order(path: Path, frames: _Frames, rest: Floats, moved: Floats) -> No
 
 
 def _check_counted(path: Path, frames: _Frames) -> None:
-    """Markers that are known by their number alone: none may be left out."""
+    """Refuse gaps among markers that have no names, only numbers."""
     if not frames.numbered:
         return
     whole = np.arange(frames.marker[0], frames.marker[0] + len(frames.marker))

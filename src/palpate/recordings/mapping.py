@@ -22,7 +22,7 @@ __all__ = ["TopicMapping"]
 
 #: foxglove.PackedElementField: number of the type -> NumPy's
 _PACKED = {1: "u1", 2: "i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4", 7: "<f4", 8: "<f8"}
-#: What a mapping may name of a time.
+#: Names of a time that a mapping may use.
 _SECONDS = ("sec", "seconds", "secs")
 _NANOS = ("nanosec", "nanos", "nsecs", "nsec")
 
@@ -35,28 +35,26 @@ class TopicMapping:
     ----------
     topic : str
     channels : sequence of str
-        What the numbers are, from `palpate.AREA_CHANNELS`, in the order of ``fields``.
+        Channels of the numbers, from `palpate.AREA_CHANNELS`, in the order of ``fields``.
     path : str
-        Where the taxels are in the message, e.g. "sensors[0].taxels"; "" for an image or a foxglove Grid.
+        Path of the taxels in the message, e.g. "sensors[0].taxels"; "" for an image or a foxglove Grid.
     fields : sequence of str
-        What to take of each taxel, e.g. ("x", "y", "z"), or of each cell of a Grid; empty where the taxels are numbers.
+        Fields of each taxel, e.g. ("x", "y", "z"), or of each cell of a Grid; empty if the taxels are numbers.
     scale : float or sequence of float
         Multiplies the numbers (of each channel) to SI units; negative turns the sign.
     shape : (int, int), optional
         Rows and columns of the taxels; without it they are one row. An image or Grid of several rows states its own, which must agree.
     markers : bool
-        The numbers are positions of markers: their displacement from the first message is read, and where they were then are the
-        positions of the taxels.
+        The numbers are positions of markers: readings are their displacements from the first message, which gives the positions of the taxels.
     stamp : str
-        Where the message says when it was taken, e.g. "header.stamp" or "sensors[0].time"; without it the time at which it was
-        recorded counts.
+        Path of the stamp in the message, e.g. "header.stamp" or "sensors[0].time"; default: the time of recording.
     stamp_scale : float, optional
-        Seconds in a 1 of a stamp that is a number. Without it the name may say the unit (``time_us``), a date since 1970 tells it by its size, and other whole
-        numbers by how fast they advance; else they are seconds.
+        Unit of a numeric stamp in seconds. Without it the unit follows from the name (``time_us``), from the size of a date since 1970, or from the
+        rate of whole numbers; else it is seconds.
     sort : bool
-        Put the frames in the order of their stamps. Default: as they were recorded; a clock that restarts goes on.
+        Sort the frames by stamp. Default: the order of recording; a restarted clock continues.
     definitions : str
-        Folder of message definitions (package/msg/Name.msg), for bags that carry none.
+        Folder of message definitions (package/msg/Name.msg), for bags without definitions.
 
     Raises
     ------
@@ -121,7 +119,7 @@ class TopicMapping:
             except (TypeError, ValueError) as error:
                 raise InvalidInput(
                     f"{self.topic}: {self.path or 'the message'} is not a list of numbers, an image or a Grid; name the path of the "
-                    f"taxels and their fields. {_there(found[0] if _list(found) else found)}"
+                    f"taxels and their fields. {_field_list(found[0] if _list(found) else found)}"
                 ) from error
             # points in a list of [x, y, z] have one row each
             values = values.reshape(1, -1) if values.ndim == 1 else values.T
@@ -154,7 +152,7 @@ class TopicMapping:
         return found * unit
 
     def stamped(self, message: Any, recorded: float) -> tuple[float, float | None]:
-        """The stamp of a message as it stands there, and the seconds in a 1; None where nothing says it.
+        """The stamp of a message, and its unit in seconds, or None if that is unknown.
 
         Examples
         --------
@@ -186,8 +184,8 @@ def _list(value: Any) -> bool:
     return hasattr(value, "__len__") and hasattr(value, "__getitem__") and len(value) > 0 and not isinstance(value, str)
 
 
-def _there(message: Any) -> str:
-    """What a message holds, in words."""
+def _field_list(message: Any) -> str:
+    """The fields of a message in words."""
     names = [n for n in getattr(message, "__dataclass_fields__", {}) if n != "__msgtype__"]
     if not names and hasattr(message, "DESCRIPTOR"):
         names = [f.name for f in message.DESCRIPTOR.fields]
@@ -207,7 +205,7 @@ def at(message: Any, path: str) -> Any:
             found = getattr(found, name) if name else found[int(index)]
         except (AttributeError, IndexError, TypeError) as error:
             raise InvalidInput(
-                f"the message has no {name or f'[{index}]'} on the way to {path!r}. {_there(found)}".rstrip()
+                f"the message has no {name or f'[{index}]'} on the way to {path!r}. {_field_list(found)}".rstrip()
             ) from error
     return found
 

@@ -39,7 +39,7 @@ __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 CHUNK = 64 * 1024
 #: Name of the metadata record before the first readings that says their shape, which a message of one row does not tell: ``shape``, JSON.
 SHAPE = "palpate.shape"
-#: Name of the metadata record that says where the picture of the touches after it lies: ``view``, JSON that `View.restored` takes.
+#: Name of the metadata record with the position of the picture of the following touches: ``view``, JSON for `View.restored`.
 VIEW = "palpate.view"
 
 
@@ -120,9 +120,9 @@ class McapRecorder:
         self._add(kind, data, time)
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Write the result of one frame."""
         now = float(touch.time) if time is None else time  # type: ignore[arg-type]
-        self._say_view(touch)
+        self._write_view(touch)
         for kind, data in self._encoder.touch(touch, now):
             self._add(kind, data, now)
 
@@ -144,8 +144,8 @@ class McapRecorder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _say_view(self, touch: Touch) -> None:
-        """Where the picture lies: once, and again where it changes."""
+    def _write_view(self, touch: Touch) -> None:
+        """Write the position of the picture: once, and again if it changes."""
         described = None if touch.view is None else touch.view.described()
         if self._open and described is not None and described != self._view:
             self._describe(VIEW, {"view": json.dumps(described)})
@@ -188,7 +188,7 @@ class McapRecorder:
         try:
             self._apart(act)
         except OSError as error:
-            # nothing more is tried: the chunks before are whole, and what follows would not be
+            # stop here: the chunks before are intact, later ones would be damaged
             self._open = False
             self._file.close()
             self._apart.end()
@@ -221,7 +221,7 @@ def write_mcap(recording: Recording, path: str | Path) -> None:
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-#: What damaged bytes raise in the parser; decompressors add their own.
+#: Exceptions of the parser on damaged bytes; decompressors add their own.
 _DAMAGE = (
     EOFError,
     OSError,
@@ -341,7 +341,7 @@ class _Decoder:
         self._protobuf: dict[int, Any] = {}
 
     def damage(self) -> tuple[type[Exception], ...]:
-        """What damaged messages and definitions raise in the libraries."""
+        """Exceptions of the libraries on damaged messages and definitions."""
         import rosbags.interfaces
         import rosbags.serde
 
@@ -403,7 +403,7 @@ def own(path: Path) -> dict[str, Any] | None:
                     return facts
         except PalpateError:
             raise
-        except _damage():  # the reading that follows says so
+        except _damage():  # the following read reports it
             return facts
     return facts
 

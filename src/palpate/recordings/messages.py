@@ -1,4 +1,4 @@
-"""Readings, touches and events as the messages that robotics tools know.
+"""Readings, touches and events as standard messages of robotics.
 
 Readings are sensor_msgs/Image (32FC1, 32FC3, ... one plane of floats per channel, interleaved; 64FC1, ... where single precision would round them;
 scattered taxels are one row; values that are not finite are missing, NaN), touches are
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["EVENTS", "READINGS", "TOUCH", "WRENCH", "Encoder", "Kind", "nanoseconds", "ros_types"]
 
-#: Topic of the readings, and of what was found in them.
+#: Topic of the readings, and of the results.
 READINGS, TOUCH, WRENCH, EVENTS = "/palpate/readings", "/palpate/touch", "/palpate/wrench", "/palpate/events"
 _IMAGE, _WRENCH = "sensor_msgs/msg/Image", "geometry_msgs/msg/WrenchStamped"
 
@@ -102,7 +102,7 @@ class Encoder:
         return self._ros(READINGS, _IMAGE, message)
 
     def touch(self, touch: Touch, time: float) -> Iterator[tuple[Kind, bytes]]:
-        """What was found in one frame: the map, and the wrench."""
+        """The map and the wrench of one frame."""
         from foxglove import messages
 
         grid = touch.surface

@@ -1,4 +1,4 @@
-"""What a recording says of itself: kept with its types in every format, as JSON."""
+"""Metadata of a recording: every format keeps its types, as JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["plain_meta"]
 
 
 def plain_meta(meta: Mapping[str, Any] | None, what: str = "meta") -> dict[str, Any]:
-    """``meta`` in the types that JSON keeps, so that a file gives back what was written; None is empty.
+    """``meta`` in types that JSON preserves, so that a file returns an equal value; None becomes empty.
 
     Text, numbers, truth values and None stay as they are, numbers of NumPy become Python's, tuples and arrays lists.
 
@@ -35,7 +35,7 @@ def plain_meta(meta: Mapping[str, Any] | None, what: str = "meta") -> dict[str, 
         return {name: _plain(value, what) for name, value in _named(meta or {}, what)}
     except InvalidInput:
         raise
-    except (RecursionError, ValueError) as error:  # what holds itself; a number of thousands of digits
+    except (RecursionError, ValueError) as error:  # a container of itself; a number of thousands of digits
         raise InvalidInput(f"{what} cannot be written ({str(error)[:100]}). Give text in its place.") from error
 
 
@@ -52,7 +52,7 @@ def _plain(value: Any, what: str) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if value is None or isinstance(value, bool | int | float | str):
-        return json.loads(json.dumps(value))  # members of an enumeration become what they stand for
+        return json.loads(json.dumps(value))  # members of an enumeration become their values
     if isinstance(value, list | tuple):
         return [_plain(v, what) for v in value]
     if isinstance(value, Mapping):

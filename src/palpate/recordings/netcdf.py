@@ -34,7 +34,7 @@ __all__ = ["NetCDF", "damage", "guard", "opened"]
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: How a global heap begins: its signature, version 1 and three zeros.
 _HEAP = b"GCOL\x01\0\0\0"
-#: What h5py and h5netcdf raise where a file is damaged: each layer translates the library's errors in its own way.
+#: Exceptions of h5py and h5netcdf on damaged files: each layer translates the library's errors in its own way.
 DAMAGE = (
     OSError,
     RuntimeError,
@@ -49,7 +49,7 @@ DAMAGE = (
 
 
 def damage(path: Path, error: Exception) -> InvalidInput:
-    """What to say of a file that the library cannot read."""
+    """The message for a file that the library cannot read."""
     reason = str(error).strip("'\". ")[:120]
     return InvalidInput(
         f"{path}: cannot be read as NetCDF/HDF5; it is still being written, truncated, damaged or of another format ({reason}). "
@@ -171,7 +171,7 @@ def guard(group: Any, path: Path) -> None:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """What the library raises while it reads is said of the file."""
+    """Turn exceptions of the library into messages about the file."""
     try:
         yield
     except InvalidInput:
@@ -181,7 +181,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _check_held(file: Any, path: Path) -> None:
-    """Refuse a file that holds no recording, or claims more than it can hold."""
+    """Refuse a file without a recording, or one that states a size it cannot have."""
     missing = [n for n in ("readings", "channel", "time") if n not in file]
     if missing:
         held = ", ".join(map(text, file)) or "nothing"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.recordings.checked import CHECKSUM, checksum
-from palpate.recordings.heldfile import HELD, HeldFile
+from palpate.recordings.heldfile import MAX_HELD_BYTES, HeldFile
 from palpate.recordings.touchstream import Arrays, Piece
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class NetCDFStream(Arrays):
         import h5py
 
         self._frames = frames
-        self._held = HeldFile(self.path, exclusive=False, hold=HELD)
+        self._held = HeldFile(self.path, exclusive=False, hold=MAX_HELD_BYTES)
         self._file = h5netcdf.File(self._held, "w")
         self._file.dimensions["time"] = self.count
         for name, variable in fixed.items():

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Npz"]
 
-#: Keys of a recording of ours.
-OWN = ("readings", "channel", "time")
-#: What a damaged archive raises in zipfile, zlib and NumPy.
+#: Keys of a recording of this library.
+REQUIRED_KEYS = ("readings", "channel", "time")
+#: Exceptions of zipfile, zlib and NumPy on a damaged archive.
 _DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
@@ -66,7 +66,7 @@ class Npz(Format):
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         held = _whole(path)
-        missing = [n for n in OWN if n not in held]
+        missing = [n for n in REQUIRED_KEYS if n not in held]
         if missing:
             shapes = ", ".join(f"{n} {a.shape}" for n, a in held.items())
             raise InvalidInput(
@@ -88,9 +88,9 @@ class Npz(Format):
     def own(self, path: Path) -> bool:
         try:
             with zipfile.ZipFile(path) as archive:
-                return {f"{n}.npy" for n in OWN} <= set(archive.namelist())
+                return {f"{n}.npy" for n in REQUIRED_KEYS} <= set(archive.namelist())
         except _DAMAGE:
-            return False  # said where it is read
+            return False  # the reader reports it
 
     def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
         held = _whole(path)

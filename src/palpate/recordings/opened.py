@@ -21,7 +21,7 @@ BLOCK = 1 << 22
 
 @dataclass(frozen=True, eq=False)
 class OpenRecording:
-    """A recording whose readings are read when they are asked for.
+    """A recording with lazy readings.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class OpenRecording:
     name : str
         What messages call it.
     remedy : str
-        What to do where it is not what its checksum says.
+        What to do if the checksum does not match.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class OpenRecording:
         Raises
         ------
         InvalidInput
-            The recording is not what its file says was written; or what ``look`` raises.
+            The recording does not match its checksum; or an exception of ``look``.
         """
 
         def blocks() -> Iterator[Any]:

@@ -85,7 +85,7 @@ Named = Annotated[str, BeforeValidator(_named)]
 
 
 class Strict(BaseModel):
-    """A section whose keys are all known."""
+    """A section without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 

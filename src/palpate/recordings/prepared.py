@@ -1,4 +1,4 @@
-"""Files of what is prepared for a skin (`palpate._recall`): whose they are, and what they are refused for."""
+"""Files with the preparation of a skin (`palpate._recall`): their identity, and reasons to refuse them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["read_prepared", "write_prepared"]
 
 
 def write_prepared(problem: Problem, path: str | Path) -> None:
-    """Write what is prepared for a problem by now."""
+    """Write the current preparation of a problem."""
     import palpate
 
     about = {"palpate": palpate.__version__, **problem.about()}
@@ -26,7 +26,7 @@ def write_prepared(problem: Problem, path: str | Path) -> None:
 
 
 def read_prepared(problem: Problem, path: str | Path) -> Recall:
-    """What an earlier run prepared for this very problem."""
+    """Read what an earlier run prepared for this very problem."""
     import palpate
 
     mine, version = problem.about(), palpate.__version__

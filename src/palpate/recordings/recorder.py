@@ -1,4 +1,4 @@
-"""Where a stream goes while it happens: one way to write it, whatever the format."""
+"""Recording of a stream: one interface for every format."""
 
 from __future__ import annotations
 

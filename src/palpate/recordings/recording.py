@@ -132,8 +132,8 @@ class Recording:
         """Scattered readings interpolated (cubic, Clough-Tocher) to a regular grid of ``pitch`` [m].
 
         The grid is made of the square cells that fit the bounding box of the positions, from its lower left corner, with a
-        point in the middle of each; outside the convex hull of the positions the reading of the nearest taxel is taken. The
-        new recording says where its first point lies in ``meta`` ("x0", "y0", "pitch", in metres).
+        point in the middle of each; outside the convex hull of the positions it takes the nearest taxel. ``meta`` of the new recording states the
+        position of its first point ("x0", "y0", "pitch", in metres).
 
         Raises
         ------

@@ -1,20 +1,20 @@
-"""Secrets that a command line holds never reach a file."""
+"""Keep secrets of a command line out of files."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
 
-__all__ = ["HIDDEN", "without_secrets", "without_secrets_in_meta"]
+__all__ = ["PLACEHOLDER", "without_secrets", "without_secrets_in_meta"]
 
 #: Options whose values are secrets.
 SECRET = ("--token",)
-#: What stands in a file in their place.
-HIDDEN = "HIDDEN"
+#: What replaces them in a file.
+PLACEHOLDER = "HIDDEN"
 
 
 def without_secrets(arguments: Sequence[str]) -> list[str]:
-    """Arguments of a command line with `HIDDEN` in place of each secret.
+    """Arguments of a command line with `PLACEHOLDER` in place of each secret.
 
     Examples
     --------
@@ -29,9 +29,9 @@ def without_secrets(arguments: Sequence[str]) -> list[str]:
     for argument in arguments:
         option, equals, _ = argument.partition("=")
         if hide_next:
-            found.append(HIDDEN)
+            found.append(PLACEHOLDER)
         elif option in SECRET and equals:
-            found.append(f"{option}={HIDDEN}")
+            found.append(f"{option}={PLACEHOLDER}")
         else:
             found.append(argument)
         hide_next = not hide_next and argument in SECRET
@@ -54,8 +54,8 @@ def _redacted(text: str) -> str:
         return text
     try:
         arguments = shlex.split(text)
-    except ValueError:  # a quote that does not close: what follows the option cannot be told from the secret
+    except ValueError:  # an unclosed quote: the rest after the option may all be secret
         first = min(text.index(option) + len(option) for option in SECRET if option in text)
-        return f"{text[:first]} {HIDDEN}"
+        return f"{text[:first]} {PLACEHOLDER}"
     hidden = without_secrets(arguments)
     return text if hidden == arguments else shlex.join(hidden)

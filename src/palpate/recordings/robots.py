@@ -49,7 +49,7 @@ def _bag(path: Path, definitions: str = "") -> Any:
         reader.open()
     except AnyReaderError as error:
         raise InvalidInput(f"{path}: cannot be read as a bag ({str(error).rstrip('.')}).") from error
-    except Exception as error:  # whatever a torn database, YAML or index raises
+    except Exception as error:  # exceptions on a torn database, YAML or index
         raise InvalidInput(
             f"{path}: cannot be read as a bag ({str(error).rstrip('.') or type(error).__name__})."
         ) from error
@@ -94,7 +94,7 @@ def _bag_messages(path: Path, topic: str, definitions: str) -> Iterator[tuple[fl
             yield stamp / 10**9, reader.deserialize(raw, connection.msgtype)
     except PalpateError:
         raise
-    except Exception as error:  # whatever torn bytes raise in a decoder
+    except Exception as error:  # exceptions of a decoder on torn bytes
         raise InvalidInput(
             f"{path}: a message of {topic} cannot be read ({str(error) or type(error).__name__})."
         ) from error
@@ -117,7 +117,7 @@ def topics(path: str | Path) -> dict[str, str]:
 def _own(path: Path) -> dict[str, Any] | None:
     if path.suffix.lower() == ".mcap":
         return mcapfile.own(path)
-    # `ros2 bag record` and the like may hold palpate's own file
+    # `ros2 bag record` and the like may contain palpate's own topics
     parts = sorted(path.glob("*.mcap")) if path.is_dir() else []
     return mcapfile.own(parts[0]) if len(parts) == 1 else None
 
@@ -135,7 +135,7 @@ def frames(
 
 @dataclass
 class _Stamp:
-    """When a frame was taken: by its message, and by the recorder; and where its markers are at rest."""
+    """Stamps of a frame, by its message and by the recorder, and rest positions of its markers."""
 
     mapping: TopicMapping
     message: Any
@@ -242,7 +242,7 @@ def _clock(
 
 
 def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
-    """What a torn MCAP file held besides the frames that were taken."""
+    """The losses of a torn MCAP file, in words."""
     count, torn = mcapfile.whole(path, READINGS if mapping is None else mapping.topic)
     words = []
     if torn:

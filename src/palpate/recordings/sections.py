@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 def read_uncertainty(path: str | Path) -> Uncertainty:
-    """How well modulus, thickness, depth, gains and scale are known, where the skin.toml says it: "200 kPa +- 10 %", or a section [uncertainty].
+    """Uncertainty of modulus, thickness, depth, gains and scale in a skin.toml: "200 kPa +- 10 %", or a section [uncertainty].
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_uncertainty(path: str | Path) -> Uncertainty:
 
 
 def read_stream(path: str | Path) -> TopicMapping | None:
-    """How the messages of a robot become readings, where the skin.toml says it in a section [stream].
+    """The section [stream] of a skin.toml: from messages of a robot to readings.
 
     Channels are those of the planes and the shape that of an area plane, unless the section names others.
 
@@ -133,7 +133,7 @@ def _shape(skin: SkinFile) -> tuple[int, int] | None:
 
 
 def read_columns(path: str | Path, given: Mapping[str, Any] | None = None) -> TableMapping | None:
-    """What the columns of a table of another program are, where the skin.toml says it in a section [columns].
+    """The section [columns] of a skin.toml: the columns of another program's table.
 
     ``given`` takes the place of that section. Channels are put into the order of the planes, and the shape is that of an area plane, unless the
     section names another.
@@ -185,7 +185,7 @@ def read_columns(path: str | Path, given: Mapping[str, Any] | None = None) -> Ta
 
 
 def read_camera(path: str | Path) -> CameraSettings | None:
-    """How pictures become displacements, where the skin.toml says it in a section [camera].
+    """The section [camera] of a skin.toml: from pictures to displacements.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What takes a stream while it happens: readings, touches and events."""
+"""Receivers of a stream: readings, touches and events."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Sink(Protocol):
         """One frame (channel, *array) at ``time`` [s]."""
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Take the result of one frame."""
 
     def event(self, event: Event) -> None:
         """Something that a `palpate.GraspMonitor` noticed."""

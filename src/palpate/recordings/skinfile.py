@@ -13,7 +13,7 @@ depth = "2 mm"                   # of the taxels below the surface
 channels = ["stress_xz", "stress_yz", "stress_zz"]
 aperture = "0.8 mm"              # optional
 noise = "50 Pa"                  # optional; or one per channel
-noise_correlation = "1 mm"       # optional; length over which the noise of neighbours is alike
+noise_correlation = "1 mm"       # optional; correlation length of the noise
 # positions = [["0 mm", "0 mm"], ...] of a scattered plane; or positions_file = "taxels.csv" with columns x and y; with positions_unit = "mm" for bare numbers
 limits = ["0 Pa", "30 kPa"]      # optional; ends of the range of a reading; "30 kPa" for -30 to 30; or one [low, high] per channel
 
@@ -24,7 +24,7 @@ spacing = "0.5 mm"
 [stream]                         # optional: how a robot's messages become readings
 topic = "/xServTopic"
 path = "sensors[0].taxels"       # where the taxels are in a message; "" for an image or a Grid
-fields = ["x", "y", "z"]         # what to take of each
+fields = ["x", "y", "z"]         # fields of each
 unit = "25 Pa"                   # what 1 in a message means; or one per channel; negative turns the sign
 
 [camera]                         # optional: how pictures become displacements (`palpate.recordings.camerasection`)
@@ -63,7 +63,7 @@ from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, PalpateError
 from palpate.measured import Measured
 from palpate.recordings.columns import per_count
-from palpate.recordings.described import check_described, metres_said
+from palpate.recordings.described import check_described, metres_of
 from palpate.recordings.padsection import (
     Depth,
     Length,
@@ -140,7 +140,7 @@ class _BondedLayers(Strict):
 
 
 class _Other(BaseModel):
-    """A pad of another package: what its maker takes, as it stands in the file."""
+    """A pad of another package: the arguments of its maker, as in the file."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
     kind: str
@@ -287,7 +287,7 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     return skin_from_text(skin_text(found), str(found), found.parent, recording)
 
 
-def _known_to(data: Any, name: str) -> dict[str, Any]:
+def _value_with_std(data: Any, name: str) -> dict[str, Any]:
     """The file without its "+-", each put as a part into the section [uncertainty]; several of one kind: the largest."""
     found: dict[str, float] = {}
 
@@ -349,7 +349,7 @@ def validated(text: str, name: str) -> SkinFile:
             f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}. A skin file describes pad and array; palpate demo writes one to start from."
         ) from error
     try:
-        found = SkinFile.model_validate(_known_to(data, name))
+        found = SkinFile.model_validate(_value_with_std(data, name))
     except ValidationError as error:
         raise InvalidInput(_explain(error.errors()[0], text, name)) from error
     if not found.plane and not isinstance(found.pad, MeasuredTable):
@@ -379,7 +379,7 @@ def skin_from_text(
         elif isinstance(skin.pad, MeasuredTable):
             pad = Measured(folder / skin.pad.file, radius=skin.pad.contact_radius, indenter=skin.pad.indenter)
         else:
-            pad = _made(_other_pads()[skin.pad.kind].load(), skin.pad)
+            pad = _pad_of_maker(_other_pads()[skin.pad.kind].load(), skin.pad)
         where = ("pad",)
         planes: list[Array] = [pad.array] if isinstance(pad, Measured) and not skin.plane else []
         if skin.pad.prony is not None:
@@ -397,7 +397,7 @@ def skin_from_text(
     return pad, planes, surface, skin.boundary
 
 
-def _made(maker: Any, table: _Other) -> Pad:
+def _pad_of_maker(maker: Any, table: _Other) -> Pad:
     """A pad of another package."""
     given = dict(table.model_extra or {})
     try:
@@ -485,7 +485,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
         meta = recording.meta if recording is not None and recording.readings.ndim == 4 else {}
         shape, pitch = plane.shape, plane.pitch
         if shape is None and pitch is None and recording is not None and "pitch" in meta:
-            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), metres_said(meta["pitch"])
+            shape, pitch = (recording.readings.shape[2], recording.readings.shape[3]), metres_of(meta["pitch"])
         return AreaArray(
             shape=_need(shape, "shape", "area"),
             pitch=_need(pitch, "pitch", "area"),
@@ -617,8 +617,8 @@ KEYS = (
 )
 
 
-def _meant(key: str, text: str) -> str:
-    """What a misspelt key may have been."""
+def _likely_keys(key: str, text: str) -> str:
+    """Likely keys for a misspelt one."""
     import difflib
 
     near = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.7)
@@ -643,7 +643,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         place = f"[{section}] has no {key}" if section else f"there is no [{key}] section"
         return f"{name}, line {line}: {place}."
     if kind == "extra_forbidden":
-        return f"{name}, line {line}: {key} is not a key here{_meant(str(key), text)}."
+        return f"{name}, line {line}: {key} is not a key here{_likely_keys(str(key), text)}."
     if kind.startswith("union_tag"):
         given = (error.get("ctx") or {}).get("tag")
         got = f"; got {str(given)!r}" if given else ""

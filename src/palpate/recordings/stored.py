@@ -1,4 +1,4 @@
-"""Recordings and touches as named arrays with attributes: what is read alike from an HDF5 file and a Zarr store."""
+"""Recordings and touches as named arrays with attributes, for an HDF5 file and a Zarr store alike."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["confirmed_touch", "opened_recording", "stored_recording", "touch_gro
 def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage: bool) -> Recording:
     """The recording in a file or group with arrays "readings", "time" and perhaps "positions", and attributes.
 
-    Blocks that were not finished are left out: readings without times, and with ``salvage`` what reads as fill values.
+    Unfinished blocks are dropped: readings without times, and with ``salvage`` those with fill values.
     """
     counts = held["readings"].shape[0], held["time"].shape[0]
     count = min(counts)
@@ -51,7 +51,7 @@ def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage:
 
 
 def _times(held: Any, count: int, path: Path) -> tuple[Any, dict[str, str]]:
-    """Times of the first ``count`` frames, and what is to be said of them; those with a checksum are what was written."""
+    """Times of the first ``count`` frames, with a note; a checksum confirms them."""
     values = np.asarray(held["time"][:count])
     if held.attrs.get(CHECKSUM) is not None or not np.isfinite(values).all():
         return values, {}
@@ -61,7 +61,7 @@ def _times(held: Any, count: int, path: Path) -> tuple[Any, dict[str, str]]:
 
 
 class _Guarded:
-    """Readings in a file; what goes wrong while they are read is said of the file."""
+    """Readings in a file; exceptions while reading name the file."""
 
     def __init__(self, readings: Any, path: Path, readable: Callable[[Path], AbstractContextManager[None]]) -> None:
         self._readings, self._path, self._readable = readings, path, readable
@@ -74,7 +74,7 @@ class _Guarded:
 def opened_recording(
     held: Any, channels: Iterable[Any], path: Path, readable: Callable[[Path], AbstractContextManager[None]]
 ) -> OpenRecording:
-    """The same, read piece by piece as long as what holds it stays open; ``readable`` translates what the library raises."""
+    """The same, read piece by piece while its file stays open; ``readable`` translates exceptions of the library."""
     count = min(held["readings"].shape[0], held["time"].shape[0])
     meta = json_object(text(held.attrs.get("meta", "{}")), f"{path}: meta")
     found, told = _times(held, count, path)
@@ -90,7 +90,7 @@ def opened_recording(
 
 
 def touch_group(held: Any) -> str | None:
-    """The group that holds touches: the file itself, or one of its own beside the readings."""
+    """The group of touches: the file itself, or a group beside the readings."""
     return "touch" if "traction" not in held and "touch" in held else None
 
 

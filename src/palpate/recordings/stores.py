@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 __all__ = ["HdfRecorder", "ZarrRecorder", "zarr_library"]
 
-#: Frames in a block: what a killed process can lose.
+#: Frames in a block: the most that a killed process loses.
 BLOCK = 32
-KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force", "pull", "unexplained")
+EVENT_KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force", "pull", "unexplained")
 _EVENTS = {
     "time": ("s", "when"),
     "kind": ("1", "what began or ended"),
@@ -48,12 +48,11 @@ _EVENTS = {
 
 
 class _Variable:
-    """One array of a group: its dimensions (the first is time, where it grows) and what it is."""
+    """One array of a group: its dimensions (time first, if it grows) and its type."""
 
     def __init__(self, dims: tuple[str, ...], dtype: Any, attrs: Mapping[str, Any], data: Any = None) -> None:
         self.dims, self.dtype, self.attrs, self.data = dims, np.dtype(dtype), dict(attrs), data
-        #: What a place holds that was never written.
-        # what a block that was not written reads as; readers take it for missing, so no flag may have it
+        #: Fill value of unwritten places. Readers treat it as missing, so no flag may equal it.
         self.empty = {"f": np.nan, "i": np.iinfo(np.int8).min}.get(self.dtype.kind, 0)
 
 
@@ -110,7 +109,7 @@ class _Recorder(abc.ABC):
         self._put("", {"time": as_second(time), "readings": data}, lambda: self._reading_layout(data))
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Write the result of one frame."""
         row: dict[str, Any] = {
             "time": as_second(touch.time if time is None else time),
             "traction": to_numpy(touch.values),
@@ -128,10 +127,12 @@ class _Recorder(abc.ABC):
     def event(self, event: Event) -> None:
         """Something that a `GraspMonitor` noticed."""
         row = {k: getattr(event, k) for k in _EVENTS if k != "kind"}
-        self._put("events", {**row, "began": int(event.began), "kind": KINDS.index(event.kind)}, self._event_layout)
+        self._put(
+            "events", {**row, "began": int(event.began), "kind": EVENT_KINDS.index(event.kind)}, self._event_layout
+        )
 
     def close(self) -> None:
-        """Write what is left and finish the file."""
+        """Write the rest and finish the file."""
         if self._open:
             for group in list(self._rows):
                 self._guarded(lambda group=group: self._flush(group))  # type: ignore[misc]
@@ -146,7 +147,7 @@ class _Recorder(abc.ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # -- what the formats do --------------------------------------------------------------------------------------------
+    # -- the interface of the formats ------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def _create(self) -> None:
@@ -162,11 +163,11 @@ class _Recorder(abc.ABC):
 
     @abc.abstractmethod
     def _finish(self) -> None:
-        """What is left to do at the end."""
+        """Finish the file."""
 
     @abc.abstractmethod
     def _abandon(self) -> None:
-        """Let go of everything without another write."""
+        """Release everything without writing."""
 
     # -- layouts --------------------------------------------------------------------------------------------------------
 
@@ -215,8 +216,8 @@ class _Recorder(abc.ABC):
             for name, (unit, text) in _EVENTS.items()
         }
         # flags as the CF conventions write them
-        layout["kind"].attrs["flag_values"] = list(range(len(KINDS)))
-        layout["kind"].attrs["flag_meanings"] = " ".join(k.replace(" ", "_") for k in KINDS)
+        layout["kind"].attrs["flag_values"] = list(range(len(EVENT_KINDS)))
+        layout["kind"].attrs["flag_meanings"] = " ".join(k.replace(" ", "_") for k in EVENT_KINDS)
         return layout
 
     # -- blocks ---------------------------------------------------------------------------------------------------------
@@ -258,7 +259,7 @@ class _Recorder(abc.ABC):
 
 
 def _removed(path: Path) -> None:
-    """Without what holds nothing yet."""
+    """Remove a file or a folder."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -270,7 +271,7 @@ class HdfRecorder(_Recorder):
 
     On the disk the file is whole after every block, also where the process is killed or the disk is full (`HeldFile`).
 
-    Takes what `palpate.recordings.recorder` takes, and ``block``, the frames in a block.
+    Arguments of `palpate.recordings.recorder`, and ``block``, the frames in a block.
     """
 
     def _create(self) -> None:
@@ -279,7 +280,7 @@ class HdfRecorder(_Recorder):
         self._opened: list[Any] = []
         self._held = HeldFile(self.path)
         self._made = True
-        # what is still open when the process ends would call back when nothing can answer
+        # an object still open at the end of the process would call back too late
         self._left = weakref.finalize(self, _let_go, self._held, self._opened)
         with h5netcdf.File(self._held, "w") as file:
             file.attrs["meta"] = json.dumps(self._meta)
@@ -309,10 +310,10 @@ class HdfRecorder(_Recorder):
                 grows = variable.data is None
                 options: dict[str, Any] = {}
                 if grows:
-                    # what is not there says so, and what was damaged is told by its checksum
+                    # a missing file raises its own error, and a checksum finds damage
                     chunks = (self._block, *variable.attrs.get("shape", ()))
                     options = {"chunks": chunks, "fillvalue": variable.empty, "fletcher32": True}
-                # not compressed: that would hold up the stream
+                # uncompressed: compression would delay the stream
                 made = place.create_variable(name, variable.dims, dtype=variable.dtype, data=variable.data, **options)
                 for key, value in variable.attrs.items():
                     if key != "shape":
@@ -347,7 +348,7 @@ def _shut(opened: list[Any]) -> None:
 
 
 def _let_go(held: HeldFile, opened: list[Any]) -> None:
-    """Close HDF5's view of a file that is not written on: into memory, and the disk keeps what it has."""
+    """Close HDF5's view of a file without further writes: they go to memory, and the disk stays unchanged."""
     _shut(opened)
     held.close()
 
@@ -355,7 +356,7 @@ def _let_go(held: HeldFile, opened: list[Any]) -> None:
 class ZarrRecorder(_Recorder):
     """Writes a stream into a Zarr store (a folder, .zarr), which can be opened at any time.
 
-    Takes what `palpate.recordings.recorder` takes, and ``block``, the frames in a block.
+    Arguments of `palpate.recordings.recorder`, and ``block``, the frames in a block.
     """
 
     def _create(self) -> None:

@@ -1,4 +1,4 @@
-"""Tables of other programs: read only, by what a `TableMapping` says of their columns."""
+"""Tables of other programs: read only, with a `TableMapping` of their columns."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Table as TextTable
 from palpate.recordings.tabletext import Titles, read_table_text
+from palpate.recordings.textlines import is_text
 
 __all__ = ["Table"]
 
@@ -25,12 +26,7 @@ class Table(Format):
     text = True
 
     def recognises(self, path: Path) -> bool:
-        with path.open("rb") as file:
-            begin = file.read(4096)
-        return b"\0" not in begin or begin[:2] in (
-            b"\xff\xfe",
-            b"\xfe\xff",
-        )  # UTF-16: refused where it is read, with what to do
+        return is_text(path)
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
         raise InvalidInput(f"{path} is a table of another program. {explained(path)}")

@@ -12,7 +12,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.columns import per_count
 from palpate.recordings.formats import endings, existing
-from palpate.recordings.mapped import check_apart, check_one_frame, is_frame, plain_name
+from palpate.recordings.mapped import check_distinct, check_one_frame, is_frame, plain_name
 from palpate.recordings.netcdf import DAMAGE, NetCDF, data_sets, guard, opened
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Titles, read_table_text
@@ -35,14 +35,13 @@ def read_table(
     Parameters
     ----------
     columns : sequence of str
-        For a CSV table: the columns that hold x, y and then each channel. For HDF5: the data sets that hold positions and
-        vectors, shaped (2, n) or (n, 2).
+        For a CSV table: the columns that hold x, y and then each channel. For HDF5: the data sets of positions and vectors, shaped (2, n) or (n, 2).
     channels : sequence of str
-        What the reading columns are.
+        Channels of the reading columns.
     position_factor, reading_factor : float
         Multiply positions to metres and readings to SI units, e.g. 1e-6/1.3 for pixels of 1.3 per micrometre.
     follow : bool
-        Move each position by its own displacement (the vectors then belong to where the markers went).
+        Move each position by its own displacement (the vectors then belong to the moved markers).
 
     Raises
     ------
@@ -95,7 +94,7 @@ def read_table(
     )
 
 
-#: What the columns of a table of positions may be called.
+#: Accepted titles in a table of positions.
 _PLACES = {
     "number": (
         "taxel",
@@ -243,5 +242,5 @@ def _read_columns(path: Path, columns: Sequence[str]) -> Floats:
     values = (existing(path)[1].columns if other else read_table_text)(path, wanted).values.T
     if unnamed:
         check_one_frame(path, unnamed[0], values[-1])
-    check_apart(path, values[:2].T, unit="")
+    check_distinct(path, values[:2].T, unit="")
     return values[: len(columns)]

@@ -23,17 +23,17 @@ from palpate.units import UNITS, plain_unit
 
 __all__ = ["SLICE", "Table", "Titles", "first_titles", "read_table_text"]
 
-#: Separators in the order in which they are tried; None: blanks.
+#: Separators in the order of trial; None: blanks.
 SEPARATORS = ("\t", ";", ",", None)
 #: Some of a row of columns, as Python slices them.
 SLICE = re.compile(r"(?P<name>.*)\[(?P<slice>\d*:\d*(?::\d+)?)\]")
-#: A number of a column that holds several.
+#: A number in a list in a cell.
 _ENTRY = re.compile(r"(.+)\[(\d+)\]")
-#: Lines in which titles are looked for.
+#: Number of lines to search for titles.
 HEAD = 32
 _UNIT = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]$")
 _MISSING = ("", "nan", "na", "n/a", "null")
-_PLAIN = re.compile(r"[-+0-9.eE ]*")
+_NUMERIC = re.compile(r"[-+0-9.eE ]*")
 _GROUPED = re.compile(r"\s*[+-]?[1-9]\d{0,2},\d{3}\s*")
 
 
@@ -135,7 +135,7 @@ def _bare(title: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Numbers (row, column) of those columns that were asked for, the line in which each row stands, and which columns hold dates."""
+    """Numbers (row, column) of the requested columns, the line of each row, and which columns hold dates."""
 
     titles: Titles
     values: Floats
@@ -210,7 +210,7 @@ class _Tail:
 def _content(lines: Iterator[str]) -> Iterator[tuple[int, str]]:
     for count, line in enumerate(lines, 1):
         text = line.strip("\r\n")
-        # a first line "sep=;" is what a spreadsheet tells itself
+        # a first line "sep=;" is for spreadsheets
         if text.strip() and not (count == 1 and re.fullmatch(r"sep=.", text.strip())):
             yield count, text
 
@@ -220,7 +220,7 @@ def _split(line: str, separator: str | None) -> list[str]:
         return line.split()
     try:
         return [c.strip() for c in next(csv.reader([line], delimiter=separator, strict=True), [])]
-    except csv.Error:  # a quote within a cell: said where the line is read
+    except csv.Error:  # a quote within a cell: the reader of the line reports it
         return [c.strip() for c in line.split(separator)]
 
 
@@ -243,7 +243,7 @@ def _layout(path: Path, head: list[tuple[int, str]], comment: str) -> tuple[str 
     rows = [(row + [""] * count)[:count] for row in rows]
     counted = rows[0] == ["", *map(str, range(count - 1))]  # of a data frame whose columns have no names
     if counted or not all(_numeric(cell, separator) for cell in rows[0]):
-        names, count = _names(rows, separator)
+        names, count = _names(rows)
         return separator, Titles(str(path), names, True), start + count
     said = _trimmed(_split(comment, separator))
     if len(said) == len(rows[0]) and not all(_numeric(n, separator) for n in said):
@@ -294,10 +294,10 @@ def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
     return _NONE, 0
 
 
-def _names(rows: Sequence[Sequence[str]], separator: str | None) -> tuple[tuple[str, ...], int]:
+def _names(rows: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], int]:
     """The titles of the columns, and how many lines they take: names, more of these, units in a line of their own."""
     count = 1
-    while count < len(rows) - 1 and _words_alone(rows[count]):
+    while count < len(rows) - 1 and _only_words(rows[count]):
         count += 1
     titles = [list(row) for row in rows[:count]]
     units = [""] * len(titles[0])
@@ -314,7 +314,7 @@ def _names(rows: Sequence[Sequence[str]], separator: str | None) -> tuple[tuple[
     return tuple(f"{n} ({u})" if u and _UNIT.match(n) is None else n for n, u in zip(names, units)), count
 
 
-def _words_alone(row: Sequence[str]) -> bool:
+def _only_words(row: Sequence[str]) -> bool:
     return any(cell.lower() not in _MISSING for cell in row) and not any(_number(cell) for cell in row)
 
 
@@ -343,7 +343,7 @@ def _refused(path: Path, head: list[tuple[int, str]]) -> str:
     return ","
 
 
-#: What no separator is.
+#: Characters that are no separators.
 _NONE = ""
 #: The first column where it has no title: the index of a data frame.
 _INDEX = "index"
@@ -352,7 +352,7 @@ _NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", None: "blanks"}
 
 
 def _trimmed(row: list[str], count: int | None = None) -> list[str]:
-    """Without an empty cell behind a separator at the end of the line; ``count``: only where that many are left."""
+    """Drop an empty cell behind a separator at the end of the line, if ``count`` cells remain."""
     if len(row) > 1 and not row[-1] and (count is None or len(row) - 1 == count):
         return row[:-1]
     return row
@@ -409,7 +409,7 @@ class _Decimals:
     def plain(self, cells: Sequence[str], line: int) -> list[float] | None:
         """The numbers of a line all at once, where nothing in it needs a second look: much the same as `value`, in a tenth of its time."""
         whole = " ".join(cells)
-        if _PLAIN.fullmatch(whole) is None:
+        if _NUMERIC.fullmatch(whole) is None:
             return None
         try:
             found = [float(c) for c in cells]

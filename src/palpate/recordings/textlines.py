@@ -15,16 +15,23 @@ from palpate._files import ordinary
 from palpate._memory import require
 from palpate.errors import InvalidInput, UncheckedInput
 
-__all__ = ["cells", "lines_of", "number", "text_of", "warn_of_a_cut"]
+__all__ = ["cells", "is_text", "lines_of", "number", "text_of", "warn_of_a_cut"]
 
 #: Characters of a line, those of ten million numbers: more are not read as one.
 LONGEST = 1 << 28
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
 
 
+def is_text(path: Path) -> bool:
+    """Whether the first bytes of a file are text. UTF-16 passes: the reader refuses it with a remedy."""
+    with path.open("rb") as file:
+        begin = file.read(4096)
+    return b"\0" not in begin or begin[:2] in (b"\xff\xfe", b"\xfe\xff")
+
+
 def text_of(path: Path) -> tuple[list[str], bool]:
     """Lines of a text file, and whether the last one is ended; a file that is not text is refused."""
-    next(lines_of(path), "")  # what is no text is refused by its first line
+    next(lines_of(path), "")  # a binary file is refused at its first line
     # the bytes, the text, and its lines
     require(
         6.0 * ordinary(path).stat().st_size,
@@ -42,7 +49,7 @@ def text_of(path: Path) -> tuple[list[str], bool]:
 
 
 def warn_of_a_cut(path: Path, last: str) -> None:
-    """Say that nothing tells whether the last number of a file is whole."""
+    """Warn that the last number of a file may be cut."""
     warnings.warn(
         f"{path}: the last line has no line break; if the file was cut, its last number {last.split(',')[-1][:40]!r} is wrong. "
         "Compare it with the source, then end the line with a line break.",
@@ -63,7 +70,7 @@ def cells(line: str, where: str) -> list[str]:
 
 
 def number(text: str, where: str) -> float:
-    """A number as it is written in files, or `InvalidInput`; nothing (or "nan") is missing."""
+    """A number in a file, or `InvalidInput`; empty text (or "nan") is missing."""
     if not text.strip() or text.strip().lower() == "nan":
         return float("nan")
     if _NUMBER.fullmatch(text) is None:

@@ -1,4 +1,4 @@
-"""Touches of a long recording into a file, piece by piece: at the end it holds what one result of all frames would hold."""
+"""Touches of a long recording into a file, piece by piece: the complete file equals that of one result of all frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings.heldfile import Apart
-from palpate.recordings.labelled import OWN, missing_value, touch_dataset, touch_of
+from palpate.recordings.labelled import RESULT_ATTRIBUTES, missing_value, touch_dataset, touch_of
 from palpate.touch import Touch, joined
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome, notes_with
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Arrays", "Collected", "Piece", "TouchStream", "Whole", "Written", "along_time", "piece_of"]
 
-#: Attributes that all pieces of a run have alike.
+#: Attributes common to all pieces of a run.
 _COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names", "friction")
 
 
@@ -42,7 +42,7 @@ class Piece:
 
     @property
     def attrs(self) -> Mapping[str, Any]:
-        """What is said of them."""
+        """The attributes of the pieces."""
         return {str(k): v for k, v in self.dataset.attrs.items()}
 
     def touch(self) -> Touch:
@@ -52,7 +52,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Written:
-    """A piece whose numbers another process has written where they belong: what is left to say of it.
+    """A piece whose numbers another process has written; only its attributes are missing.
 
     ``crcs`` are `palpate.recordings.checked.block_crc` of each variable along time.
     """
@@ -84,7 +84,7 @@ def piece_of(touch: Touch) -> Piece:
 
 
 class Whole:
-    """What is said of all pieces together: the attributes of the result."""
+    """The attributes of all pieces together."""
 
     def __init__(self) -> None:
         self.first: dict[str, Any] = {}
@@ -117,7 +117,7 @@ class Whole:
         if len(self.methods) > 1:
             own["methods"] = json.dumps(self.methods)
         return {
-            **{k: str(v) for k, v in {**self._meta, **record}.items() if k not in OWN},
+            **{k: str(v) for k, v in {**self._meta, **record}.items() if k not in RESULT_ATTRIBUTES},
             **own,
             "notes": self.notes,
             "assumptions": json.dumps(list(self._assumptions.words())),
@@ -127,15 +127,15 @@ class Whole:
 
     @property
     def notes(self) -> str:
-        """What was assumed and what became of the frames, in words."""
+        """Assumptions and outcomes of the frames in words."""
         found = notes_with(self._assumptions.words(), self._outcome)
         return "\n".join((*found, *([self._calibration] if self._calibration else [])))
 
 
 class TouchStream(abc.ABC):
-    """A file that takes the touches of ``count`` frames in pieces; `finish` makes it a result. Nothing else may write to it.
+    """A file that receives the touches of ``count`` frames in pieces; `finish` completes it. Nothing else may write to it.
 
-    `InvalidInput` where the disk does not take a piece.
+    `InvalidInput` if the disk does not accept a piece.
 
     One thread does the writing, so that Ctrl-C, which reaches the main thread, cannot break into it.
     """
@@ -153,7 +153,7 @@ class TouchStream(abc.ABC):
         self._written(lambda: self._add(start, piece) if isinstance(piece, Piece) else self._note(start, piece))
 
     def place(self) -> Any:
-        """Where another process may write a piece by itself (`palpate.recordings.zarrpieces.Place`); None where there is none, or not yet."""
+        """Where another process may write a piece (`palpate.recordings.zarrpieces.Place`), or None if it may not yet."""
         return None
 
     def finish(self) -> None:
@@ -172,7 +172,7 @@ class TouchStream(abc.ABC):
         raise InvalidInput(f"{self.path}: frames {start} to {stop - 1} are not there.")
 
     def abandon(self) -> None:
-        """Let go without another word."""
+        """Release everything without writing."""
         self._apart(self._abandon)
         self._apart.end()
 
@@ -180,7 +180,7 @@ class TouchStream(abc.ABC):
     def _add(self, start: int, piece: Piece) -> None: ...
 
     def _note(self, start: int, piece: Written) -> None:
-        raise NotImplementedError  # nobody else writes where `place` gives none
+        raise NotImplementedError  # nobody else writes if `place` returns None
 
     @abc.abstractmethod
     def _finish(self) -> None: ...

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 __all__ = ["DAMAGE"]
 
-#: What zarr and its codecs raise where a store is damaged.
+#: Exceptions of zarr and its codecs on a damaged store.
 DAMAGE = (
     OSError,
     RuntimeError,

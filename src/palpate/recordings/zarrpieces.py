@@ -16,22 +16,22 @@ from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Piece, Written, along_time
 from palpate.recordings.zarrdamage import DAMAGE
 
-__all__ = ["HERE", "Place"]
+__all__ = ["MARKER", "Place"]
 
-#: Beside a store that grows: a word by which another process knows that it sees the same disk.
-HERE = "here"
+#: File beside a growing store; a process that can read it sees the same disk.
+MARKER = "here"
 
 
 @dataclass(frozen=True)
 class Place:
-    """A growing store as another process needs to know it.
+    """A growing store as another process sees it.
 
     Attributes
     ----------
     path : str
         The store.
     word : str
-        What the file ``here`` beside it says.
+        The content of the file ``here`` beside it.
     long : mapping
         Variables along time: shape of a frame, kind of numbers.
     methods : tuple of str
@@ -46,14 +46,14 @@ class Place:
     def write(self, start: int, piece: Piece) -> Written | None:
         """The frames from ``start`` on, each block whole or not at all.
 
-        None where this process cannot: another disk, no room, or something that the store does not have yet.
+        None if this process cannot write: another disk, no room, or a variable that the store lacks so far.
         """
         try:
-            if (Path(self.path).parent / HERE).read_text(encoding="utf-8") != self.word:
+            if (Path(self.path).parent / MARKER).read_text(encoding="utf-8") != self.word:
                 return None
             names = piece.attrs.get("methods")
             if names is not None or piece.attrs["method"] not in self.methods:
-                return None  # rare: the first process knows what the others have found
+                return None  # rare: the first process learns the others' findings
             found = along_time(piece, self.methods, coded="found_by" in self.long)
             for name, variable in found.items():
                 if name not in self.long or self.long[name][0] != variable.shape[1:]:
@@ -77,6 +77,6 @@ class Place:
 def _opened(path: str, word: str, names: tuple[str, ...]) -> Any:
     """The arrays of a store; ``word`` is of the run."""
     zarr = zarr_library()
-    with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not say it
+    with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not state it
         root = zarr.open_group(path, mode="r+", zarr_format=3)
         return {name: root[name] for name in names}

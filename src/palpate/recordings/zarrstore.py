@@ -114,7 +114,7 @@ class Zarr(Format):
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """What the library raises while it reads is said of the store."""
+    """Turn exceptions of the library into messages about the store."""
     try:
         yield
     except InvalidInput:

@@ -23,21 +23,21 @@ from palpate.recordings.locks import sole_writer
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Arrays, Piece, Written
 from palpate.recordings.zarrdamage import DAMAGE
-from palpate.recordings.zarrpieces import HERE, Place
+from palpate.recordings.zarrpieces import MARKER, Place
 from palpate.touch import Touch
 from palpate.touch.outcome import Outcome
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["ZarrStream", "begun", "growing", "partial"]
+__all__ = ["ZarrStream", "growing", "interrupted_run", "unfinished_path"]
 
-#: What is done, line by line, beside a store that grows.
-_PIECES = "pieces.jsonl"
+#: Journal of finished pieces, one a line, beside a growing store.
+_JOURNAL = "pieces.jsonl"
 
 
-def partial(path: str | Path) -> Path:
-    """The folder beside a store in which it grows."""
+def unfinished_path(path: str | Path) -> Path:
+    """The folder beside a store for unfinished data."""
     target = Path(os.path.realpath(path))
     return target.with_name(f"{target.name}.partial")
 
@@ -53,15 +53,18 @@ def growing(
     InvalidInput
         A run that was broken off is there, and ``resume`` and ``replace`` are not asked for; it was another run; or it is not broken off, but runs.
     """
-    with sole_writer(path), sole_writer(partial(path), alone=True):  # other processes, and other threads of this one
+    with (
+        sole_writer(path),
+        sole_writer(unfinished_path(path), alone=True),
+    ):  # other processes, and other threads of this one
         yield from _growing(path, count, record, run, resume=resume, replace=replace)
 
 
 def _growing(
     path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool, replace: bool
 ) -> Iterator[ZarrStream]:
-    folder = partial(path)
-    if folder.exists() and not (folder / _PIECES).exists() and any(folder.iterdir()):
+    folder = unfinished_path(path)
+    if folder.exists() and not (folder / _JOURNAL).exists() and any(folder.iterdir()):
         raise InvalidInput(f"{folder} holds something else; move it away or give another name.")
     if folder.exists() and not (resume or replace):
         raise InvalidInput(
@@ -78,10 +81,10 @@ def _growing(
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def begun(path: Path) -> dict[str, Any]:
-    """What the run was begun with that was broken off on the way to ``path``; empty where there is none."""
+def interrupted_run(path: Path) -> dict[str, Any]:
+    """The arguments of the interrupted run that was writing to ``path``; empty without one."""
     try:
-        with (partial(path) / _PIECES).open(encoding="utf-8") as lines:
+        with (unfinished_path(path) / _JOURNAL).open(encoding="utf-8") as lines:
             return dict(json.loads(lines.readline()))
     except (OSError, ValueError, TypeError):
         return {}
@@ -98,7 +101,7 @@ class ZarrStream(Arrays):
         self, path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool
     ) -> None:
         super().__init__(path, count, record)
-        self._list = path.parent / _PIECES
+        self._list = path.parent / _JOURNAL
         self._arrays: dict[str, Any] = {}
         self._crcs: dict[int, Mapping[str, tuple[int, int]]] = {}
         self._by_others = False
@@ -111,7 +114,7 @@ class ZarrStream(Arrays):
     def _announce(self) -> None:
         """Processes that find this word beside the store see the same disk, and belong to this run."""
         self._word = uuid.uuid4().hex
-        (self.path.parent / HERE).write_text(self._word, encoding="utf-8")
+        (self.path.parent / MARKER).write_text(self._word, encoding="utf-8")
 
     def _fresh(self, run: Mapping[str, Any]) -> None:
         folder = self.path.parent
@@ -131,16 +134,18 @@ class ZarrStream(Arrays):
             self._fresh(run)
             return
         self._list.write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
-        begun = lines[0]
+        interrupted_run = lines[0]
         wanted = json.loads(json.dumps(dict(run)))
-        changed = [k for k in sorted({*begun, *wanted}) if begun.get(k) != wanted.get(k)]
+        changed = [k for k in sorted({*interrupted_run, *wanted}) if interrupted_run.get(k) != wanted.get(k)]
         if changed:
-            what = ", ".join(f"{k} (was {str(begun.get(k))[:60]}, is {str(wanted.get(k))[:60]})" for k in changed)
+            what = ", ".join(
+                f"{k} (was {str(interrupted_run.get(k))[:60]}, is {str(wanted.get(k))[:60]})" for k in changed
+            )
             raise InvalidInput(
                 f"the run that was broken off was another one: {what}. Give what it was begun with, or start again with --force (overwrite=True)."
             )
         zarr = zarr_library()
-        with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not say it
+        with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not state it
             self._root = zarr.open_group(str(self.path), mode="r+", zarr_format=3)
             held = list(self._root.arrays())
         pieces = {line["start"]: line for line in lines[1:]}
@@ -160,10 +165,10 @@ class ZarrStream(Arrays):
                 self._crcs[start] = {n: (int(crc), int(size)) for n, (crc, size) in line["crcs"].items()}
                 for name in set(self._long) - set(line["crcs"]):  # that came up later
                     self._put(name, start, self._nothing(name, line["frames"]))
-        self._by_others = True  # what was broken off may have left half a block under another name
+        self._by_others = True  # an interrupted run may have left half a block under another name
 
     def _whole(self, start: int, line: Mapping[str, Any]) -> bool:
-        """Whether a piece is in the store as it was written."""
+        """Whether a piece is in the store and intact."""
         here = slice(start, start + line["frames"])
         try:
             return all(list(block_crc(self._arrays[n][here])) == list(crc) for n, crc in line["crcs"].items())
@@ -271,7 +276,7 @@ class ZarrStream(Arrays):
         return out
 
     def _opened(self) -> xarray.Dataset:
-        """As it lies there, nothing of it in memory."""
+        """The store as it is, without loading it."""
         import xarray
 
         options = {"consolidated": False, "zarr_format": 3}

@@ -1,4 +1,4 @@
-"""ROS 2's own client library, or what to do where it is not there."""
+"""ROS 2's client library, or a remedy if it is missing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.errors import InvalidInput, Unsupported
 
 __all__ = ["message_class", "ros_client"]
 
-#: What the node publishes and serves.
+#: Publishers and services of the node.
 MESSAGES = ("diagnostic_msgs", "geometry_msgs", "sensor_msgs", "std_msgs", "std_srvs")
 #: Where ROS 2's client exists as wheels: manylinux_2_28, made for Python 3.11 to 3.14.
 WHEELS = ("linux", "x86_64")

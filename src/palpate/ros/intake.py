@@ -26,7 +26,7 @@ __all__ = ["Header", "Intake", "readings_of"]
 
 #: Least time between two looks at which publishers there are [s].
 LOOK = 0.1
-#: Publishers whose names and sequence numbers are kept.
+#: Largest number of remembered publishers.
 REMEMBERED = 64
 
 
@@ -40,7 +40,7 @@ class Header:
 
 
 def readings_of(mapping: TopicMapping, shape: Sequence[int], message: Any) -> Floats:
-    """(channel, *array) of a message; `InvalidInput` where it does not hold what is described."""
+    """(channel, *array) of a message; `InvalidInput` if it does not match its description."""
     try:
         values = mapping.readings(message)
     except InvalidInput:
@@ -122,7 +122,7 @@ class Intake(FrameSource):
             yield session, time, values
 
     def take(self, message: Any, info: Any = None) -> str:
-        """What becomes of a message by its publisher and stamp ("frames", or why it was refused); ``info`` is what rclpy says of it."""
+        """Process a message and return its outcome by publisher and stamp ("frames", or a reason for refusal); ``info`` comes from rclpy."""
         came, now = clock.monotonic_ns(), clock.monotonic()
         self.counts["messages"] += 1
         said = info if isinstance(info, dict) else {}
@@ -164,11 +164,11 @@ class Intake(FrameSource):
             del self._sequences[next(iter(self._sequences))]
         self._sequences[publisher] = sequence
 
-    def _say(self, text: str) -> None:
+    def _report_text(self, text: str) -> None:
         """Publishers by the names of their nodes."""
         for key in [k for k in self._keys if k in text]:
             text = text.replace(key, self._named(key))
-        super()._say(text)
+        super()._report_text(text)
 
     @property
     def sender(self) -> str | None:

@@ -82,7 +82,7 @@ class Ros:
             self._executor.spin()
 
     def type_of(self, topic: str, *, wait: float = 0.0) -> str | None:
-        """Type of the messages of a topic, as its publishers say; None where there is none within ``wait`` [s].
+        """Type of the messages of a topic by its publishers; None if there is none within ``wait`` [s].
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Ros:
             clock.sleep(0.05)
 
     def first(self, topic: str, kind: str, *, wait: float) -> Any:
-        """The first message of a topic; None where none comes within ``wait`` [s]."""
+        """The first message of a topic, or None if none arrives within ``wait`` [s]."""
         from rclpy.qos import qos_profile_sensor_data
 
         found: list[Any] = []
@@ -367,7 +367,7 @@ class TouchNode:
         return SetParametersResult(successful=True)
 
     def _with_friction(self, friction: float | None) -> None:
-        """Go on with another friction; the zero is kept, and what cannot be kept is found again within some frames."""
+        """Continue with another friction and the same zero; other state is found again within some frames."""
         options = {**self._options, "friction": friction}
         try:
             tracker = self._skin.track(**options, budget=self._budget)

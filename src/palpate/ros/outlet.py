@@ -39,9 +39,9 @@ TOPICS = {
 #: Fields of the cloud, float32: where a cell is [m], the force on it and the standard deviation of fz [N].
 CLOUD = ("x", "y", "z", "fx", "fy", "fz", "std")
 #: Covariance of what is not measured: the height and the orientation of the centre of pressure.
-UNKNOWN = 1e6
-#: Frames whose latency is kept.
-KEPT = 2000
+UNKNOWN_COVARIANCE = 1e6
+#: Number of frames in the latency statistics.
+LATENCY_FRAMES = 2000
 
 
 class Outlet:
@@ -75,7 +75,7 @@ class Outlet:
         self._publishers, self._messages, self._intake, self._monitor = publishers, messages, intake, monitor
         self.frame, self.cloud_rate = frame, cloud_rate
         #: From a message's arrival to its answer [s], of the last frames.
-        self.latency: deque[float] = deque(maxlen=KEPT)
+        self.latency: deque[float] = deque(maxlen=LATENCY_FRAMES)
         self.answered = 0
         self.status = Status.NO_CONTACT
         self.force: Floats = np.full(3, math.nan)
@@ -89,7 +89,7 @@ class Outlet:
         """Readings came from a topic: they are not sent again."""
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
-        """What was found in one frame."""
+        """Publish the result of one frame."""
         header = self._header()
         self.status = Status.SOLVED if touch.status is None else Status.coded(int(touch.status))
         force, moment = spatial(to_numpy(touch.force), to_numpy(touch.moment))
@@ -156,7 +156,7 @@ class Outlet:
         place = np.zeros(3)
         place[:d] = np.atleast_1d(to_numpy(touch.center_of_pressure))
         # on a line nothing is known of the other direction
-        variance = np.array([UNKNOWN] * 6)
+        variance = np.array([UNKNOWN_COVARIANCE] * 6)
         if touch.errors is None:
             variance[:d] = math.nan
         else:

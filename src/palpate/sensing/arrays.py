@@ -18,13 +18,13 @@ from palpate.sensing.limits import check_limits, of_readings
 
 __all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
 
-#: Taxels this many times farther from their neighbours than is usual are mistaken: at 20 the surface's cells are still fine enough.
-FAR_APART = 20.0
+#: A taxel this many times further from its neighbours than usual is a mistake in the positions: at 20 the cells of the surface are still fine enough.
+MAX_SPACING_RATIO = 20.0
 Mask = npt.NDArray[np.bool_]
 #: No unit makes noise smaller than this, nor larger than its inverse; squares of such numbers overflow.
 SMALLEST = 1e-60
-#: Noise that is alike over so many times the array's extent is an offset: on 6 x 6 x 3 the force is right up to 2000 times, and nonsense at 2e5 times.
-#: A taxel that averages over so many times the array's extent tells nothing of where contact is.
+#: Noise with a correlation length of so many times the array's extent is an offset: on 6 x 6 x 3 the force is right up to 2000 times, and nonsense at
+#: 2e5 times. A taxel with an aperture of so many times the array's extent does not locate contacts.
 LONGEST_CORRELATION, WIDEST_APERTURE = 1e3, 4.0
 Noise = float | Sequence[float] | None
 
@@ -89,7 +89,7 @@ def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
     return found
 
 
-def _check_apart(positions: Floats) -> None:
+def _check_distinct(positions: Floats) -> None:
     """Refuse a few positions far from all others: the surface would be stretched to them, in cells as coarse.
 
     Judged by the distance to the third neighbour (of few positions the second), so that up to three mistaken ones are found.
@@ -102,7 +102,7 @@ def _check_apart(positions: Floats) -> None:
     away = cKDTree(positions).query(positions, k=few + 1)[0][:, -1]
     usual = float(np.median(away))
     worst = int(np.argmax(away))
-    if away[worst] > FAR_APART * usual:
+    if away[worst] > MAX_SPACING_RATIO * usual:
         where = ", ".join(f"{v:g}" for v in positions[worst])
         raise InvalidInput(
             f"positions: taxel {worst} at ({where}) m lies {away[worst]:.3g} m from the others, which lie {usual:.3g} m apart. Correct its position (its unit?), or take it out of positions "
@@ -111,13 +111,13 @@ def _check_apart(positions: Floats) -> None:
 
 
 class _Common:
-    """What every array has; the concrete classes add where the taxels lie."""
+    """Common part of all arrays; the concrete classes add the positions of the taxels."""
 
     channels: Sequence[str]
     depth: Any  # metres, or "base" until the array is put into a skin
     noise: Noise
     noise_correlation: float
-    limits: Any  # (channel, 2) or (channel, 2, *shape): low and high end, None where there are none
+    limits: Any  # (channel, 2) or (channel, 2, *shape): low and high end, or None
     mask: Any
     aperture: Any
     if TYPE_CHECKING:
@@ -139,7 +139,7 @@ class _Common:
 
     @property
     def noise_std(self) -> tuple[float, ...] | None:
-        """Standard deviation of the noise of each channel, or None where it was not given."""
+        """Standard deviation of the noise of each channel, or None if not given."""
         return _check_noise(self.noise, tuple(self.channels))
 
     def sample_noise(self, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Floats:
@@ -154,7 +154,7 @@ class _Common:
 
     @property
     def valid(self) -> Mask:
-        """True where a taxel works."""
+        """True for working taxels."""
         return np.ones(self.shape, dtype=np.bool_) if self.mask is None else np.asarray(self.mask)
 
     def at_base(self: Self, thickness: float | None) -> Self:
@@ -166,7 +166,7 @@ class _Common:
         return replace(self, depth=thickness)  # type: ignore[type-var]
 
     def rezeroed(self: Self, zero: Any) -> Self:
-        """The same array for readings from which a zero (channel, *shape) has been taken: its limits are as much lower.
+        """The same array for readings minus a zero (channel, *shape): its limits shift by the zero.
 
         Examples
         --------
@@ -208,12 +208,13 @@ class LineArray(_Common):
     noise : float or sequence of float, optional
         Standard deviation of the noise in the unit of the channel, one for all channels or one each.
     noise_correlation : float
-        Length l [m] over which the noise of neighbouring taxels is alike, as where image windows overlap: its correlation is
+        Correlation length l [m] of the noise of neighbouring taxels, as for overlapping image windows: its correlation is
         exp(-(|dx| + |dy|)/l). 0 (default): independent.
     limits : float, (low, high), or one (low, high) per channel, optional
         Ends of the range of a reading, in the unit of the channel, as the readings are given; one number s means -s to s. A reading at an end
-        (within a thousandth of the range) counts as at least, or at most, what it says; an end at which readings rest, as 0 of a range that begins
-        there, is none (within 5 % of the range). What is not given is recognised only where several neighbours read the same largest value.
+        (within a thousandth of the range) is censored: the true one is at least, or at most, that. An end at which readings rest, as 0 of a range
+        that begins there, is ignored (within 5 % of the range). Without limits, saturation is found only if several neighbours read the same largest
+        value.
     center : float
         Position of the middle of the array [m].
     mask : boolean array (count,), optional
@@ -222,7 +223,7 @@ class LineArray(_Common):
     Raises
     ------
     InvalidInput
-        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+        An impossible count, length, noise, mask or channel; the message says what is accepted.
 
     Examples
     --------
@@ -324,7 +325,7 @@ class AreaArray(_Common):
     Raises
     ------
     InvalidInput
-        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+        An impossible count, length, noise, mask or channel; the message says what is accepted.
 
     Examples
     --------
@@ -415,7 +416,7 @@ class ScatteredArray(_Common):
     Raises
     ------
     InvalidInput
-        A count, length, noise, mask or channel that cannot be meant; the message says what is accepted.
+        An impossible count, length, noise, mask or channel; the message says what is accepted.
 
     Examples
     --------
@@ -457,7 +458,7 @@ class ScatteredArray(_Common):
             raise InvalidInput(f"positions contain {np.count_nonzero(~np.isfinite(found))} values that are not finite.")
         if len(np.unique(found, axis=0)) != len(found):
             raise InvalidInput("positions name one place twice: average such markers before you pass them.")
-        _check_apart(found)
+        _check_distinct(found)
         found.setflags(write=False)
         object.__setattr__(self, "positions", found)
         _check_depth(self.depth)

@@ -1,12 +1,11 @@
 """Readings of a contact in closed form, exact whatever the cells of the surface.
 
-A taxel that lies r from a load feels nothing finer than r, so that cells of r/6 tell it all, once their traction has the moments of the
-contact's: the integral of a cell's influence is interpolated between its edges by a polynomial through `STENCIL` + 1 of them, and what a piece of
-the contact gives to each cell follows (the transpose of that interpolation, as in J. R. Phillips, J. K. White, IEEE Trans. CAD 16, 1997,
-1059-1072). Taxels further off than six of the surface's own cells are so served by its own operator. For the others cells are made finer, four times
-in each step, on the contact and what is near it alone. Below a contact so wide that its cells would be too many, at depths less than some
-hundredth of its size, and on the surface itself the last and finest cells take its mean; with apertures more than twice as wide as deep, that leaves
-half a per cent of the largest reading.
+A taxel at a distance r from a load resolves nothing finer than r, so that cells of r/6 suffice, if their traction has the moments of the contact's.
+The integral of a cell's influence is interpolated between its edges by a polynomial through `STENCIL` + 1 of them, and the transpose of that
+interpolation gives the weight of a piece of the contact in each cell (as in J. R. Phillips, J. K. White, IEEE Trans. CAD 16, 1997, 1059-1072). The
+operator of the surface serves all taxels further off than six of its cells. For the others, cells near the contact are refined, four times in each
+step. The finest cells take the mean of the contact: on the surface itself, and below a very wide contact at depths less than about a hundredth of its
+size. With apertures more than twice as wide as deep, the error is half a per cent of the largest reading.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ Index = npt.NDArray[np.intp]
 STENCIL, AWAY = 10, 6.0
 #: Pieces of the contact to a cell along each axis, and at least so many across the contact; a concentrated load is three, this part of a cell wide.
 PIECES, ACROSS, POINT = 6, 64, 1e-4
-#: Pieces that are refused: some seconds of work, and a gigabyte.
-MANY = 3e7
+#: More pieces are refused: they take seconds of work and a gigabyte.
+MAX_PIECES = 3e7
 #: Cells across a contact (line, area) from which on they are not made finer, below the surface and on it.
 MOST, MOST_ON = {1: 4096, 2: 512}, {1: 1024, 2: 96}
 #: Cells across the aperture of a taxel that is less than half of it deep.
@@ -47,7 +46,7 @@ STEP = 4.0
 
 
 def sampled(contact: Contact, grid: Grid) -> Floats:
-    """Mean traction (component, *grid) [Pa] of a contact in each cell; what lies beyond the grid is left out.
+    """Mean traction (component, *grid) [Pa] of a contact in each cell; parts outside the grid are dropped.
 
     Raises
     ------
@@ -89,7 +88,7 @@ def _check(contact: Contact, grid: Grid) -> None:
         raise InvalidInput("a line contact needs a skin in line contact, and an area contact one in area contact.")
     widest, h = float(_place(contact)[1].max()), min(grid.spacings)
     pieces = math.prod(max(2.0 * float(a) * PIECES / dx, 1.0) for a, dx in zip(_place(contact)[1], grid.spacings))
-    if pieces > MANY:
+    if pieces > MAX_PIECES:
         raise InvalidInput(
             f"the contact is {2.0 * widest:g} m wide, {2.0 * widest / h:.2g} times the surface's cells of {h:g} m: too many pieces to integrate. Check "
             "the unit of its radius, and of the pitch: lengths are in metres."
@@ -106,22 +105,22 @@ def _free(operator: Operator, plane: int, contact: Contact) -> Floats:
     beside = np.maximum(np.abs(points - center) - half, 0.0)
     away = np.sqrt((beside**2).sum(axis=1) + array.depth**2)
     out = np.zeros((len(array.channels), len(points)))
-    # of taxels far enough: the surface as it is
+    # for distant taxels: the surface as it is
     h = max(surface.spacings)
     spread = _spread(contact, surface)
     rest = np.ones(len(points), dtype=bool) if spread is None else away < AWAY * h * (1 - 1e-9)
     if spread is not None and not rest.all():
         out = np.asarray(operator.planes[plane].forward(spread)).reshape(out.shape).copy()
     elif spread is None:
-        h *= STEP  # it lies beyond the surface: cells as wide as the surface's, where it lies
+        h *= STEP  # outside the surface: cells of the surface's width at its place
     least = array.depth / AWAY
     coarsest = 2.0 * float(half.max()) / (MOST if array.depth > 0.0 else MOST_ON)[surface.dimensions]
-    if array.depth < 0.5 * max(array.apertures):  # its mean is cut where cells end
+    if array.depth < 0.5 * max(array.apertures):  # its mean is cut at the ends of cells
         coarsest = max(coarsest, max(array.apertures) / ACROSS_TAXEL)
     while rest.any():
         h = max(h / STEP, least)
         here, smooth = rest & (away >= AWAY * h * (1 - 1e-9)), True
-        if h < coarsest:  # no finer than so many cells across the contact
+        if h < coarsest:  # at most so many cells across the contact
             h, here, smooth = coarsest, rest, False
         if not here.any():
             continue
@@ -158,7 +157,7 @@ def _pieces(contact: Contact, widths: Sequence[float]) -> tuple[list[Floats], Fl
 
 
 def _spread(contact: Contact, grid: Grid) -> Floats | None:
-    """Traction (component, *cell) with the contact's moments, for what is far from it; None where the grid does not reach round it."""
+    """Traction (component, *cell) with the contact's moments, for distant readings; None if the grid does not reach round it."""
     edges, traction = _pieces(contact, [dx / PIECES for dx in grid.spacings])
     for axis, (e, x, dx) in enumerate(zip(edges, grid.axes, grid.spacings)):
         share = _shares((e - x[0]) / dx + 0.5, len(x))
@@ -169,7 +168,7 @@ def _spread(contact: Contact, grid: Grid) -> Floats | None:
 
 
 def _shares(edges: Floats, count: int) -> Floats | None:
-    """What each of ``count`` cells takes (cell, piece) of the pieces between ``edges``, counted in cells from the first one's edge.
+    """The shares (cell, piece) of each of ``count`` cells in the pieces between ``edges``, in units of cells from the first one's edge.
 
     With F the integral of an influence, known at the edges m of cells, a piece from s to t gives F(t) - F(s) = sum_m F_m [L_m(t) - L_m(s)], and
     F_m is the sum over the cells before m.
@@ -222,7 +221,7 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
     if isinstance(array, ScatteredArray):
         some = np.flatnonzero(wanted)
         points = array.points
-        if len(some) < 2:  # an array has two at least
+        if len(some) < 2:  # an array needs two or more
             some = np.unique(np.concatenate([some, points.argmin(axis=0), points.argmax(axis=0)]))
         return replace(array, positions=np.asarray(array.positions)[some], mask=None, limits=None), some
     there = wanted.reshape(array.shape)
@@ -231,7 +230,7 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
         others = tuple(a for a in range(there.ndim) if a != axis)
         found = np.flatnonzero(there.any(axis=others))
         low, high = int(found[0]), int(found[-1])
-        if low == high and n > 1:  # an array has two at least
+        if low == high and n > 1:  # an array needs two or more
             low, high = (low, high + 1) if high + 1 < n else (low - 1, high)
         ranges.append(np.arange(low, high + 1))
     chosen = np.ravel_multi_index(np.meshgrid(*ranges, indexing="ij"), array.shape).ravel()
@@ -257,7 +256,7 @@ def _periodic(operator: Operator, array: Array, contact: Contact) -> Any:
     ratio = 2 * max(1, math.ceil(0.5 * (h / max(least, finest) - 1.0))) + 1
     grid = refined(surface, ratio)
     smooth = finest <= least
-    # what lies beyond the surface presses on its copies
+    # loads beyond the surface press on its copies
     periods = [
         math.ceil(max(abs(m - 0.5 * (x[0] + x[-1])) + a + STENCIL * dx, 0.0) / (len(x) * dx) - 0.5)
         for m, a, x, dx in zip(center, half, surface.axes, surface.spacings)
@@ -280,7 +279,7 @@ def _periodic(operator: Operator, array: Array, contact: Contact) -> Any:
 
 
 def _repeated(grid: Grid, periods: Sequence[int]) -> Grid:
-    """The grid with so many of its copies on either side."""
+    """The grid with so many copies on either side."""
     counts = [(2 * p + 1) * n for p, n in zip(periods, grid.shape)]
     if isinstance(grid, LineGrid):
         return replace(grid, count=counts[0])

@@ -55,7 +55,7 @@ class Frames:
 
 @runtime_checkable
 class Chart(Protocol):
-    """What lays a curved surface out flat.
+    """A flat map of a curved surface.
 
     Examples
     --------
@@ -345,7 +345,7 @@ class CurvedGrid(AreaGrid):
     def turned_errors(self, errors: Floats, traction: Floats) -> Floats:
         """Errors (component sought,) of a force in the axes of a contact, as errors (axis of the pad,), where the ``traction`` (component, *surface) is.
 
-        One error is that of the normal. Of two, the first holds along both tangents, for it is not said which of them is sought.
+        One error is that of the normal. Two are those of the tangents; the first holds along both, since the axis is not stated.
         """
         errors = np.asarray(errors, dtype=np.float64)
         if len(errors) < 3:

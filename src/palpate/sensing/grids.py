@@ -1,4 +1,4 @@
-"""Where traction is sought: uniform, cell-centred grids on the surface."""
+"""Grids of the traction: uniform, cell-centred, on the surface."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class _Flat:
 
     @property
     def labels(self) -> dict[str, Any]:
-        """Coordinates of labelled results besides those of the axes: none."""
+        """Coordinates of labelled results besides the axes: none."""
         return {}
 
     def cell_forces(self, traction: Floats) -> Floats:

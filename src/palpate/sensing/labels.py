@@ -1,8 +1,8 @@
 """Labelled arrays (xarray.DataArray): put into the order of the skin by their labels, or refused.
 
-Dimensions are transposed by name, channels and components picked by name, coordinates compared with the positions of the taxels
-(or surface cells) themselves and sorted where they run the other way, and the attribute "units" converted to SI. Nothing that a
-label says is ignored; what has no label keeps its positional meaning.
+Dimensions are transposed by name, channels and components selected by name, coordinates compared with the positions of the taxels (or surface cells)
+and sorted if they run the other way, and the attribute "units" converted to SI. No label is ignored; axes without a label keep their positional
+meaning.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def labelled_time(x: Any) -> Floats | None:
 
 
 def _bare(x: Any) -> Any:
-    """Values without labels; what carries a unit of its own is kept as it is, to be refused."""
+    """Values without labels; values with units are kept, to be refused later."""
     data = x.data
     return data if hasattr(data, "magnitude") else x.values
 
@@ -145,7 +145,7 @@ def _factors(x: Any, units: Sequence[str]) -> Floats | None:
 
 
 def _metres(x: Any, name: str) -> Floats | None:
-    """A coordinate in metres, or None where it is not there."""
+    """A coordinate in metres, or None if it is missing."""
     if name not in getattr(x, "coords", {}):
         return None
     found = x.coords[name]
@@ -180,7 +180,7 @@ def _sorted(
 
 
 def _scattered_order(x: Any, array: Array) -> npt.NDArray[np.intp] | None:
-    """Order of the entries along "taxel" that is that of the array; None where they stand so already or have no labels."""
+    """Order of the entries along "taxel" that is that of the array; None if they are in order or have no labels."""
     n = len(array.points)
     if x.sizes["taxel"] != n:
         return None  # the shape is refused by name further on

@@ -1,4 +1,4 @@
-"""The grid that printed dots form, where they form one."""
+"""The grid of printed dots, if they form one."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from palpate.elastic.quantities import transfer
 
 __all__ = ["Correction", "Surface"]
 
-#: exp(-DIGITS) is where spectra are cut.
+#: Spectra are cut at exp(-DIGITS).
 DIGITS = 34.0
 #: Highest angular order of a channel per traction.
 ORDERS = 3
@@ -55,12 +55,12 @@ class Surface(Pad, Protocol):
 
 
 class Correction:
-    """What is left of a layered pad's response once the damped half-space of its first material is taken out.
+    """The difference between the response of a layered pad and the damped half-space of its first material.
 
     Attributes
     ----------
     half_space : Surface or None
-        The half-space that was taken out (None: nothing was).
+        The subtracted half-space, or None.
     damping : float
         The depth d of its high-pass 1 - exp(-k d) [m].
     """

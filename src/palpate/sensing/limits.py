@@ -1,4 +1,4 @@
-"""Ends of the range of a channel: a reading that lies at one is at least, or at most, what it says (it is censored)."""
+"""Ends of the range of a channel: a reading at an end is censored."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput
 
-__all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "taken_as_they_are"]
+__all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "saturation_notes"]
 
 Flags = npt.NDArray[np.bool_]
-#: A reading is at an end of its range where it is so near to it, as a part of the range: the last count of a converter of 10 bits.
-NEAR = 1e-3
+#: A reading is saturated within this part of its range from either end: the last count of a converter of 10 bits.
+SATURATION_TOLERANCE = 1e-3
 #: A reading rests where it is no farther from its zero, as a part of the range.
 RESTING = 0.05
 
 
 class _Ranged(Protocol):
-    """What the ends of a range are asked of: a plane of taxels."""
+    """A plane of taxels, as the ends of a range need it."""
 
     @property
     def channels(self) -> Sequence[str]: ...
@@ -41,7 +41,7 @@ def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -
     """Low and high end (channel, 2) of the range of each channel, or (channel, 2, *shape) of each reading; infinite where there is none."""
     if limits is None:
         return None
-    out = _meant(limits, len(channels), shape)
+    out = _parse_limits(limits, len(channels), shape)
     if out is None or np.isnan(out).any() or not (out[:, 0] < out[:, 1]).all():
         raise InvalidInput(
             "limits must be the largest reading s, for -s to s, or (low, high), or one (low, high) for each channel "
@@ -51,8 +51,8 @@ def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -
     return out
 
 
-def _meant(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
-    """The ends, a copy; None where none of the forms is meant."""
+def _parse_limits(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
+    """The ends as a copy, or None if the value has none of the accepted forms."""
     try:
         found = np.array(limits, dtype=np.float64)
     except (TypeError, ValueError):
@@ -76,7 +76,7 @@ def of_readings(array: _Ranged) -> tuple[Floats, Floats] | None:
 def check_creep(pad: Viscoelastic, planes: Sequence[_Ranged]) -> Pad:
     """The elastic pad of one that creeps.
 
-    Ends of a range are refused where creep is taken out of the readings first: what is then left of a reading at its end tells nothing of it.
+    Ends of a range are refused if creep is subtracted first: the rest of a saturated reading means nothing.
     """
     for array in planes:
         for i, channel in enumerate(array.channels):
@@ -104,8 +104,7 @@ def ends_of(planes: Sequence[_Ranged]) -> tuple[Floats, Floats] | None:
 def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | None = None) -> tuple[Flags, Flags]:
     """Which readings (..., reading) lie at the high end, and which at the low one; missing ones (NaN) at neither.
 
-    An end at which a reading rests, as a range that begins at zero has one, tells of no load beyond it: ``zeroed`` are the readings less their zero
-    (default: they have none).
+    An end at which a reading rests, such as the zero of a range, is ignored: ``zeroed`` are the readings minus their zero (default: they have none).
     """
     if ends is None:
         return np.zeros(data.shape, dtype=bool), np.zeros(data.shape, dtype=bool)
@@ -114,10 +113,10 @@ def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | N
         size = np.where(np.isinf(low), np.abs(high), np.where(np.isinf(high), np.abs(low), high - low))
         size = np.where(np.isfinite(size), size, 0.0)
         away = np.abs(data if zeroed is None else zeroed) > RESTING * size
-        return away & (data >= high - NEAR * size), away & (data <= low + NEAR * size)
+        return away & (data >= high - SATURATION_TOLERANCE * size), away & (data <= low + SATURATION_TOLERANCE * size)
 
 
-def taken_as_they_are(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[str, ...]:
+def saturation_notes(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[str, ...]:
     """What is said of readings (*batch, channel, *array), one array per plane, at an end of their range, by a method that does not heed it."""
     total = 0
     for part, array in zip(parts, planes):

@@ -22,7 +22,7 @@ from palpate.sensing.grids import Grid
 
 __all__ = ["Among", "Body", "LinearMap", "MatrixMap", "body_of", "check_modelled", "kernel_of"]
 
-#: Places of the components that a traction holds; None: all of them.
+#: Indices of the components of a traction; None: all of them.
 Among = Sequence[int] | None
 
 
@@ -72,8 +72,8 @@ class LinearMap(Protocol):
 class Body(Protocol):
     """A pad that makes its maps itself, because a place on it is not like another.
 
-    It has the members of `palpate.elastic.Pad` too: those of the endless pad that is most like it. They tell which components can be told
-    apart, what no reading can exceed, and how much the surface strains; no reading is worked out from them.
+    It also has the members of `palpate.elastic.Pad`, those of the most similar endless pad. They decide which components can be separated, the
+    largest possible reading, and the strain of the surface; no reading is computed from them.
 
     Examples
     --------
@@ -98,12 +98,12 @@ class Body(Protocol):
 
 
 def body_of(pad: object) -> Body | None:
-    """The pad, where it makes its maps itself."""
+    """The pad, if it makes its maps itself."""
     return pad if isinstance(pad, Body) else None
 
 
 def check_modelled(pad: object, use: str) -> None:
-    """Raise `Unsupported` where a pad has no elastic model, as one that was measured has none (``modelled`` is False)."""
+    """Raise `Unsupported` for a pad without an elastic model, such as a measured one (``modelled`` is False)."""
     if not getattr(pad, "modelled", True):
         raise Unsupported(
             f"{use} needs an elastic model of the pad, and a {type(pad).__name__} has none: only its table is known. Take HalfSpace, BondedLayers or SolidPad "

@@ -1,7 +1,7 @@
-"""What readings hold besides contact and noise: offsets, ramps, rigid motion of an image.
+"""Nuisances of the readings: offsets, ramps, rigid motion of an image.
 
-readings = A t + B c + noise. Each column of B is one `Nuisance`: a known pattern over the readings whose size c is not known. Methods
-solve for t with c marginalised, so that what a nuisance could explain is not taken for contact and widens the error bars.
+readings = A t + B c + noise. Each column of B is one `Nuisance`: a known pattern of the readings with an unknown size c. Methods solve for t with c
+marginalised: readings that a nuisance could explain do not become contact, and widen the error bars.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SHIFT = {"displacement_x": "shift along x", "displacement_y": "shift along y", 
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """One pattern that readings may hold.
+    """One nuisance pattern of the readings.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Nuisance:
 
 
 def check_nuisance(kinds: Sequence[str] | str | None) -> tuple[str, ...] | None:
-    """The kinds in order, or None where evidence decides; raises `InvalidInput` for others."""
+    """The kinds in order, or None if evidence decides; raises `InvalidInput` for others."""
     if kinds is None or kinds == "auto":
         return None
     if isinstance(kinds, str) or any(k not in NUISANCES for k in kinds):

@@ -52,8 +52,8 @@ LARGEST_DENSE = 3_000_000_000
 
 #: Up to so many readings at positions that fit no lattice their map is a matrix, which is exact.
 LARGEST_MATRIX = 4096
-#: Bytes of a block of wavevectors in products of spectra: what the processor's second cache holds beside its sources.
-NEAR = 1 << 17
+#: Bytes of a block of wavevectors in products of spectra: what fits into the processor's second cache beside its sources.
+BLOCK_BYTES = 1 << 17
 
 
 def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
@@ -62,7 +62,7 @@ def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[i
     ``spectrum`` is used up by the latter.
     """
     if is_numpy(spectrum):
-        return _multiplied(matrix, spectrum, rows, columns, d, adjoint=adjoint)
+        return _multiplied(matrix, spectrum, columns, d, adjoint=adjoint)
     tail = (slice(None),) * d
     if adjoint:  # conj(K) y = conj(K conj(y)): fewer entries than those of K
         spectrum = xp.conj(spectrum)
@@ -78,12 +78,12 @@ def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[i
     return xp.conj(stacked) if adjoint else stacked
 
 
-def _multiplied(matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
+def _multiplied(matrix: Any, spectrum: Any, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
     """The same for NumPy, a block of wavevectors at a time, so that what is added up stays near the processor."""
     lead, waves = spectrum.shape[: -1 - d], spectrum.shape[-d:]
     step = columns[1] - columns[0] if len(columns) > 1 else 1
     taken: Any = slice(columns[0], columns[-1] + 1, step or 1)
-    if list(range(matrix.shape[1]))[taken] != list(columns):  # a copy, where they are in no order
+    if list(range(matrix.shape[1]))[taken] != list(columns):  # a copy if they are unordered
         taken = list(columns)
     if adjoint:  # conj(K) y = conj(K conj(y)): fewer entries than those of K
         np.conjugate(spectrum, out=spectrum)
@@ -93,7 +93,7 @@ def _multiplied(matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d
     count, sources = matrix.shape[:2]
     out: Any = np.empty((*lead, count, *waves), dtype=spectrum.dtype)
     each = spectrum.itemsize * max(1, math.prod(lead)) * count * math.prod(waves[1:])
-    block = min(waves[0], max(1, NEAR // each))
+    block = min(waves[0], max(1, BLOCK_BYTES // each))
     term: Any = np.empty((*lead, count, block, *waves[1:]), dtype=spectrum.dtype)
     tail = (slice(None),) * (d - 1)
     for start in range(0, waves[0], block):
@@ -133,7 +133,23 @@ def _rules(array: Array, grid: Grid, shifts: Sequence[float] | None) -> list[tup
     ]
 
 
-class Convolution:
+class _Spectral:
+    """A map that is a product with a spectrum in the transformed domain."""
+
+    size: tuple[int, ...]
+    rows: int
+    count: int
+    spectrum: Cached
+
+    def _product(self, values: Any, among: Among, *, adjoint: bool) -> Any:
+        """The product with the spectrum, or its adjoint, in the transformed domain."""
+        xp, d = namespace(values), len(self.size)
+        columns = range(self.count) if among is None else among
+        waves = rfftn(values, self.size)
+        return multiply(xp, self.spectrum.like(values), waves, self.rows, columns, d, adjoint=adjoint)
+
+
+class Convolution(_Spectral):
     """Zero-padded FFT convolution with the influence of one cell."""
 
     def __init__(
@@ -149,7 +165,7 @@ class Convolution:
         self.rows, self.count = len(array.channels), len(grid.components)
         lags = [np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)]
         offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
-        # numbers held for each lag at the most, measured: the kernel, its padded copy, its transform and what the formulas need
+        # largest count of numbers for each lag, measured: the kernel, its padded copy, its transform and temporaries of the formulas
         held = (10 + 8 * self.rows) if isinstance(pad, HalfSpace) else (60 + 80 * self.rows)
         require(
             8.0 * held * math.prod(len(lag) for lag in lags),
@@ -181,23 +197,16 @@ class Convolution:
         self.spectrum = Cached(rfftn(padded, self.size))
 
     def forward(self, traction: Any, among: Among = None) -> Any:
-        xp, d = namespace(traction), len(self.size)
-        columns = range(self.count) if among is None else among
-        product = multiply(
-            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
-        )
+        product = self._product(traction, among, adjoint=False)
         keep = [slice(0, (m - 1) * r + 1, r) for m, r in zip(self.taxels, self.ratios)]
         return irfftn(product, self.size, keep, overwrite=True)
 
     def adjoint(self, readings: Any, among: Among = None) -> Any:
         xp, d = namespace(readings), len(self.size)
-        columns = range(self.count) if among is None else among
         upsampled = readings
         for axis, ratio in enumerate(self.ratios):
             upsampled = _upsampled(xp, upsampled, axis - d, ratio)
-        product = multiply(
-            xp, self.spectrum.like(readings), rfftn(upsampled, self.size), self.rows, columns, d, adjoint=True
-        )
+        product = self._product(upsampled, among, adjoint=True)
         return irfftn(product, self.size, [slice(0, n) for n in self.cells], overwrite=True)
 
     def dense(self) -> Floats:
@@ -312,7 +321,7 @@ def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.comp
     return np.asarray(matrix)
 
 
-class Periodic:
+class Periodic(_Spectral):
     """One matrix per wavevector; the surface repeats for ever."""
 
     def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
@@ -326,20 +335,10 @@ class Periodic:
         self.spectrum = Cached(self.transfer)
 
     def forward(self, traction: Any, among: Among = None) -> Any:
-        xp, d = namespace(traction), len(self.size)
-        columns = range(self.count) if among is None else among
-        product = multiply(
-            xp, self.spectrum.like(traction), rfftn(traction, self.size), self.rows, columns, d, adjoint=False
-        )
-        return irfftn(product, self.size, overwrite=True)
+        return irfftn(self._product(traction, among, adjoint=False), self.size, overwrite=True)
 
     def adjoint(self, readings: Any, among: Among = None) -> Any:
-        xp, d = namespace(readings), len(self.size)
-        columns = range(self.count) if among is None else among
-        product = multiply(
-            xp, self.spectrum.like(readings), rfftn(readings, self.size), self.rows, columns, d, adjoint=True
-        )
-        return irfftn(product, self.size, overwrite=True)
+        return irfftn(self._product(readings, among, adjoint=True), self.size, overwrite=True)
 
     def dense(self) -> Floats:
         """(channel, *taxels, component, *cells)."""
@@ -514,7 +513,7 @@ class Operator:
         return out.transpose(2, 0, 1)
 
     def observed(self, readings: Sequence[Any]) -> list[Any]:
-        """What the operator can explain of readings: missing taxels silenced and floating means taken out."""
+        """Readings as the operator can explain them: missing taxels set to zero, floating means subtracted."""
         return [self._project(i, r) for i, r in enumerate(readings)]
 
     def _project(self, i: int, readings: Any) -> Any:

@@ -7,7 +7,7 @@ closed, for Q = P z + x.n of a point at (x, z) and a wave along n (Stroh 1962; T
 
     int exp(i k Q) dk = i Q^-1,      int exp(i k Q) k dk = -Q^-2,
 
-and what remains is an integral over directions:
+and the rest is an integral over directions:
 
 - depth > 0: panels that narrow towards n normal to x. The kernel of a point load is kept as a table of distance and angular
   order, and integrated over the cell by panels that narrow towards the point;
@@ -44,8 +44,8 @@ ORDERS = (16, 32, 64, 128)
 TAIL = 1e-11
 #: Gauss-Legendre nodes of a panel in direction, of one in distance, and of one in a cell near the point.
 NODES_DIRECTION, NODES_DISTANCE, NODES_CELL = 16, 16, 8
-#: Cells nearer than this many widths are integrated by panels that narrow towards the point.
-NEAR = 2.6
+#: Integrate cells nearer than this many widths by panels that narrow towards the point.
+NEAR_WIDTHS = 2.6
 #: Powers of i.
 _TURN = np.array([1, 1j, -1, -1j])
 
@@ -97,7 +97,7 @@ class Stack:
     Attributes
     ----------
     surface_thickness : float
-        How deep the uppermost material goes, as its states tell [m]; infinite where it goes on for ever.
+        Thickness of the uppermost material [m], or infinity.
     """
 
     pad: Pad
@@ -106,7 +106,7 @@ class Stack:
 
 
 def as_stack(pad: Pad, length: float, depth: float) -> Stack:
-    """``pad`` beside its uppermost half-space; ``length`` [m] is the size of the region that is sought."""
+    """``pad`` with its uppermost half-space; ``length`` [m] is the size of the region sought."""
     surface = uppermost(pad, length)
     sides = _directions(np.array([0.1, 1.3]))
     k = np.geomspace(1e-4 / length, max(surface.wavenumber, 40.0 / max(depth, 1e-3 * length)), 200)[:, None] * np.ones(
@@ -306,7 +306,7 @@ class Uppermost:
             return np.moveaxis(out, 0, -1)
         far = np.maximum(np.abs(x) / dx, np.abs(y) / dy)
         smooth = scale >= 2.0 * max(dx, dy)  # then nowhere near enough to need narrow panels
-        near = far < (0.0 if smooth else NEAR)
+        near = far < (0.0 if smooth else NEAR_WIDTHS)
         group: npt.NDArray[np.bool_]
         for group, few in ((~near & (far < 9.0), 6), (~near & (far >= 9.0), 4)):
             node, weight = np.polynomial.legendre.leggauss(few)
@@ -342,7 +342,7 @@ class Uppermost:
         step = math.asinh(reach / scale) / panels
         corner = np.arange(panels + 1) * step
         t, _ = _gauss(corner, NODES_DISTANCE)
-        count = self.orders  # what varies with direction has died out at half of them
+        count = self.orders  # the dependence on direction has decayed at half of them
         theta = np.arange(count) * (2 * np.pi / count)
         direction = _directions(theta[:, None] + np.pi / 2 + beta)
         y, p = self.surface(direction)
@@ -362,11 +362,11 @@ class Uppermost:
             value = np.einsum("b,tbcs->tcs", weight, found.real) / (2 * np.pi**2)
             table[i] = _series(value)[: count // 2 + 1]
         table[:, 1:] *= 2.0
-        table *= (np.cosh(t) ** 2)[:, None, None, None]  # like r^2 far away, where stress falls like 1/r^2
+        table *= (np.cosh(t) ** 2)[:, None, None, None]  # proportional to r^2 far away, where stress falls like 1/r^2
         sizes = np.abs(table).max(axis=0)
         needed = np.flatnonzero((sizes[:-1] > 1e-11 * sizes.max(axis=(0, 2))[:, None]).any(axis=(1, 2)))
         orders = int(needed[-1]) + 1 if len(needed) else 1
-        # resampled for a spline fine enough to lose nothing
+        # resampled for a spline without loss
         fine = np.linspace(0.0, corner[-1], 160 * panels + 1)
         spline = CubicSpline(fine, _resample(table[:, :orders], corner, fine).reshape(len(fine), -1), axis=0)
         size = (orders, rows, 3)

@@ -180,7 +180,7 @@ def check_finite(values: Any, array: Array) -> Any:
 def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: int = 0) -> None:
     """Refuse a batch that no method can hold in memory, with how many frames it can; before anything is copied.
 
-    ``draws`` (draw, component, *surface) of each frame are kept.
+    Check that memory holds ``draws`` (draw, component, *surface) of each frame.
     """
     first = readings[0] if isinstance(readings, list | tuple) and len(planes) > 1 and len(readings) else readings
     shape = getattr(first, "shape", None)
@@ -281,7 +281,7 @@ class Layout:
 def frame_times(
     readings: Any, parts: Sequence[Any], planes: Sequence[Array], time: npt.ArrayLike | None
 ) -> Floats | None:
-    """Checked time of each frame [s]: as given, or as the readings' own label; None where there is neither."""
+    """Checked time of each frame [s], as given or from the readings' labels, or None."""
     if time is None:
         time = labelled_time(readings)
         if time is None:

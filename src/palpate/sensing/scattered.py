@@ -23,8 +23,8 @@ from palpate.sensing.kernels import aperture_rule, influence
 
 __all__ = ["NEAR", "STENCIL", "Lattice", "near_memory"]
 
-#: Positions are interpolated from so many lattice points along each axis, and cells up to so many away are exact. The influence of a cell further off
-#: is then known to 1e-4 of itself, and a reading of a contact to some 1e-5 (tests/test_scattered.py).
+#: Positions are interpolated from so many lattice points along each axis, and cells up to so many away are exact. The relative error of the influence
+#: of further cells is 1e-4, and that of a reading of a contact about 1e-5 (tests/test_scattered.py).
 STENCIL, NEAR = 8, 5
 
 

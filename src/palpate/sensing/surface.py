@@ -1,4 +1,4 @@
-"""The surface grid that is used when none is given."""
+"""The default surface grid."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ DEPTHS = 2.0
 #: At most this many surface cells to a taxel pitch; to the typical distance of markers scattered in a pad on a base (dots of cameras, markers of tables): three of these
 #: tell a ball's force no better and take twice the time, four six times, and one is too few for a tracker (benchmarks/markers.py).
 FINEST, FINEST_MARKERS = 4, 2
-#: Markers are moved by what presses up to a thickness past them: with 15 % of the array's width a ball at its corner read 0.82 of its force, now 0.91. No more than
-#: this many of the markers' distances, which keeps large fields small.
-BEYOND = 2.0
+#: A press moves markers up to one thickness away: with a margin of 15 % of the array's width a ball at its corner read 0.82 of its force, now 0.91.
+#: The margin is at most this many marker distances, which keeps large fields small.
+MARKER_MARGIN = 2.0
 #: Displacement reaches far: the surface extends past the array by this part of the array's width.
-FAR = 0.15
+DISPLACEMENT_MARGIN = 0.15
 
 
 #: A pad thinner than this part of the pitch is refused: at 1e-2 a frame of 6 x 6 x 2 takes 8 s, at 1e-3 minutes.
@@ -34,7 +34,7 @@ THINNEST = 3e-3
 #: Deeper than so many times the array's extent a surface of more unknowns than this is refused: 6 x 6 x 3 taxels 10 extents deep take 5 s, 20 extents minutes.
 DEEPEST, LARGE = 3.0, 200_000
 
-#: Contact is sought this many depths past the array, where no surface is given.
+#: The default surface extends this many depths past the array.
 WIDE = 4.0
 
 
@@ -43,10 +43,10 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
 
     Detail finer than the depth is damped by more than exp(-2 pi) and cannot be recovered, so finer cells would only
     cost time. A cell's centre lies above each taxel of the first plane. The grid reaches past the arrays by ``depths``
-    times the greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; where displacement
-    is measured, also by 15 % of the array's width, because displacement reaches that far. Where all that is measured is displacement of markers
-    scattered in a pad of this ``thickness`` on a base (None: no base), cells are no finer than half the markers' typical distance, and the grid reaches a
-    thickness past them, or two of these distances.
+    times the greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; for displacement, also by 15 % of the
+    array's width, because displacement reaches that far. If all readings are displacements of markers scattered in a
+    pad of this ``thickness`` on a base (None: no base), cells are no finer than half the markers' typical distance, and the grid reaches a thickness
+    past them, or two of these distances.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     markers = isinstance(first, ScatteredArray) and first.dimensions == 2 and all(absolute) and thickness is not None
     finest = FINEST_MARKERS if markers else FINEST
     if markers:
-        depth = first.depth  # a map of the surface beside them needs no other cells
+        depth = first.depth  # a surface map beside them needs no other cells
     counts, spacings, centers = [], [], []
     points = [p.points for p in planes]
     for axis in range(first.dimensions):
@@ -72,9 +72,9 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
         pitch = _pitch(first, axis)
         ratio = 1 if depth == 0 else min(finest, max(1, math.ceil(pitch / depth - 1e-9)))
         spacing = pitch / ratio
-        reach = max(depths * max(p.depth for p in planes), pitch, FAR * (high - low) if far else 0.0)
+        reach = max(depths * max(p.depth for p in planes), pitch, DISPLACEMENT_MARGIN * (high - low) if far else 0.0)
         if markers:
-            reach = max(reach, min(thickness or 0.0, BEYOND * pitch))
+            reach = max(reach, min(thickness or 0.0, MARKER_MARGIN * pitch))
         margin = math.ceil(reach / spacing - 1e-9)
         inside = (high - low) / spacing
         if not isinstance(first, ScatteredArray) and abs(inside - round(inside)) < 1e-6:
@@ -90,7 +90,7 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
 
 
 def surface_of(pad: Pad, planes: Sequence[Array], *, depths: float = DEPTHS) -> Grid:
-    """Where traction is sought on a pad: the patch that it says can be touched, or `default_surface` of one that goes on for ever."""
+    """The surface of the traction: the patch of a pad that can be touched, or `default_surface` of an endless one."""
     body = body_of(pad)
     if body is not None:
         return body.patch(planes)
@@ -111,7 +111,7 @@ def check_thickness(planes: Sequence[Array], thickness: float | None) -> None:
 
 
 def check_depth(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse a large surface that is due to a depth beyond proportion: of what lies so deep next to nothing is told."""
+    """Refuse a large surface that is due to an excessive depth: readings at such a depth hold almost no information."""
     unknowns = len(surface.components) * math.prod(surface.shape)
     for array in planes:
         extent = float(np.ptp(array.points, axis=0).max())

@@ -15,7 +15,7 @@ from palpate.units import convert_factor
 
 __all__ = ["EPOCH", "LATEST", "as_second", "as_seconds", "epoch_unit"]
 
-#: Times beyond this [s] cannot tell microseconds apart in double precision; milliseconds since 1970 that are taken for seconds are beyond it.
+#: Larger times [s] do not resolve microseconds in double precision; milliseconds since 1970, mistaken for seconds, are larger.
 LATEST = 2.0**33
 #: Seconds since 1970 between which a clock that tells the date stands: from 2001 to 2100.
 EPOCH = 9.8e8, 4.1e9
@@ -89,7 +89,7 @@ def as_second(time: Any, what: str = "time") -> float:
 
 
 def epoch_unit(value: float) -> tuple[str, float] | None:
-    """The unit (its name, in seconds) in which a number is a date since 1970; None where it is none, or seconds.
+    """The unit (name, seconds) in which a number is a date since 1970; None for other numbers and for seconds.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def epoch_unit(value: float) -> tuple[str, float] | None:
 
 
 def _dated(time: Any, what: str) -> Floats | None:
-    """Seconds of dates and of differences of times; None where these are numbers."""
+    """Seconds of dates and time differences, or None for numbers."""
     found = time if isinstance(time, np.ndarray | np.generic) else None
     if found is None:
         first = time
@@ -115,7 +115,7 @@ def _dated(time: Any, what: str) -> Floats | None:
         return _counted(np.asarray(found), what)
     if found.dtype.kind != "O":
         return None
-    flat = [_one(value, what) for value in np.ravel(found)]
+    flat = [_seconds_of(value, what) for value in np.ravel(found)]
     return np.array(flat, dtype=np.float64).reshape(np.shape(found))
 
 
@@ -135,7 +135,7 @@ def _counted(time: Any, what: str) -> Floats:
     return np.asarray(np.where(missing, np.nan, seconds), dtype=np.float64)
 
 
-def _one(value: Any, what: str) -> float:
+def _seconds_of(value: Any, what: str) -> float:
     if value is None or (isinstance(value, datetime.datetime | datetime.timedelta) and value != value):  # NaT of pandas
         return math.nan
     if isinstance(value, datetime.datetime):

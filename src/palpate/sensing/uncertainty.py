@@ -1,4 +1,4 @@
-"""How well a pad and its sensors are known."""
+"""Uncertainty of a pad and its sensors."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["EXACT", "GAIN", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty
 
 #: Relative change from which the effect of depth and thickness is worked out: a one-sided difference, wrong by a few per cent of the effect.
 STEP = 0.02
-#: What a modulus is known to that nothing is said of (a convention): moduli by hardness are off by 10 to 30 %, by a test of the batch by 5 to 10 %.
+#: Default uncertainty of the modulus (a convention): moduli by hardness are off by 10 to 30 %, by a test of the batch by 5 to 10 %.
 MODULUS = 0.15
-#: What depth and thickness are known to that nothing is said of (a convention): 0.2 to 0.4 mm of a cast pad of 2 to 4 mm. Of sensors whose taxels are said
-#: to be 0.7 or 1.4 times as deep as they are (`palpate bench trust`), 0.96 of the intervals hold the force with it, 0.90 without (24 frames).
+#: Default uncertainty of depth and thickness (a convention): 0.2 to 0.4 mm of a cast pad of 2 to 4 mm. With depths stated wrong by a factor of 0.7 or
+#: 1.4 (`palpate bench trust`), it makes 0.96 of the intervals contain the force, 0.90 without (24 frames).
 GEOMETRY = 0.1
-#: What the calibration of all readings together is known to where nothing is said of it (a convention): no interval of a force is then narrower than
-#: 4 % to either side. Of gains of taxels that spread by 5 to 10 %, `palpate bench trust`, it makes 0.92 of the intervals hold the force, 0.80 without.
+#: Default uncertainty of the common scale of all readings (a convention): no interval of a force is then narrower than 4 % to either side. With gains
+#: of taxels that spread by 5 to 10 % (`palpate bench trust`), it makes 0.92 of the intervals contain the force, 0.80 without.
 SCALE = 0.02
-#: What the gain of each reading is known to where nothing is said of it (a convention): taxels of one array are alike to some per cent. It matters where a
-#: few taxels carry a force.
+#: Default uncertainty of the gain of each reading (a convention): taxels of one array differ by some per cent. It matters if a few taxels carry a
+#: force.
 GAIN = 0.05
 
 
@@ -41,16 +41,16 @@ class Uncertainty:
     Parameters
     ----------
     youngs_modulus : float, optional
-        Of the whole pad, all layers together. Every force from strain or displacement is proportional to it; stress does not depend on it. Not
-        stated, it is taken to be known to 15 %; 0 says that it is exact.
+        Of the whole pad, all layers together. Every force from strain or displacement is proportional to it; stress does not depend on it. Default:
+        15 %; 0 means exact.
     thickness : float, optional
-        Of bonded layers, all together. Not stated, methods that know contact take it to be known to 10 %, linear ones exactly.
+        Of bonded layers, all together. Default: 10 % in constrained methods, exact in linear ones.
     depth : float, optional
         Of the sensing elements, all together; as for thickness.
     gain : float, optional
-        Of each reading by itself. Not stated, a net force found by methods that know contact has room for gains known to 5 %; 0 says that they are exact.
+        Of each reading independently. Default: 5 % in the net force of constrained methods; 0 means exact.
     scale : float
-        Of all readings together, by their calibration. Every result is proportional to it: 2 % where nothing is said. 0 says that it is exact.
+        Of all readings together, by their calibration. Every result is proportional to it. Default: 2 %; 0 means exact.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Uncertainty:
 
     @property
     def modulus(self) -> float:
-        """That of the modulus, as stated or as taken where nothing is said.
+        """The uncertainty of the modulus, stated or assumed.
 
         Examples
         --------
@@ -105,7 +105,7 @@ class Uncertainty:
 
     @property
     def assumed_gain(self) -> float:
-        """What gains are known to where nothing is said of them; 0 where they are stated.
+        """The assumed uncertainty of gains if none is stated, else 0.
 
         Examples
         --------
@@ -117,7 +117,7 @@ class Uncertainty:
 
     @property
     def stated_gain(self) -> float:
-        """What gains are stated to be known to, 0 where nothing is said.
+        """The stated uncertainty of gains, or 0.
 
         Examples
         --------
@@ -128,7 +128,7 @@ class Uncertainty:
         return self.gain or 0.0
 
     def common(self, planes: tuple[Array, ...]) -> float:
-        """What all results of these arrays are off by together: the scale, and the modulus where every reading follows it.
+        """Common relative error of all results of these arrays: the scale, and the modulus if every reading depends on it.
 
         Examples
         --------
@@ -140,7 +140,7 @@ class Uncertainty:
         return math.hypot(self.scale, self.modulus if all(_follows(planes)) else 0.0)
 
     def beside(self, pad: Pad, planes: tuple[Array, ...], *, assumed: bool = True) -> Uncertainty:
-        """What changes results otherwise than all alike; see `common`. ``assumed``: of depth and thickness too where nothing is stated.
+        """The part that does not scale all results alike; see `common`. ``assumed``: with the defaults of depth and thickness.
 
         Examples
         --------
@@ -167,7 +167,7 @@ class Uncertainty:
 
     @property
     def any(self) -> bool:
-        """Whether something is not known exactly.
+        """Whether any part is uncertain.
 
         Examples
         --------
@@ -179,7 +179,7 @@ class Uncertainty:
         return self.modulus > 0 or any(getattr(self, f.name) != 0 for f in fields(self)[1:])
 
     def of(self, pad: Pad) -> Uncertainty:
-        """What is stated, and of the rest what the pad says of itself, as one does that was measured (its ``uncertainty``).
+        """The stated values, and for the others those of the pad itself, if it has an ``uncertainty`` (a measured one).
 
         Examples
         --------
@@ -194,7 +194,7 @@ class Uncertainty:
         return replace(self, **{f.name: getattr(own, f.name) for f in fields(self) if getattr(self, f.name) is None})
 
     def check(self, pad: Pad) -> None:
-        """Raise `Unsupported` where it speaks of what the pad does not have.
+        """Raise `Unsupported` if it states a property that the pad lacks.
 
         Examples
         --------

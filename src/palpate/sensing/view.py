@@ -1,4 +1,4 @@
-"""Where a picture lies: pixels to metres and back.
+"""Position of a picture: pixels to metres and back.
 
 A pixel is (column, row), counted from the middle of the first one in the upper left corner, as OpenCV counts. Places on the gel are (x, y) in
 metres: x to the right of the picture and y UP, so that every plot looks as the picture does, and x, y and the z that grows into the pad,
@@ -24,7 +24,7 @@ __all__ = ["Lens", "View", "eight_bit", "grey", "opencv"]
 
 
 def opencv() -> Any:
-    """The module cv2, or what to install."""
+    """The module cv2; a missing one names the extra to install."""
     try:
         import cv2
     except ImportError as error:
@@ -129,11 +129,11 @@ class Lens:
         object.__setattr__(self, "distortion", distortion)
 
     def described(self) -> dict[str, Any]:
-        """What makes it again, as files hold it."""
+        """The arguments that recreate it, as files store them."""
         return {"matrix": self.matrix.tolist(), "distortion": self.distortion.tolist(), "error": self.error}
 
     def undistorted(self, pixels: npt.ArrayLike) -> Floats:
-        """Where the same points would lie without distortion."""
+        """Positions of the same points without distortion."""
         given = _pairs(pixels, "pixels")
         flat = np.ascontiguousarray(given.reshape(-1, 1, 2))
         if not flat.size:
@@ -149,7 +149,7 @@ class Lens:
         return np.asarray(found).reshape(given.shape)
 
     def distorted(self, pixels: npt.ArrayLike) -> Floats:
-        """Where the lens puts undistorted points."""
+        """Where the lens projects undistorted points."""
         given = _pairs(pixels, "pixels")
         flat = given.reshape(-1, 2)
         if not flat.size:
@@ -360,7 +360,7 @@ class View:
         return cls.scaled((float(scale[0]), float(scale[1])), size=size, lens=lens)
 
     def described(self) -> dict[str, Any]:
-        """What makes it again, as files of results hold it: attribute ``view`` of the traction, in JSON.
+        """The arguments that recreate it, as files of results store them: attribute ``view`` of the traction, in JSON.
 
         Examples
         --------
@@ -374,7 +374,7 @@ class View:
 
     @classmethod
     def restored(cls, described: Mapping[str, Any]) -> View:
-        """From what `View.described` gives; `InvalidInput` where that is something else."""
+        """Restore from `View.described`; `InvalidInput` for anything else."""
         try:
             lens = described["lens"]
             return cls(described["homography"], None if lens is None else Lens(**lens))

@@ -1,4 +1,4 @@
-"""Frames at rest: the zero of the readings and their noise; and whether readings look as if no zero had been taken."""
+"""Frames at rest: the zero of the readings and their noise; and a check whether readings lack a zero."""
 
 from __future__ import annotations
 
@@ -30,34 +30,34 @@ __all__ = [
     "zero_of",
 ]
 
-#: Frames at rest from which on they tell the noise too: with 5, and some hundred readings that share it, it is known to a few per cent.
+#: Fewest frames at rest to estimate the noise: with 5, and some hundred readings that share it, its error is a few per cent.
 FRAMES_FOR_NOISE = 5
 
-#: A frame that is so many times as far from the median of the frames as half of them are is no zero: a glitch, or a touch. (Noise: up to
-#: 1.5 times, of twenty readings; a drift in the meantime: twice.)
-FAR = 5.0
+#: A frame this many times further from the median frame than half of the frames are is excluded from the zero: a glitch or a touch. (Noise: up to 1.5
+#: times, of twenty readings; a drift in the meantime: twice.)
+MAX_DEVIATION = 5.0
 #: Readings that stand so many times as far from 0 as any of them ever moves have offsets: contact moves what it loads.
 STANDING = 2.0
 #: Part of the readings that do.
 MOST = 0.75
-#: What is then said.
+#: The note for that case.
 OFFSETS = (
     "most readings stand far from 0 and move little, as raw counts with offsets do, and what stands is taken for load: where nothing touches in the "
     "first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10)"
 )
 
-#: Readings in which nothing is found and that stand so many times as far from 0 as they vary from frame to frame are no noise. (Where a sensor
-#: averages over n frames, they vary by about 1/sqrt(n) of the noise: a hundred are let pass.)
+#: Readings without contact this many times further from 0 than they vary from frame to frame are no noise. (If a sensor averages over n frames, they
+#: vary by about 1/sqrt(n) of the noise: this allows a hundred.)
 STILL = 10.0
-#: Frames that must have told how they vary.
+#: Fewest frames to estimate the variation.
 FRAMES = 8
-#: What is then said.
+#: The note for that case.
 STANDS = (
     "where nothing is found, readings stand far from 0 and hardly vary from frame to frame, as raw counts with offsets do: contact may be hidden, or wrong. Where "
     "nothing touches in the first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10); or take a new one while nothing touches (Z on "
     "the page, Tracker.rezero)"
 )
-#: Frames that tell whether those of a zero move.
+#: Frames for a test of whether those of a zero move.
 FRAMES_THAT_MOVE = 5
 #: They do where the mean of the later half of one reading is so many standard deviations from that of the earlier half, ...
 ONE_MOVED = 7.0
@@ -67,7 +67,7 @@ MANY_MOVED = 4.0
 SURE = 4.0
 #: ... and by more than so many of the smallest steps that are seen: counts toggle by one.
 COUNTS = 2.0
-#: What is then said.
+#: The note for that case.
 MOVED = (
     "the readings moved while the zero was taken, by more than their noise: something touched, or they drift, and every force since is off by it. Give fewer frames "
     "(baseline=, --baseline), or take a new zero while nothing touches (Z on the page, Tracker.rezero)"
@@ -116,9 +116,9 @@ def moved(frames: Floats, index: Any) -> bool:
 
 
 def zero_of(frames: Floats) -> Floats:
-    """The zero (channel, *array) of ``frames`` (frame, channel, *array) in which nothing touches: their mean, without those that are far from most.
+    """The zero (channel, *array) of ``frames`` (frame, channel, *array) without contact: their mean, without outlying frames.
 
-    NaN where a reading is missing in all of them.
+    NaN for a reading missing in all of them.
 
     Raises
     ------
@@ -151,12 +151,12 @@ def far_frames(frames: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]
     with np.errstate(over="ignore"):
         sizes = np.sqrt((away**2).mean(axis=1))
     typical = float(np.median(sizes))
-    return np.asarray(sizes > FAR * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)
+    return np.asarray(sizes > MAX_DEVIATION * typical) if typical > 0 else np.zeros(len(frames), dtype=bool)
 
 
 @dataclass(frozen=True)
 class Rest:
-    """What frames at rest tell: the zero and the noise.
+    """The zero and the noise from frames at rest.
 
     Attributes
     ----------
@@ -284,7 +284,7 @@ class Levels:
     def standing(self) -> bool:
         """Whether the readings stand far from 0 for all that they move, as raw counts with offsets do.
 
-        Of fewer than three frames nothing is said.
+        With fewer than three frames there is no note.
         """
         if self._low is None or self._high is None or self._frames < 3:
             return False
@@ -307,7 +307,7 @@ class Levels:
 
 
 def _mean_square(values: Floats) -> Floats:
-    """Over the last axis, of what is there; NaN where nothing is."""
+    """Mean square over the last axis, without missing values; NaN if all are missing."""
     there = np.isfinite(values)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return np.asarray((np.where(there, values, 0.0) ** 2).sum(axis=-1) / there.sum(axis=-1))

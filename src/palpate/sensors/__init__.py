@@ -71,7 +71,7 @@ class Preset:
 
     @property
     def unknown(self) -> dict[str, str]:
-        """What nobody published, by its key in the file, and how to find it.
+        """Unpublished values by their key in the file, and how to measure each.
 
         Examples
         --------

@@ -25,8 +25,8 @@ ROUND, SAME_AREA = 1e-3, 0.03
 STEEPEST = 0.2
 #: Triangles that are tried for a place.
 TRIED = 24
-#: A place this part of a triangle beside it is on it.
-BESIDE = 1e-9
+#: A place outside a triangle by less than this part of it lies on it.
+EDGE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ class MeshChart:
         """(triangle, corner, axis)."""
         facets = np.asarray(self.facets)
         if facets.shape[1] == 4:
-            # two triangles each, whichever way round its corners are listed
+            # two triangles each, for either orientation of its corners
             around = np.array([_round(self.vertices[f]) for f in facets])
             facets = np.take_along_axis(facets, around, axis=1)
             facets = np.concatenate([facets[:, [0, 1, 2]], facets[:, [0, 2, 3]]])
@@ -132,7 +132,7 @@ class MeshChart:
         n1, n2, n3 = normals.T
         first = np.stack([1.0 - n1**2 / (1.0 + n3), -n1 * n2 / (1.0 + n3), -n1], axis=-1)
         second = np.stack([-n1 * n2 / (1.0 + n3), 1.0 - n2**2 / (1.0 + n3), -n2], axis=-1)
-        on = least[row, best] >= -BESIDE
+        on = least[row, best] >= -EDGE_TOLERANCE
         stretch = np.where(on, 1.0 / self._normals[triangle, 2], 0.0)
         axes = np.stack([first, second, normals], axis=1)
         return Frames(positions.reshape(*shape, 3), axes.reshape(*shape, 3, 3), stretch.reshape(shape))

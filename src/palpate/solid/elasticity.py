@@ -32,8 +32,8 @@ Index = npt.NDArray[np.intp]
 
 #: Entries of the matrices of elements that are worked out at a time (200 MB).
 AT_A_TIME = 25_000_000
-#: Right-hand sides that are solved at a time.
-TOGETHER = 128
+#: Right-hand sides to solve at a time.
+BLOCK = 128
 
 
 class Solid:
@@ -114,11 +114,11 @@ class Solid:
 
     @cached_property
     def factor(self) -> Factor:
-        """The factorised matrix of what is free to move."""
+        """The factorised matrix of the free unknowns."""
         return Factor(self.stiffness[self.free][:, self.free])
 
     def solve(self, loads: Floats, moved: Floats | None = None) -> Floats:
-        """Displacement (unknown, k) for loads (unknown, k) [N], where what is held is ``moved`` (unknown, k) [m], by default not at all."""
+        """Displacement (unknown, k) for loads (unknown, k) [N] with the prescribed displacement ``moved`` (unknown, k) [m], by default zero."""
         out = np.zeros(loads.shape) if moved is None else moved.copy()
         if moved is not None:
             loads = loads - self.stiffness @ moved
@@ -132,7 +132,8 @@ class Solid:
         return Reactions(basis, self.held, self.basis.N)
 
     def at_held(self, points: Floats, along: Floats) -> Floats:
-        """What is held, moved so that sums over points (axis, sum, n) on it of the stress there ``along`` (axis, sum, n) are read (node of `held`, axis, sum).
+        """Prescribed displacements of the held nodes, by which sums over points (axis, sum, n) of the stress there ``along`` (axis, sum, n) are read (node of
+        `held`, axis, sum).
 
         A sum of the reactions R times g is the work of the loads where what is held is moved by -g.
         """
@@ -144,11 +145,11 @@ class Solid:
 
     @cached_property
     def places(self) -> Places:
-        """What finds points in the mesh."""
+        """The search for points in the mesh."""
         return Places(self.mesh, self.hexahedra)
 
     def at(self, points: Floats, axes: Floats | None = None) -> tuple[Index, LocalFields]:
-        """Nodes (local, point) of the elements that hold points (axis, point), and what their unknowns do to the fields there.
+        """Nodes (local, point) of the elements that contain points (axis, point), and the effect of their unknowns on the fields there.
 
         Fields are along ``axes`` (point, component, axis), by default those of the mesh. A point a little outside is taken into the nearest element.
         """
@@ -232,8 +233,8 @@ class Factor:
     def solve(self, loads: Floats) -> Floats:
         """Of (unknown, k)."""
         out = np.empty(loads.shape)
-        for start in range(0, loads.shape[1], TOGETHER):
-            part = np.ascontiguousarray(loads[:, start : start + TOGETHER])
+        for start in range(0, loads.shape[1], BLOCK):
+            part = np.ascontiguousarray(loads[:, start : start + BLOCK])
             found = self._lu.solve(part) if self._solver is None else self._solver.solve(self._upper, part)
-            out[:, start : start + TOGETHER] = found.reshape(part.shape)
+            out[:, start : start + BLOCK] = found.reshape(part.shape)
         return out

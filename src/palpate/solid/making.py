@@ -26,12 +26,12 @@ __all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "dome", "from_file", "is
 Index = npt.NDArray[np.intp]
 Made = dict[str, Any]
 
-#: Elements through the thickness where nothing is said: the base's stress under a ball of 1.5 thicknesses is then within 2 % of a layer's
+#: Default number of elements through the thickness: the base's stress under a ball of 1.5 thicknesses is then within 2 % of a layer's
 #: (benchmarks/solid.py).
 THROUGH = 4
 #: And of curved pads, whose surfaces have more of them.
 THROUGH_CURVED = 3
-#: Unknowns from which a mesh is refused: the factor of 400,000 takes 10 GB.
+#: Refuse meshes with more unknowns: the factor of 400,000 takes 10 GB.
 LARGEST = 400_000
 #: A surface flatter than this part of the pad's width is a plane.
 FLAT = 1e-6
@@ -41,7 +41,7 @@ def box(length: float, width: float, thickness: float, *, base: str, sides: str,
     """See `SolidPad.box`."""
     sizes = [check_length(n, v) for n, v in (("length", length), ("width", width), ("thickness", thickness))]
     step = check_length("element", element) if element is not None else sizes[2] / THROUGH
-    _check_held(base, sides)
+    _check_supports(base, sides)
     counts = [max(1, round(s / step)) for s in sizes]
     _check_size(math.prod(counts), step, f"a box of {' x '.join(map(str, counts))} elements")
     require_library("solid pads", "skfem")
@@ -62,7 +62,7 @@ def dome(
     r, t = check_length("radius", radius), check_length("thickness", thickness)
     tall = r if height is None else check_length("height", height)
     step = check_length("element", element) if element is not None else t / THROUGH_CURVED
-    _check_held(base, sides)
+    _check_supports(base, sides)
     if not t < r or not tall < 1.95 * r:
         raise InvalidInput(
             f"thickness must be less than the radius, and height less than 1.95 radii; got radius={r:g}, thickness={t:g}, height={tall:g} m."
@@ -81,7 +81,7 @@ def bend(
     long, wide, t = (check_length(n, v) for n, v in (("length", length), ("width", width), ("thickness", thickness)))
     r = check_length("radius", radius, sign=True)
     step = check_length("element", element) if element is not None else t / THROUGH_CURVED
-    _check_held(base, sides)
+    _check_supports(base, sides)
     if r == 0.0 or 0.0 < r <= t:
         raise InvalidInput(
             f"radius must be more than the thickness of {t:g} m outside of a bend, or negative inside of one; got {r:g} m."
@@ -104,7 +104,7 @@ def from_file(path: str | Path, *, base: str, contact: str, scale: float, turned
         raise InvalidInput(f"{path}: there is no such file.")
     try:
         mesh = Mesh.load(str(path))
-    except Exception as error:  # meshio's readers raise what they like
+    except Exception as error:  # meshio's readers raise various exceptions
         raise InvalidInput(f"{path} is no mesh that meshio reads ({error}). Export it as Gmsh's .msh.") from error
     names = dict(mesh.boundaries or {})
     for key, name in (("base", base), ("contact", contact)):
@@ -154,7 +154,7 @@ def _facets(flat: Any, thickness: float, sides: str) -> tuple[Index, Index]:
     return flat.facets[:, outside[held]].T, flat.facets[:, outside[upper]].T
 
 
-def _check_held(base: str, sides: str) -> None:
+def _check_supports(base: str, sides: str) -> None:
     if base != "bonded" or sides not in ("free", "bonded"):
         raise InvalidInput(f'base must be "bonded" and sides "free" or "bonded"; got base={base!r}, sides={sides!r}.')
 

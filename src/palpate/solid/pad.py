@@ -1,4 +1,4 @@
-"""`SolidPad`: a pad with sides, from a mesh; its maps are worked out by the adjoint and kept."""
+"""`SolidPad`: a finite pad from a mesh; its maps are computed by the adjoint and cached."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ LARGEST_RATIO = 0.4999
 OUTSIDE = 0.1
 #: Components of traction that channels on a rigid base are.
 ON_BASE = {"stress_xz": 0, "stress_yz": 1, "stress_zz": 2}
-#: What is kept of fields at the surface [bytes].
-KEPT = 2_000_000_000
+#: Largest size of cached fields at the surface [bytes].
+CACHE_BYTES = 2_000_000_000
 #: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
 #: contact is small, and the error of cells as wide as a contact would be explained by pressure at the sides (a ball that reads 1.6 N of 1 N then reads 1.0 N).
 CELLS, HALVED = 48, 24
@@ -56,9 +56,9 @@ CELLS, HALVED = 48, 24
 class SolidPad:
     """A pad that ends or bends: an isotropic solid, glued to a rigid base, with a surface that can be touched.
 
-    Make it with `box`, `dome`, `bend` or `from_mesh`. It goes where `HalfSpace` and `BondedLayers` go; what reads in it is worked out by finite elements, by one
-    solve for each reading (of the adjoint problem: what a unit load at the sensor does to the surface), and kept. `save` and `load` keep it for
-    another run. It needs the extra ``palpate[solid]``; where pypardiso is installed, its solver is used.
+    Make it with `box`, `dome`, `bend` or `from_mesh`. It replaces `HalfSpace` or `BondedLayers`. Finite elements compute its maps, with one solve of
+    the adjoint problem for each reading (the effect of a unit load at the sensor on the surface), and the maps are cached. `save` and `load` store
+    them for another run. It needs the extra ``palpate[solid]``; if pypardiso is installed, its solver is used.
 
     Coordinates are those of every pad: z grows into the pad, and the top of the surface that is touched lies at z = 0. On a curved surface the coordinates x and
     y of cells and sensors are those of its chart, which lays it out flat; a sensor's depth is measured along the normal there. Traction has its
@@ -71,13 +71,13 @@ class SolidPad:
     elements : array (element, 4 or 8)
         Corners of tetrahedra or hexahedra.
     base, contact : array (facet, 3 or 4)
-        Corners of the facets that are glued to what is rigid, and of those that can be touched.
+        Corners of the facets that are glued to a rigid base, and of those that can be touched.
     youngs_modulus : float
         [Pa].
     poissons_ratio : float
         0 to 0.4999.
     chart : Chart, optional
-        What lays a curved contact surface out flat (`palpate.sensing.Chart`); None for a rectangle in the plane z = 0.
+        A flat map of a curved contact surface (`palpate.sensing.Chart`); None for a rectangle in the plane z = 0.
     curved : bool
         Whether vertices hold the quadratic nodes of curved elements, in scikit-fem's order (MeshHex2, MeshTet2).
     readings_along : "surface" or "pad"
@@ -105,7 +105,7 @@ class SolidPad:
     >>> float(skin.reconstruct(skin.sense(ball)).force[2]).__round__(1)
     0.2
 
-    What it tells as every pad does is of the `endless` layer; its own are the side, the surface and the map.
+    Its members as a `Pad` are those of the `endless` layer; the side, the surface and the map are its own.
 
     >>> pad.thickness, pad.outline
     (0.002, ((-0.004, 0.004), (-0.004, 0.004)))
@@ -368,7 +368,7 @@ class SolidPad:
         return BondedLayers([layer])
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
-        """Fields of one wavevector in the `endless` layer, which tell what can be observed."""
+        """Fields of one wavevector in the `endless` layer, which decide what can be observed."""
         return self.endless.states(wavenumber, direction, depth)
 
     def compliance(self, depth: float) -> Floats:
@@ -424,7 +424,7 @@ class SolidPad:
         return PlaneChart(outline=self.outline) if self.chart is None else self.chart
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
-        """The map of an array, from traction on the cells of a surface; what lies beside the pad reads nothing."""
+        """The map of an array, from traction on the cells of a surface; taxels beside the pad read zero."""
         self._check([array])
         if getattr(surface, "chart", None) != self.chart:
             raise InvalidInput(
@@ -490,7 +490,7 @@ class SolidPad:
         return Uncertainty(gain=self.accuracy)
 
     def save(self, path: str | Path) -> None:
-        """Write what is worked out by now for sensors in this pad, and its `accuracy`, for `load` in another run.
+        """Save the maps computed so far for sensors in this pad, and its `accuracy`, for `load` in another run.
 
         Examples
         --------
@@ -645,7 +645,7 @@ class SolidPad:
             for column, key in enumerate(some):
                 self._kept[key] = np.ascontiguousarray(found[:, :, column].T)
         out = np.stack([self._kept[k] for k in keys])
-        while len(self._kept) > 1 and len(self._kept) * out[0].nbytes > KEPT:
+        while len(self._kept) > 1 and len(self._kept) * out[0].nbytes > CACHE_BYTES:
             self._kept.popitem(last=False)
         return out
 
@@ -675,7 +675,7 @@ class SolidPad:
             return
         weight, cell, turn = weight[on], cell[on], frames.axes[on]
         count = math.prod(surface.shape)
-        if self.chart is not None:  # on the rim, what net forces are summed with
+        if self.chart is not None:  # on the rim, the weights of net forces
             held_there = np.bincount(cell, weight, count)
             weight = weight * (surface.areas.ravel() / np.where(held_there > 0.0, held_there, 1.0))[cell]
         place = np.full(self.solid.basis.N, -1, dtype=np.intp)

@@ -1,4 +1,4 @@
-"""Places in a mesh: which element holds a point, and where in it.
+"""Location of points in a mesh: the element, and the place in it.
 
 scikit-fem's own finders take a mesh of flat facets, and refuse a point that lies a little outside. On a curved solid points of the surface do: they are
 taken into the nearest element.
@@ -22,15 +22,15 @@ Index = npt.NDArray[np.intp]
 #: Elements that are tried for a point: those whose middles are nearest; all around a vertex, where some are four times as long as wide.
 TRIED = 24
 #: And where none of these holds it.
-TRIED_MORE = 200
+MORE_CANDIDATES = 200
 #: Newton's steps to the place in an element: it converges quadratically, an element being close to a parallelepiped.
 STEPS = 12
-#: A point this far outside of an element, in parts of it, is held by it.
-HELD = 1e-6
-#: Further out than this, more elements are tried: quadratic elements of a sphere's quarter in two leave 3e-3.
-FAR = 0.02
-#: Points whose elements are sought at a time.
-TOGETHER = 20_000
+#: A point outside of an element by less than this part of it lies in it.
+INSIDE_TOLERANCE = 1e-6
+#: If a point is further out than this, try more elements: quadratic elements of a sphere's quarter in two have errors of 3e-3.
+RETRY_DISTANCE = 0.02
+#: Points to locate at a time.
+BLOCK = 20_000
 
 
 class Places:
@@ -50,16 +50,16 @@ class Places:
         """Of points (axis, n): their elements, the places in these (axis, n), and how far outside each point lies, in parts of its element (n,)."""
         cells = np.empty(points.shape[1], dtype=np.intp)
         local, outside = np.empty(points.shape), np.empty(points.shape[1])
-        for start in range(0, points.shape[1], TOGETHER):
-            here = slice(start, start + TOGETHER)
+        for start in range(0, points.shape[1], BLOCK):
+            here = slice(start, start + BLOCK)
             cells[here], local[:, here], outside[here] = self._nearest(points[:, here], TRIED)
-        lost = np.flatnonzero(outside > FAR)
+        lost = np.flatnonzero(outside > RETRY_DISTANCE)
         count = len(np.asarray(self.mesh.t).T)
         if len(lost) and count > TRIED:
-            step = max(1, TOGETHER * TRIED // TRIED_MORE)
+            step = max(1, BLOCK * TRIED // MORE_CANDIDATES)
             for start in range(0, len(lost), step):
                 some = lost[start : start + step]
-                cells[some], local[:, some], outside[some] = self._nearest(points[:, some], TRIED_MORE)
+                cells[some], local[:, some], outside[some] = self._nearest(points[:, some], MORE_CANDIDATES)
         return cells, self._clamped(local), outside
 
     def _nearest(self, points: Floats, tried: int) -> tuple[Index, Floats, Floats]:
@@ -68,7 +68,7 @@ class Places:
         best = np.full(points.shape[1], np.inf)
         cells, local = near[:, 0].copy(), np.zeros(points.shape)
         for rank in range(tried):
-            todo = np.flatnonzero(best > HELD)
+            todo = np.flatnonzero(best > INSIDE_TOLERANCE)
             if not len(todo):
                 break
             place = self._inverted(points[:, todo], near[todo, rank])
@@ -79,13 +79,13 @@ class Places:
         return cells, local, best
 
     def _inverted(self, points: Floats, cells: Index) -> Floats:
-        """Places (axis, n) in elements, by Newton's method; infinite where it finds none."""
+        """Places (axis, n) in elements, by Newton's method; infinite if it does not converge."""
         out = np.full(points.shape, 0.5 if self.hexahedra else 0.25)
         todo = np.arange(points.shape[1])
         for _ in range(STEPS):
             place, slope = self.mapped(out[:, todo], cells[todo])
             step = np.linalg.solve(slope, (points[:, todo] - place).T[..., None])[..., 0].T
-            out[:, todo] = np.clip(out[:, todo] + step, -1.0, 2.0)  # what lies further is not held
+            out[:, todo] = np.clip(out[:, todo] + step, -1.0, 2.0)  # points further out are in no element
             todo = todo[np.abs(step).max(axis=0) > 1e-12]
             if not len(todo):
                 break

@@ -1,4 +1,4 @@
-"""What line and area solutions share."""
+"""Shared code of line and area solutions."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""Notes that say in how many frames something is: added up over parts of a recording, and said of one frame."""
+"""Notes with a count of frames: summed over parts of a recording, and reduced to one frame."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
 
-__all__ = ["Counted", "counted", "numberless", "of_one"]
+__all__ = ["Counted", "counted", "for_one_frame", "numberless"]
 
 _NUMBER = re.compile(r"-?\d[\d.,]*(e[-+]?\d+)?")
 _COUNT = re.compile(r" in (\d+) of (\d+) frames\b")
@@ -24,7 +24,7 @@ def numberless(note: str) -> str:
 
 
 class Counted:
-    """The notes of all parts, each once (the first of those that differ in a number alone); where a note says in how many frames it is, it says so of all frames.
+    """The notes of all parts, each once (the first of those that differ only in a number), with counts of frames summed.
 
     Examples
     --------
@@ -41,7 +41,7 @@ class Counted:
         self._frames = 0
 
     def add(self, notes: Iterable[str], frames: int) -> None:
-        """Those of another part of so many frames."""
+        """Add the counts of another part."""
         self._frames += frames
         for note in notes:
             count = _COUNT.search(note)
@@ -66,8 +66,8 @@ def counted(parts: Sequence[tuple[Iterable[str], int]]) -> tuple[str, ...]:
     return found.words()
 
 
-def of_one(note: str) -> str:
-    """What a note of several frames says of one of them: without a count where it is said of all.
+def for_one_frame(note: str) -> str:
+    """The note of several frames for one of them: without a count if it holds for all.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""The fields of a result, and what follows from them alone.
+"""The fields of a result, and values derived from them.
 
-In: what a method or a tracker found. Out: `Fields`, from which numbers (`numbers`), intervals, words and tables are read off.
+In: the output of a method or a tracker. Out: `Fields`, from which numbers (`numbers`), intervals, words and tables follow.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["Fields", "pulling"]
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """What a frame or a batch of frames is made of; `palpate.Touch` says what each field is."""
+    """The fields of a frame or a batch of frames; `palpate.Touch` documents each."""
 
     values: Any = field(metadata=per_frame("component", "*"))
     surface: Grid
@@ -117,7 +117,7 @@ class Fields:
 
     @property
     def calibration_case(self) -> Case:
-        """What the constants of the error bars must be for.
+        """The case of the error bars' constants.
 
         Examples
         --------

@@ -26,13 +26,13 @@ from palpate.units import is_number
 __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibrated"]
 
 
-#: A load of which no more is known than its sign and its size has an exponential distribution, the one of largest entropy (E. T. Jaynes, Physical Review 106,
-#: 620, 1957), whose interval of 95 % ends so many times the size above it.
-MORE_OUTSIDE = -math.log(0.025) - 1.0
+#: Half-width of a 95 % interval for a load known only by sign and size, over that size, minus 1. Its distribution is exponential, the one of largest
+#: entropy (E. T. Jaynes, Physical Review 106, 620, 1957).
+OUTSIDE_FACTOR = -math.log(0.025) - 1.0
 
 
 def errors(touch: Numbers) -> Errors:
-    """The closed-form standard deviations; NaN where none are known (yet), or `Unsupported` where the method gives none."""
+    """The closed-form standard deviations; NaN if unknown, `Unsupported` if the method gives none."""
     if touch.errors is not None:
         return touch.errors
     if not _unknown(touch):
@@ -66,7 +66,7 @@ def _unknown(touch: Numbers) -> bool:
 
 
 def _each_method(touch: Numbers, function: Callable[[Constants], tuple[Floats, ...]]) -> tuple[Floats, ...]:
-    """``function`` of the constants of each frame's method, put together; NaN where a method has none."""
+    """``function`` of the constants of each frame's method; NaN for a method without constants."""
     methods = touch.methods
     out: tuple[Floats, ...] | None = None
     for method in dict.fromkeys(methods.ravel().tolist()):
@@ -87,7 +87,7 @@ def _each_method(touch: Numbers, function: Callable[[Constants], tuple[Floats, .
 
 
 def calibration_note(touch: Numbers) -> str:
-    """Whose constants are used, where the case has none of its own."""
+    """A note on which constants are used if the case has none of its own."""
     if touch.errors is None:
         return ""
     for method in dict.fromkeys(touch.methods.ravel().tolist()):
@@ -133,7 +133,7 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
         more = named(touch, of, value, friction)
-        beyond = _beyond(touch) if of == "force" else 0.0
+        beyond = _outside_load(touch) if of == "force" else 0.0
         # a pull is a push of the other sign, and so are its error bars
         pulls = pulling(touch)
         mirrored = pulls.any() and of not in ("slip_margin", "center_of_pressure")
@@ -141,7 +141,7 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
         if mirrored:
             value = np.where(turned, -value, value)
             if touch.fit is not None:
-                # that it pulls at all is in doubt where the model does not explain the readings
+                # the sign of a pull is uncertain if the model does not explain the readings
                 doubted = turned & np.reshape(np.asarray(touch.fit) < POOR_FIT, turned.shape)
                 floor = np.where(doubted, -math.inf, floor)
         low, high = table[of].bounds(level, value, deviation, outside, floor, stated=more, beyond=beyond)
@@ -228,7 +228,7 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
         more = named(touch, of, value)
         if of == "force":
             value, deviation, outside, more = (part[..., -1] for part in (value, deviation, outside, more))
-        beyond = _beyond(touch)[..., -1] if of == "force" else 0.0
+        beyond = _outside_load(touch)[..., -1] if of == "force" else 0.0
         table = known.quantities[of]
         found = table.above(limit, value, deviation, outside, more, beyond)
         if touch.converged is not None and not touch.converged.all():
@@ -238,10 +238,10 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
 
     found = _each_method(touch, chance)[0]
     if touch.force_bounds is not None and of == "force":
-        # no upper end: more than what the interval of 95 % leaves above it
+        # no upper end: wider than the interval of 95 %
         found = np.where(np.isinf(np.asarray(touch.force_bounds)[..., -1, 1]), np.maximum(found, 0.025), found)
     if touch.status is not None:
-        # nothing tells how large an overload is
+        # the size of an overload is unknown
         found = np.where(np.asarray(touch.status) == int(Status.OVERLOAD), 1.0, found)
     return found
 
@@ -249,7 +249,7 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
 def uncalibrated(
     touch: Numbers, known: Constants, of: str, friction: float | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and what it cannot go below."""
+    """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and its lower bound."""
     found = errors(touch)
     sign = np.full(len(touch.surface.components), -math.inf)
     sign[-1] = 0.0 if "z" in touch.components and not known.signed else -math.inf
@@ -270,7 +270,7 @@ def uncalibrated(
 
 
 def named(touch: Numbers, of: str, value: Floats, friction: float | None = None) -> Floats:
-    """What is owed to a pad that is not known exactly (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
+    """Error due to an uncertain pad (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
     common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch.common_std * np.abs(value)
     if touch.discrepancy is not None and np.any(touch.discrepancy):
         common = np.hypot(common, _by_discrepancy(touch, of, value))
@@ -283,8 +283,8 @@ def named(touch: Numbers, of: str, value: Floats, friction: float | None = None)
 
 
 def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
-    """Standard deviation of a quantity by what the pad's model leaves unexplained: that part of it, of the load for a component of the force, of the
-    contact's radius (root mean square) for its centre. What a force may have more beyond the outermost taxels is in `_beyond`.
+    """Standard deviation of a quantity due to the misfit of the pad's model: that share of it, of the load for a component of the force, of the
+    contact's radius (root mean square) for its centre. `_outside_load` adds load beyond the outermost taxels.
     """
     share = np.asarray(touch.discrepancy, dtype=np.float64)
     share = share.reshape((*share.shape, *(1,) * (np.ndim(value) - share.ndim)))
@@ -305,17 +305,18 @@ def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
     return np.asarray(share * np.sqrt(np.maximum(np.nan_to_num(np.stack(spreads, axis=-1)), 0.0)))
 
 
-def _beyond(touch: Numbers) -> Floats:
-    """What may come to a net force, away from zero, in an interval of 95 %: contact that goes on beyond the outermost taxels, and more of what was found there.
+def _outside_load(touch: Numbers) -> Floats:
+    """Extra half-width of the 95 % interval of a net force, away from zero: contact beyond the outermost taxels, and a larger load than found there.
 
-    Where a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, and pads end there: what was found is known by
-    its sign and its size alone. Only what is more is added: on four real skins (`benchmarks/real.py`) all forces outside their intervals lay above them.
+    If a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, where pads also end: only the sign and
+    the size of that load are known. The interval grows on one side only: on four real skins (`benchmarks/real.py`) all forces outside their intervals
+    lay above them.
     """
     found = errors(touch)
     if touch.discrepancy is None:
         return found.beyond_force
     outside = np.where(np.asarray(touch.discrepancy)[..., None] > 0.0, found.outside_force, 0.0)
-    return np.hypot(found.beyond_force, MORE_OUTSIDE * outside)
+    return np.hypot(found.beyond_force, OUTSIDE_FACTOR * outside)
 
 
 def _slip(touch: Numbers, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:

@@ -20,8 +20,8 @@ __all__ = ["joined"]
 def joined(touches: Sequence[Touch]) -> Touch:
     """One touch of many frames: from batches, end to end, or from single frames of one skin, along a new axis.
 
-    Every field is kept, `Touch.view` where it is the same for all. Notes are those of any; what only some have (error bars, where a stream has not got to them yet) is NaN
-    in the rest.
+    Every field is kept, and `Touch.view` if it is the same for all. Notes are the union; fields that only some have (error bars before a stream
+    computes them) are NaN in the rest.
 
     Raises
     ------
@@ -64,5 +64,5 @@ def joined(touches: Sequence[Touch]) -> Touch:
     assumptions = counted([(t.assumptions, n) for t, n in zip(touches, counts)])
     views = {None if t.view is None else json.dumps(t.view.described()) for t in touches if t.view is not first.view}
     alike = not views or (first.view is not None and views == {json.dumps(first.view.described())})
-    view = first.view if alike else None  # a camera that was moved: no one view holds for all
+    view = first.view if alike else None  # a moved camera: no common view
     return replace(first, **arrays, assumptions=assumptions, meta=meta, reading_names=names, view=view)

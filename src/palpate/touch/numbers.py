@@ -42,7 +42,7 @@ class Numbers(Fields):
 
     @property
     def force(self) -> Any:
-        """Net force (*batch, axis) [N], or [N/m] on a line; NaN where `unobservable_force` says it cannot be known.
+        """Net force (*batch, axis) [N], or [N/m] on a line; NaN for components in `unobservable_force`.
 
         It is the vector in the pad's axes: the sum over cells of their area times p n + q_x t_x + q_y t_y, with the normal and tangents of each; of a flat pad
         these are its axes.
@@ -134,7 +134,7 @@ class Numbers(Fields):
         return namespace(p).where(pulls, -self._largest(-p), largest) if pulls is not None else largest
 
     def _pulls(self) -> Any:
-        """Frames (*batch) that pull as a whole, as an array of the caller's kind; None where none does."""
+        """Frames (*batch) with a net pull, as an array of the caller's kind; None without any."""
         found = pulling(self)
         if not found.any():
             return None
@@ -181,7 +181,7 @@ class Numbers(Fields):
         """
         xp = namespace(self.values)
         here = xp.astype(self.contact(threshold=threshold), self.values.dtype)
-        # NaN where the traction is not known
+        # NaN for unknown traction
         return self._integral(xp.where(xp.isnan(self._component("z")), self._component("z"), here))
 
     def slip_margin(self, friction: float, *, threshold: float = 0.1) -> Any:

@@ -1,4 +1,4 @@
-"""What became of many frames, counted, so that parts of a recording add up to what is said of the whole."""
+"""Counted outcomes of frames, so that parts of a recording add up to the whole."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ __all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "assumed", "notes_with"]
 #: How far the 95 % interval of the net force reaches to its longer side, in parts of the load, above which the force is said to be known roughly only: it may then be off by
 #: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
 ROUGH = 0.3
-#: Share of the readings that a pad's model leaves unexplained, from which on it is said.
-SAID = 0.05
+#: Note a misfit if the model leaves at least this share of the readings unexplained.
+MISFIT_NOTE = 0.05
 #: Strain from which on linear elasticity is no more to be trusted (a convention of rubber: stress of a neo-Hookean bar is then off by a third).
 LARGE_STRAIN = 0.3
 #: How that note begins.
@@ -184,7 +184,7 @@ class Outcome:
         )
 
     def plain(self) -> dict[str, Any]:
-        """As JSON takes it; `restored` is the way back."""
+        """As JSON types; `restored` is the inverse."""
         return asdict(self)
 
     @classmethod
@@ -204,7 +204,7 @@ class Outcome:
         said = []
 
         def some(count: int) -> str:
-            """ " in 3 of 70 frames", or nothing for a single frame."""
+            """ " in 3 of 70 frames", or "" for a single frame."""
             return f" in {count} of {self.frames} frames" if self.batch else ""
 
         for code, count in self.status.items():
@@ -215,7 +215,7 @@ class Outcome:
                 count -= self.unlike_noise
                 if not count:
                     continue
-            # what did not converge says itself what helps: a tracker, a rule and a constrained method need something different
+            # notes on convergence carry their own remedy: a tracker, a rule and a constrained method need different ones
             own = status is Status.NOT_CONVERGED
             remedy = f"; {status.remedy}" if status.remedy and not own else ""
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
@@ -275,7 +275,7 @@ class Outcome:
                 f"{begins} {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
             )
         if self.rough:
-            # the widest of many frames tells nothing of the others: it is one that hardly touches
+            # the widest of many intervals is not typical: it is a frame with hardly any contact
             wide = f"more than +- {ROUGH:.0%} of the load" if self.batch else f"+- {_of_load(self.roughest)}"
             said.append(f"{ROUGHLY}{some(self.rough)}: {wide} (95 %)")
         if self.poor:
@@ -294,7 +294,7 @@ _SMALL = ("small contact:", "small contact in ")
 
 
 def notes_with(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
-    """The notes among what was said of frames and what became of them: without assumptions, and without the reason for a wide interval where none is wide."""
+    """The notes of remarks and outcomes, without assumptions, and without the reason for a wide interval if none is wide."""
     words = () if outcome is None else outcome.words()
     narrow = outcome is not None and not outcome.rough
     return tuple(
@@ -303,7 +303,7 @@ def notes_with(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
 
 
 def assumed(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
-    """What was assumed, among what was said of frames and what became of them."""
+    """The assumptions among the remarks and outcomes of frames."""
     words = () if outcome is None else outcome.words()
     return tuple(dict.fromkeys(n.removeprefix(ASSUMED) for n in (*said, *words) if n.startswith(ASSUMED)))
 
@@ -332,11 +332,11 @@ def _discrepancy(touch: Numbers) -> tuple[int, float]:
     if touch.discrepancy is None:
         return 0, 0.0
     share = np.nan_to_num(np.asarray(touch.discrepancy, dtype=np.float64))
-    return int(np.count_nonzero(share >= SAID)), float(np.max(share, initial=0.0))
+    return int(np.count_nonzero(share >= MISFIT_NOTE)), float(np.max(share, initial=0.0))
 
 
 def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
-    """How far the 95 % interval of the net force reaches to its longer side, worst component, in parts of the load (frame,); zero where nothing touches or nothing is known."""
+    """The longer side of the 95 % interval of the net force, worst component, in parts of the load (frame,); zero without contact or interval."""
     if touch.errors is None:
         return np.zeros(0)
     surface = touch.surface
@@ -352,7 +352,7 @@ def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
 
 
 def _nuisances(touch: Numbers) -> tuple[Nuisance, ...]:
-    """What readings hold besides contact, in their units."""
+    """The nuisances of readings, with units."""
     if touch.nuisance is None or touch.nuisance_std is None:
         return ()
     counted = []

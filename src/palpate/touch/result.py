@@ -16,7 +16,7 @@ from palpate._batches import rebuilt
 from palpate._numbers import plain_number
 from palpate.errors import InvalidInput
 from palpate.touch import intervals
-from palpate.touch.counted import of_one
+from palpate.touch.counted import for_one_frame
 from palpate.touch.numbers import Numbers
 from palpate.touch.table import Forces
 from palpate.touch.words import assumptions, notes, summary
@@ -33,7 +33,7 @@ __all__ = ["Touch"]
 
 
 class Identifier(Protocol):
-    """A skin that can say what presses."""
+    """A skin that identifies objects."""
 
     def identify(self, readings: Any, touch: Touch, **options: Any) -> Any:
         """See `palpate.Skin.identify`."""
@@ -42,7 +42,7 @@ class Identifier(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Touch(Numbers):
-    """What touches the pad.
+    """A reconstructed contact.
 
     Attributes
     ----------
@@ -52,11 +52,11 @@ class Touch(Numbers):
     surface : LineGrid or AreaGrid
         Where the traction lives.
     components : tuple of str
-        The components that were sought; the others were taken as zero.
+        The components that were sought; the others are zero.
     method : str
-        The method that was asked for; `methods` says what found each frame.
+        The requested method; `methods` names that of each frame.
     assumptions : tuple of str
-        What was assumed of all frames and what could not be seen; `notes` adds what became of the frames.
+        Assumptions about all frames, and what the sensor could not see; `notes` adds the outcomes of the frames.
     parameter : array (*batch) or None
         Regularisation parameter: the weight of int |D^m t|^2 [Pa^2 m^(d - 2m)] against the squared, noise-scaled residuals.
     noise_std : array (*batch, channel) or None
@@ -64,20 +64,21 @@ class Touch(Numbers):
     residual : array (*batch) or None
         Root mean square misfit in units of `noise_std` as used for weighting (1 is perfect where the noise was given).
     unobservable_force : tuple of str
-        Components whose net force leaves no trace in the readings; `force` is NaN there.
+        Components whose net force does not affect the readings; `force` is NaN there.
     time : array (*batch) or None
         Time of each frame [s].
     errors : Errors or None
-        Standard deviations in closed form, as the model gives them; `std` and `interval` put them to use.
+        Standard deviations in closed form by the model, before calibration; use `std` and `interval`.
     stated : Stated or None
-        Standard deviations that the estimate owes to a pad and sensors that are not known exactly (`palpate.Uncertainty`).
+        Standard deviations due to the uncertainty of pad and sensors (`palpate.Uncertainty`); part of `std` and `interval`.
     common_std : float
-        Relative standard deviation of what all results are proportional to: the scale of the readings, and the modulus where all of them follow it.
+        Relative standard deviation of the common factor of all results: the scale of the readings, and the modulus if all of them depend on it; part
+        of `std` and `interval`.
     discrepancy : array (*batch) or None
         Share of the readings (root mean square) that the pad's model leaves unexplained, as learned from the frame; every interval allows for it.
     force_bounds : array (*batch, component, 2) or None
-        Net forces that the readings do not rule out besides, such as an offset that could be load, or a load beyond the range of the readings (inf): the
-        interval of the force reaches them. NaN where there are none.
+        Other net forces compatible with the readings, such as an offset that could be load, or a load beyond the range of the readings (inf): the
+        interval of the force includes them. NaN if there are none.
     strain : array (*batch) or None
         Largest strain at the surface, roughly: peak traction over Young's modulus of the pad there.
     converged : array (*batch) of bool or None
@@ -85,46 +86,45 @@ class Touch(Numbers):
     touching : array (*batch) of bool or None
         False where noise alone explains the frame.
     outliers : array (*batch, reading) of bool or None
-        Readings that were left out because no contact explains them.
+        Excluded readings that no contact explains.
     draws : array (*batch, draw, component, *surface) or None
-        Samples of the posterior [Pa], where asked for.
+        Samples of the posterior [Pa], if requested.
     resolution : array (*batch) or None
-        Finest detail that the readings tell [m]: the size of the patch that has one degree of freedom of its own. What is finer
-        is the prior's.
+        Finest detail in the readings [m]: the size of a patch with one degree of freedom. Finer detail comes from the prior.
     sliding : array (*batch) or None
-        Where friction was given: probability that shear is in one proportion to pressure all over, as where the contact slides as a whole;
-        NaN where nothing touches.
+        With friction: probability that shear is proportional to pressure everywhere, as when the whole contact slides; NaN without contact.
     drag, drag_std, sticking : array (*batch, tangential component), (*batch), (*batch, candidate) or None
-        From a tracker that seeks shear: tangential over normal force, not shrunk by the penalty, the standard deviation of its size, and the log
-        likelihood of each part of the contact's radius that may stick (`palpate.inverse.drag.STICK`).
+        From a tracker with shear: tangential over normal force, without the bias of the penalty, the standard deviation of its size, and the log
+        likelihood of each sticking radius over the contact's (`palpate.inverse.drag.STICK`).
     found_by : array (*batch) of str or None
-        The method that found each frame, where that is not ``method`` for all.
+        The method of each frame, if not ``method`` for all.
     status : array (*batch) of int8 or None
-        What became of each frame, as a code of `palpate.Status`.
+        The outcome of each frame as a code of `palpate.Status`.
     pushing : array (*batch) of bool or None
-        False where contact that only pushes does not explain the frame.
+        False if a contact that only pushes does not explain the frame.
     fit : array (*batch) or None
-        Misfit probability: how often noise alone would leave as much, and as ordered, as this frame leaves where pad, array and units are
-        as described. Below 0.01 the model does not explain the readings; NaN where too few readings are left to tell
+        Misfit probability: the probability of a residual at least as large and as ordered if pad, array and units are as described. Below 0.01 the
+        model does not explain the readings; NaN with too few degrees of freedom
         (`palpate.inverse.fit`).
     nuisance, nuisance_std : array (*batch, term) or None
-        What the readings hold besides contact (offsets, rotation of an image), in the unit of each, and its standard deviation; 0 where a
-        frame does not speak for it.
+        Sizes of the nuisances (offsets, rotation of an image), in the unit of each, and their standard deviations; 0 for frames without evidence of
+        them.
     nuisance_names : tuple of (str, str)
         Label and unit of each nuisance.
     at_limit : array (*batch, reading) of bool or None
         Readings at an end of their range: the true one is at least that.
     reading_names : mapping of int to str
-        Channel and taxel of the readings that are left out in some frame.
+        Channel and taxel of the readings excluded in some frame.
     calibrated, calibrated_std : array (*batch, component) or None
-        Net force by the calibration of the skin [N] and its standard deviation (`Skin.calibrate`): `force` is this where it is known;
-        ``calibrated_freedom`` are the degrees of freedom of its intervals, ``calibrated_center`` (x, y) [m] the centre, where labelled places tell it.
+        Net force by the calibration of the skin [N] and its standard deviation (`Skin.calibrate`): `force` is this if it is known;
+        ``calibrated_freedom`` are the degrees of freedom of its intervals, ``calibrated_center`` (x, y) [m] the centre, if labelled places determine
+        it.
     case : Case or None
-        What the error bars' constants must be for: contact, kind of channels, body (`palpate.uncertainty`).
+        The case of the error bars' constants: contact, kind of channels, body (`palpate.uncertainty`).
     friction : float or None
-        The coefficient of friction that it was found with, where one was given.
+        The given coefficient of friction.
     view : View or None
-        Of a camera's: where the picture lies, pixels to metres and which way x and y go (`palpate.camera.View`).
+        For a camera: position of the picture, pixels to metres and directions of x and y (`palpate.camera.View`).
 
     Notes
     -----
@@ -210,7 +210,7 @@ class Touch(Numbers):
             return xp.reshape(taken, (*where.shape, *rest))
 
         found = rebuilt(self, pick)
-        return found if where.ndim else replace(found, assumptions=tuple(map(of_one, found.assumptions)))
+        return found if where.ndim else replace(found, assumptions=tuple(map(for_one_frame, found.assumptions)))
 
     def frame(self, index: int) -> Touch:
         """One frame, counted over all batch axes (the touch itself where there is no batch).
@@ -237,7 +237,7 @@ class Touch(Numbers):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to look at: what could not be seen, and what became of the frames that it holds, in words; `assumed` says what was assumed.
+        """Notes to act on: what the sensor could not see, and the outcome of the frames; `assumed` lists the assumptions.
 
         Examples
         --------
@@ -388,8 +388,7 @@ class Touch(Numbers):
     def variance_reduction(self) -> xarray.DataArray:
         """How much of the traction in each cell is measured (1) rather than assumed (0): 1 - posterior over prior variance.
 
-        NaN where there is no contact. Low values are where the map shows what the prior expects between what the data fix:
-        features much finer than the depth, and cells beyond the array.
+        NaN outside the contact. Where it is low, the map shows the prior, not data: features much finer than the depth, and cells beyond the array.
 
         Examples
         --------
@@ -425,12 +424,11 @@ class Touch(Numbers):
 
         Notes
         -----
-        value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fixed
-        once for each quantity, method and case on simulated contacts (`palpate.uncertainty`), so that the intervals hold the truth as
-        often as they say. That is a statement about contacts like those: a mean over contacts and noise, not a promise about one. Where the
-        case has no constants of its own, `calibration_note` says whose are used. Frames whose iteration did not end (`converged`) have b = 0:
-        what it still had to go may be to either side. Contact found beyond the outermost taxels adds a fixed part
-        of itself to s std, in quadrature.
+        value + std (b -+ s t), with t the quantile of Student's distribution and b, s and its degrees of freedom fitted for each quantity, method and
+        case on simulated contacts (`palpate.uncertainty`), so that 95 % intervals contain the truth in 95 % of them. That is a mean over such
+        contacts and noise, not a promise about one. If the case has no constants of its own, `calibration_note` says which are used. Frames that did
+        not converge (`converged`) have b = 0: the remaining change may have either sign. Load found beyond the outermost taxels adds a fixed part of
+        itself to s std, in quadrature.
 
         Examples
         --------
@@ -466,7 +464,7 @@ class Touch(Numbers):
 
     @property
     def calibration_note(self) -> str:
-        """Whose constants the error bars use, where the case has none of its own; else empty.
+        """Which constants the error bars use if the case has none of its own, else "".
 
         Examples
         --------
@@ -486,7 +484,8 @@ class Touch(Numbers):
         return out
 
     def identify(self, skin: Identifier, readings: Any, **options: Any) -> Any:
-        """What presses: radius of a ball or a flat, patches, stiffness, texture; `palpate.Skin.identify` says what and takes the ``options``.
+        """Identify what presses: radius of a ball or a flat, patches, stiffness, texture; `palpate.Skin.identify` documents the result and the
+        ``options``.
 
         Parameters
         ----------
@@ -627,7 +626,7 @@ class Touch(Numbers):
         pandas.DataFrame
             Titles hold the unit (SI): ``time (s)`` (``frame`` where frames have no time) and ``status`` (`Status`); ``force_x``, ``moment_x``, ``center_x``,
             ``peak_pressure``, ``slip_margin``, each followed by its bounds ``_low`` and ``_high``; ``contact_area`` (`contact_area`) without bounds; ``fit``.
-            Components that were not sought have no column. What is not known is NaN. ``to_csv`` writes it; `palpate.recordings.write_touch` does to .csv.
+            Components that were not sought have no column. Unknown values are NaN. ``to_csv`` writes it; `palpate.recordings.write_touch` does to .csv.
 
         Raises
         ------

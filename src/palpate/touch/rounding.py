@@ -1,4 +1,4 @@
-"""Numbers and their intervals as they are said: rounded alike, to what the interval supports."""
+"""Numbers and their intervals in words, rounded to what the interval supports."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import math
 from palpate._numbers import plain_number
 from palpate._plot import scaled
 
-__all__ = ["decimals", "force_unit", "open_interval", "said"]
+__all__ = ["decimals", "force_unit", "format_interval", "open_interval"]
 
 #: Digits of a number without an interval.
-PLAIN = 4
+DIGITS = 4
 
 
 def decimals(half_width: float) -> int:
@@ -27,7 +27,9 @@ def decimals(half_width: float) -> int:
     return min(max(1 - math.floor(math.log10(half_width)), 0), 12)
 
 
-def said(value: float, low: float = math.nan, high: float = math.nan, *, factor: float = 1.0, unit: str = "") -> str:
+def format_interval(
+    value: float, low: float = math.nan, high: float = math.nan, *, factor: float = 1.0, unit: str = ""
+) -> str:
     """A number with its unit and its interval, all with the same decimals; ``factor`` brings it to the unit.
 
     Examples
@@ -44,13 +46,13 @@ def said(value: float, low: float = math.nan, high: float = math.nan, *, factor:
         return "not known"
     value, low, high = (v * factor for v in (value, low, high))
     if not (math.isfinite(low) and math.isfinite(high)):
-        return f"{plain_number(value, PLAIN)}{after}{open_interval(low, high)}"
-    n = decimals(0.5 * (high - low)) if high > low else PLAIN
+        return f"{plain_number(value, DIGITS)}{after}{open_interval(low, high)}"
+    n = decimals(0.5 * (high - low)) if high > low else DIGITS
     return f"{_fixed(value, n)}{after} ({_fixed(low, n)} to {_fixed(high, n)})"
 
 
 def open_interval(low: float, high: float) -> str:
-    """An interval of which one end, or both, are open; nothing where an end is not known.
+    """An interval with one or both ends open; "" if an end is unknown.
 
     Examples
     --------

@@ -62,7 +62,7 @@ def columns(touch: Numbers, *, friction: float | None = None, level: float = 0.9
     axes = _AXES["force"][d]
     put("force", per, touch.force, "force", axes)
     for c in axes:
-        if c not in touch.components:  # taken as zero, which is no measurement
+        if c not in touch.components:  # assumed zero, not measured
             for suffix in ("", "_low", "_high"):
                 del out[f"force_{c}{suffix} ({per})"]
     both = set(touch.components) == set(touch.surface.components)
@@ -82,7 +82,7 @@ def columns(touch: Numbers, *, friction: float | None = None, level: float = 0.9
 
 
 def _bounds(touch: Numbers, level: float, of: str, shape: tuple[int, ...], **given: Any) -> tuple[Floats, Floats]:
-    """The interval of each frame (frame, number); NaN where there is none."""
+    """The interval of each frame (frame, number), or NaN."""
     try:
         low, high = interval(touch, level, of, given.get("friction"))
     except Unsupported:  # a method without error bars
@@ -129,7 +129,7 @@ class Forces:
         return len(self._events)
 
     def add(self, touch: Numbers, events: Sequence[object] = ()) -> None:
-        """Another frame, or frames (frame, ...), and what happened in it.
+        """Add a frame, or frames (frame, ...), with its outcome.
 
         Raises
         ------
@@ -155,7 +155,7 @@ class Forces:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, what was said of single frames, with how many of them, and what became of the frames."""
+        """Assumptions, notes on single frames with their counts, and the outcomes of the frames."""
         many = f" of {len(self)} frames)"
         said = [n if k == len(self) else f"{n} (in {k}{many}" for n, k in self._said.values()]
         return notes_with(said, self._outcome)
@@ -174,7 +174,7 @@ class Forces:
         return plot_forces(self.table(), events=events, title=title)
 
     def write(self, path: str | Path) -> None:
-        """As CSV: a line of titles with units, then a line a frame. What is not known is empty."""
+        """Write CSV: a line of titles with units, then a line per frame. Unknown values are empty."""
         write_table(self.table(), path)
 
 
@@ -182,7 +182,7 @@ def table_of(parts: Sequence[dict[str, Any]]) -> pandas.DataFrame:
     """One table of what `columns` gave of frame after frame."""
     import pandas
 
-    longest = max(parts, key=len)  # a frame that is missing may lack what needs the friction
+    longest = max(parts, key=len)  # a missing frame may lack values that need the friction
     held = {
         title: np.concatenate([np.asarray(p.get(title, [math.nan] * len(p["status"]))) for p in parts])
         for title in longest
@@ -207,7 +207,7 @@ def _short(event: object) -> str:
 
 
 def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
-    """A table as it is printed: at most ``rows`` frames, evenly spread, a number with its 95 % interval in each column, all of a column rounded alike.
+    """A table for printing: at most ``rows`` frames, evenly spread, a number with its 95 % interval in each column, rounded alike within a column.
 
     Examples
     --------
@@ -241,7 +241,7 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
         values = np.where(table["status"] == Status.UNEXPLAINED.label, math.nan, values)
         half = 0.5 * (high - low)
         known = np.isfinite(half) & (half > 0) & np.isfinite(values)
-        # what a column is known to where something touches; single frames may be known better or worse
+        # the typical interval in frames with contact; single frames may be better or worse
         known = known & (values != 0) if (known & (values != 0)).any() else known
         n = decimals(float(np.median(half[known]))) if known.any() else None
         cells.append(
@@ -271,7 +271,7 @@ def _cell(value: float, low: float, high: float, n: int | None) -> str:
     if n is None or not (math.isfinite(low) and math.isfinite(high)):
         return f"{plain_number(value, 4)}"
     half = 0.5 * (high - low)
-    if half < 0.5 * 10.0**-n:  # known far better than the column on the whole
+    if half < 0.5 * 10.0**-n:  # much more exact than the typical one
         n = decimals(half)
     value, low, high = (round(float(v), n) + 0.0 for v in (value, low, high))
     return f"{value:.{n}f} ({low:.{n}f} to {high:.{n}f})"

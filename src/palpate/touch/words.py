@@ -15,11 +15,11 @@ from palpate.status import Status
 from palpate.touch.intervals import calibration_note, interval
 from palpate.touch.numbers import Numbers
 from palpate.touch.outcome import Outcome, assumed, notes_with
-from palpate.touch.rounding import force_unit, said
+from palpate.touch.rounding import force_unit, format_interval
 
 __all__ = ["assumptions", "notes", "outcome", "summary"]
 
-#: Part of the normal force that lies outside the outermost taxels from which on a summary says so.
+#: A summary notes at least this part of the normal force outside the outermost taxels.
 OUTSIDE = 0.05
 
 
@@ -30,8 +30,8 @@ def outcome(touch: Numbers) -> list[str]:
 
 def notes(touch: Numbers) -> tuple[str, ...]:
     """See `Touch.notes`."""
-    said = calibration_note(touch)
-    return (*notes_with(touch.assumptions, Outcome.of(touch)), *((said,) if said else ()))
+    format_interval = calibration_note(touch)
+    return (*notes_with(touch.assumptions, Outcome.of(touch)), *((format_interval,) if format_interval else ()))
 
 
 def assumptions(touch: Numbers) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def summary(one: Numbers, friction: float | None) -> str:
     lines = []
 
     def say(name: str, value: float, low: float, high: float, factor: float, unit: str) -> None:
-        lines.append(f"{name:<16}{said(value, low, high, factor=factor, unit=unit)}")
+        lines.append(f"{name:<16}{format_interval(value, low, high, factor=factor, unit=unit)}")
 
     low, high = bounds("force")
     sizes = np.abs(force if force.any() else np.array([*low, *high]))
@@ -92,7 +92,7 @@ def summary(one: Numbers, friction: float | None) -> str:
         if one.errors is not None and float(one.errors.outside_force[-1]) > OUTSIDE * abs(float(force[-1])):
             outside = float(one.errors.outside_force[-1])
             lines.append(
-                f"{'outside array':<16}{said(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
+                f"{'outside array':<16}{format_interval(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
             )
         size = float(one.contact_area()) * (factor if line else factor**2)
         if np.isfinite(size):
@@ -103,14 +103,14 @@ def summary(one: Numbers, friction: float | None) -> str:
         margin = float(one.slip_margin(friction))
         low, high = bounds("slip_margin", friction=friction)
         factor, unit = _unit([margin, float(low[0]), float(high[0])], "Pa")
-        if np.isfinite(margin):  # where something touches
+        if np.isfinite(margin):  # in frames with contact
             say("slip margin", margin, float(low[0]), float(high[0]), factor, unit)
             lines[-1] += f", at friction {friction:g}"
     if one.sliding is not None and float(one.sliding) > 0.5:
         sure = 100 * float(one.sliding)
         lines.append(f"{'shear':<16}in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %")
     if known:
-        # the first interval says of which probability all of them are
+        # the first interval states the probability for all
         first = next((i for i, text in enumerate(lines) if " (" in text), None)
         if first is not None:
             lines[first] = lines[first].replace(" (", " (95 %: ", 1)
@@ -118,14 +118,14 @@ def summary(one: Numbers, friction: float | None) -> str:
 
 
 def _at_most(one: Numbers, *, line: bool) -> str:
-    """Where the interval of the normal force ends, which is all that is known of a frame that is not explained."""
+    """The upper end of the interval of the normal force, the only number of an unexplained frame."""
     if one.errors is None or "z" not in one.components:
         return ""
     end = float(np.ravel(to_numpy(interval(one, 0.95, "force", None)[1]))[-1])
     if not (math.isfinite(end) and end > 0.0):
         return ""
     factor, unit = force_unit(end, "N/m" if line else "N")
-    return f" (at most {said(end, factor=factor, unit=unit)})"
+    return f" (at most {format_interval(end, factor=factor, unit=unit)})"
 
 
 def _below(one: Numbers) -> list[str]:

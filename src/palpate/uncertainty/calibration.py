@@ -157,7 +157,7 @@ class Case:
 
     @classmethod
     def of(cls, pad: Pad, planes: Sequence[Array], components: Sequence[str], *, ambiguous: bool = False) -> Case:
-        """The case of a pad, its arrays and what is sought; ``ambiguous``: the channels alone do not tell the components apart."""
+        """The case of a pad, its arrays and the components sought; ``ambiguous``: the channels alone do not separate the components."""
         kinds = {find_channel(c).kind.name for p in planes for c in p.channels}
         layered = getattr(pad, "thickness", None) is not None
         contact = contact_kind(planes[0].dimensions, components)

@@ -1,4 +1,4 @@
-"""How often is it wrong without a word? Violations x sensors x contacts, and what the library says of each frame."""
+"""How often is a result wrong without a note? Violations x sensors x contacts, and the library's notes on each frame."""
 
 from palpate.bench.trust.judge import Verdict, judge, verdict
 from palpate.bench.trust.rows import ROWS, Frame, make_frame

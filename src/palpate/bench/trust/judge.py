@@ -1,4 +1,4 @@
-"""One frame judged: how wrong it is, whether its intervals hold the truth, and whether it says a word.
+"""The verdict on one frame: its error, the coverage of its intervals, and whether it carries a note.
 
 **Load**: the integral of the traction's magnitude; of a plain push the net force. Where nothing touches, that of the contact that the noise fits.
 
@@ -8,14 +8,14 @@ normal one always).
 **Far outside**: the true net force lies outside its 95 % interval by more than half the interval's half-width, in any of these components. Of
 intervals that hold 95 % of normal errors, 0.3 % do. A normal force that is not sought, where there is one, lies far outside.
 
-**A word** is what the frame itself says:
+**A note** is, in this count:
 
 - its readings are refused,
 - its status is not "solved" or "no contact" ("no contact" is an answer, right or wrong),
 - ``Touch.fit``, where there is one, is below 0.01,
 - its force or the interval of it is not a number, where a clean frame of the same sensor has one,
 - the 95 % interval of the worst component of the force is wider than the load,
-- a note, figures apart, that a clean frame of the same sensor does not have. What is said of every frame is no word.
+- a note, figures apart, that a clean frame of the same sensor does not have. A note on every frame does not count.
 
 A frame that says "the net force is known roughly only", as every frame of some sensors rightly does, has said that it may be off by more than 30 %: it is
 not wrong without a word unless the truth lies far outside its interval.
@@ -54,12 +54,12 @@ from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.outcome import ROUGHLY
 
-__all__ = ["FAR", "MISFIT", "WRONG", "Verdict", "judge", "verdict"]
+__all__ = ["FAR_OUTSIDE", "MISFIT", "WRONG", "Verdict", "judge", "verdict"]
 
 #: Error of the net force, in parts of the load, from which on a frame is wrong.
 WRONG = 0.3
-#: How far outside its interval, in half-widths, the truth is far outside.
-FAR = 0.5
+#: A truth further outside its interval than this many half-widths is far outside.
+FAR_OUTSIDE = 0.5
 #: Misfit probability below which a frame says that it does not fit.
 MISFIT = 0.01
 #: Errors smaller than this part of the load are rounding.
@@ -68,7 +68,7 @@ _EXACT = 1e-6
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one frame.
+    """The outcome of one frame.
 
     Attributes
     ----------
@@ -77,17 +77,17 @@ class Verdict:
     force_error : float
         Error of the net force over the load.
     field_error : float
-        Error of the traction over its norm (of the typical load's, where nothing touches).
+        Error of the traction over its norm (of the typical load's for empty frames).
     far, peak_far : bool
         True net force, true peak pressure: far outside the 95 % interval.
     inside : dict
-        Part of the true values inside the 95 % interval, of "force" (components), "peak" and "cells"; NaN where there is no interval.
+        Part of the true values inside the 95 % interval, of "force" (components), "peak" and "cells"; NaN without an interval.
     words : tuple of str
-        What the frame itself says.
+        The notes of the frame.
     seconds : float
-        Processor time to solve it, the sensor prepared; at least so much where it was not done in time.
+        Processor time to solve it, without preparation; a lower bound if it was not done in time.
     status : str
-        Status, or what refused the readings.
+        Status, or the reason for refusal.
     broken : bool
         The library failed with an exception that it does not raise on purpose.
     late : bool
@@ -95,13 +95,13 @@ class Verdict:
     found, low, high, true : arrays (component,)
         Net force, its 95 % interval, and the truth.
     fit : float
-        Misfit probability, NaN where the library has none.
+        Misfit probability, or NaN.
     sensor : str
         Kind and channels of its sensor.
     frame : str
         The frame in words.
     rough : bool
-        Whether it says that its force is known roughly only, be it as every frame of this sensor.
+        Whether it notes that its force is uncertain, even if every frame of this sensor does.
     """
 
     row: str
@@ -137,12 +137,12 @@ class Verdict:
 
     @property
     def silent(self) -> bool:
-        """Whether it says nothing."""
+        """Whether the result carries no note."""
         return not self.words
 
     @property
     def betrays(self) -> bool:
-        """Wrong without a word: wrong, or the truth far outside, and nothing said; where it says that it may be wrong, far outside alone."""
+        """Wrong without a note: wrong, or the truth far outside the interval. With a note of possible error, only far outside counts."""
         return self.silent and (self.far or (self.wrong and not self.rough))
 
 
@@ -198,7 +198,7 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
 
 
 def _clean(frame: Frame, options: dict[str, Any]) -> tuple[Touch, dict[str, Any]]:
-    """The touch of the clean frame, and the options that this sensor takes: who is refused friction leaves it out."""
+    """The touch of the clean frame, and the options of this sensor, without friction if that is refused."""
     if frame.recorded is not None:
         return _clean_recording(frame, frame.recorded, options)
     try:
@@ -291,7 +291,7 @@ def _unanswered(
 
 
 def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Verdict:
-    """What a touch is worth, beside that of a clean frame of the same sensor."""
+    """The verdict on a touch, beside that on a clean frame of the same sensor."""
     grid = touch.surface
     truth, typical = cell_means(frame.load, grid), cell_means(frame.typical, grid)
     values = to_numpy(touch.values)
@@ -305,19 +305,19 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     error = force - np.clip(force, smallest, largest)
     low, high = _interval(touch, "force", len(names))
     peak_low, peak_high = _interval(touch, "peak_pressure", 0) if "z" in touch.components else (np.nan, np.nan)
-    # a component that is not sought is said to be zero
+    # a component that is not sought is zero by assumption
     left_out = [i for i in asked if i not in sought]
     low[left_out] = high[left_out] = 0.0 if np.isfinite(low[sought]).any() else np.nan
     slack = _EXACT * load
     miss = [float(np.maximum(low[i] - largest[i], smallest[i] - high[i])) for i in range(len(names))]
     if frame.open_above and np.isfinite(high[-1]):
         miss[-1] = math.inf
-    outside = [miss[i] > FAR * 0.5 * (high[i] - low[i]) + slack for i in asked]
+    outside = [miss[i] > FAR_OUTSIDE * 0.5 * (high[i] - low[i]) + slack for i in asked]
     inside_force = [miss[i] <= slack for i in asked if np.isfinite(low[i])]
-    # of what pulls as a whole, the strongest pull
+    # the strongest pull of a net pull
     peak = float(truth[-1].max() if (truth[-1] > 0).any() else truth[-1].min())
     strongest = float(np.abs(typical).max())
-    beyond = _beyond(peak, peak_low, peak_high)
+    beyond = _distance_outside(peak, peak_low, peak_high)
     inside = {
         "force": float(np.mean(inside_force)) if inside_force else np.nan,
         "peak": np.nan if not np.isfinite(peak_low) else float(beyond <= _EXACT * strongest),
@@ -349,7 +349,7 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
         force_error=float(np.linalg.norm(finite)) / load,
         field_error=float(np.linalg.norm((values - truth)[asked])) / norm,
         far=any(outside),
-        peak_far=bool(beyond > FAR * 0.5 * (peak_high - peak_low) + _EXACT * strongest),
+        peak_far=bool(beyond > FAR_OUTSIDE * 0.5 * (peak_high - peak_low) + _EXACT * strongest),
         inside=inside,
         words=tuple(words),
         seconds=seconds,
@@ -371,8 +371,8 @@ def _kind(frame: Frame) -> str:
     return f"{frame.sensor.kind} of {'+'.join(frame.sensor.channels)}"
 
 
-def _beyond(value: float, low: float, high: float) -> float:
-    """How far a value lies outside an interval; NaN, which is beyond nothing, where there is none."""
+def _distance_outside(value: float, low: float, high: float) -> float:
+    """How far a value lies outside an interval; NaN without an interval."""
     return float(np.maximum(low - value, value - high))
 
 
@@ -386,7 +386,7 @@ def _known(touch: Touch) -> int:
 
 
 def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
-    """The 95 % interval, NaN where the touch has none."""
+    """The 95 % interval, or NaN without an interval."""
     if touch.errors is None:
         nothing = np.full(length, np.nan) if length else np.nan
         return nothing, np.copy(nothing)

@@ -88,7 +88,7 @@ class _Patch:
         return np.where((r > 1.0) & (r < 1.35), 1.0, 0.0)
 
 
-KINDS = ("ball", "ball", "ball", "punch", "cylinder", "block", "cone", "tilted")
+INDENTERS = ("ball", "ball", "ball", "punch", "cylinder", "block", "cone", "tilted")
 
 
 def random_load(
@@ -116,7 +116,7 @@ def random_load(
     count = 1 if across or sensor.kind == "tiny" or adhesion > 0 else int(rng.choice([1, 2, 3], p=[0.75, 0.17, 0.08]))
     parts: list[_Patch] = []
     for _ in range(count):
-        kind = str(rng.choice(KINDS))
+        kind = str(rng.choice(INDENTERS))
         size = np.exp(rng.uniform(math.log(smallest), math.log(largest / count**0.5 + 0.1 * smallest), size=d))
         if kind in ("ball", "cone"):
             size[:] = size[0]

@@ -1,9 +1,9 @@
-"""Rows of the real bench: recordings that begin with frames at rest, and what sensors do there that no elastic pad does.
+"""Rows of the real bench: recordings that begin with frames at rest, with defects of sensors that no elastic pad has.
 
-Each case is the 30 frames at rest from which a user takes the zero, and the frames after them up to the one that is judged. Raw readings have an offset of their
-own in every taxel, where the row does not need their ends.
+Each case has 30 frames at rest for the zero, then frames up to the one that is judged. Raw readings have a separate offset in every taxel, except for
+rows that need the ends of the range.
 
-What counts as right, besides the interval that holds the true force:
+A result is right if its interval contains the true force, or:
 
 - all readings at their end: the truth lies above the lower end and the upper end is open, or the frame is not known; a finite upper end is far outside;
 - a press wider than the array: any force from that of the part over the array to that of the whole press;
@@ -94,12 +94,12 @@ class Case:
         return clean + self.offset + self.std * self.rng.standard_normal(clean.shape)
 
     def record(self, rest: Floats, steps: Floats, road: str, times: Floats | None = None) -> Case:
-        """Finish: beside the frames, a clean press of the same sensor."""
+        """Finish, and add a clean press of the same sensor."""
         ball = plain_ball(self.sensor, float(np.abs(self.typical.traction).max()))
-        sensed = _sensed(self.sensor, ball)
+        readings = sensed(self.sensor, ball)
         if self.limits is not None:  # a clean frame is within its range
-            sensed *= 0.7 * self.limits / float(np.abs(sensed).max())
-        clean = self.frames(_press(5, 5), sensed)
+            readings *= 0.7 * self.limits / float(np.abs(readings).max())
+        clean = self.frames(_press(5, 5), readings)
         if times is None:
             times = np.arange(len(rest) + len(steps)) / RATE
         self.recorded = Recorded(rest, steps, times, clean, road)
@@ -109,7 +109,7 @@ class Case:
         self.load = Load(self.load.grid, np.zeros_like(self.load.traction), "nothing touches any more")
 
 
-def _sensed(sensor: Sensor, load: Load) -> Floats:
+def sensed(sensor: Sensor, load: Load) -> Floats:
     """Readings (channel, *array) without noise."""
     return np.array(sensor.skin(surface=load.grid).sense(load.traction))
 
@@ -124,7 +124,7 @@ def _pressed(rng: np.random.Generator, suits: Callable[[Sensor], bool]) -> Case:
     sensor = random_sensor(rng, suits)
     mu = float(rng.uniform(0.2, 0.9))
     load = random_load(rng, sensor, friction=mu, axes=sensor.shears)
-    case = Case(rng, sensor, load, _sensed(sensor, load))
+    case = Case(rng, sensor, load, sensed(sensor, load))
     if sensor.shears and rng.random() < 0.5:
         case.friction = mu
     return case
@@ -153,7 +153,7 @@ def _stress(sensor: Sensor) -> bool:
     return sensor.sensing == "stress"
 
 
-# -- what no elastic model fits ------------------------------------------------------------------------------------------
+# -- readings that no elastic model fits ---------------------------------------------------------------------------------
 
 
 def uneven_gains(rng: np.random.Generator) -> Case:
@@ -226,7 +226,7 @@ def lattice(rng: np.random.Generator) -> Case:
     return _held(case, readings)
 
 
-# -- what readings do not tell -------------------------------------------------------------------------------------------
+# -- loads that readings do not determine --------------------------------------------------------------------------------
 
 
 def _wide(
@@ -255,7 +255,7 @@ def _wide(
 def all_at_their_end(rng: np.random.Generator) -> Case:
     """Every reading at the end of its range, which the sensor states."""
     sensor, load, least = _wide(rng, lambda s: s.channels == ("stress_zz",), 1.0, 2.0)
-    case = Case(rng, sensor, load, _sensed(sensor, load))
+    case = Case(rng, sensor, load, sensed(sensor, load))
     smallest = float(case.readings.min())
     case.limits = float(rng.uniform(0.1, 0.8)) * (smallest if smallest > 0 else 0.1 * case.peak)
     case.std = np.minimum(case.std, 0.02 * case.limits)
@@ -269,13 +269,13 @@ def all_at_their_end(rng: np.random.Generator) -> Case:
 def even_press(rng: np.random.Generator) -> Case:
     """A press that is even over the whole array and goes on beyond it: as an offset would look, but for the zero."""
     sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 1.2, 5.0)
-    case = Case(rng, sensor, load, _sensed(sensor, load))
+    case = Case(rng, sensor, load, sensed(sensor, load))
     case.words.append("pressed evenly and beyond the array")
     case.least = least
     return _held(case, case.readings)
 
 
-# -- what happens over time ----------------------------------------------------------------------------------------------
+# -- changes over time ---------------------------------------------------------------------------------------------------
 
 
 def frozen_patch(rng: np.random.Generator) -> Case:
@@ -300,7 +300,7 @@ def frozen_patch(rng: np.random.Generator) -> Case:
 
 
 def zeros_after_press(rng: np.random.Generator) -> Case:
-    """A sensor that writes exactly 0 where it feels nothing, for up to two seconds after a press; at rest 0, rounded or noise."""
+    """A sensor that writes exactly 0 without contact, for up to two seconds after a press; at rest 0, rounded or noise."""
     # cameras that see depth do so
     case = _pressed(rng, _sees_depth if rng.random() < 0.5 else _small)
     after, ramp = int(rng.integers(5, 61)), int(rng.integers(2, 7))
@@ -308,7 +308,7 @@ def zeros_after_press(rng: np.random.Generator) -> Case:
     pressed = case.frames(levels)
     noise = case.std * rng.standard_normal((REST, *case.readings.shape))
     at_rest = str(rng.choice(["exactly 0", "rounded", "noise"]))
-    step = 3.0 * case.std  # so that a few readings at rest are not 0
+    step = 3.0 * case.std  # so that a few rest readings differ from 0
     rest = {"exactly 0": np.zeros_like(noise), "rounded": np.round(noise / step) * step, "noise": noise}[at_rest]
     if at_rest == "rounded":
         pressed = np.round(pressed / step) * step

@@ -15,7 +15,7 @@ import numpy as np
 from palpate._threads import cached_property
 from palpate.bench.trust import recorded
 from palpate.bench.trust.presses import Load, plain_ball, random_load
-from palpate.bench.trust.recorded import Case, Recorded
+from palpate.bench.trust.recorded import Case, Recorded, sensed
 from palpate.bench.trust.sensors import Sensor, random_sensor
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -29,37 +29,37 @@ CLEAN, USUAL = (1e-4, 0.2), (1e-3, 0.05)
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame, what the library is told of its sensor, and the truth.
+    """One frame, the description of its sensor, and the truth.
 
     Attributes
     ----------
     row : str
     index : int
     sensor, described : Sensor
-        What the readings were made with, and what the library takes it for.
+        The true sensor, and its description for the library.
     uncertainty : mapping
-        Relative standard deviations that it is told besides, as `palpate.Uncertainty` takes them.
+        Stated relative standard deviations, as `palpate.Uncertainty` accepts them.
     friction : float or None
-        Coefficient of friction that it is told.
+        Stated coefficient of friction.
     noise : tuple of float or None
-        Standard deviation of each channel's noise that it is told.
+        Stated standard deviation of each channel's noise.
     readings : array (channel, *array)
     load : Load
-        The truth; all zero where nothing touches.
+        The truth; all zero for empty frames.
     typical : Load
-        What errors are counted in parts of: the load, or where nothing touches, the load that the noise would fit.
+        The unit of errors: the load, or for empty frames the load that the noise would fit.
     reference : array (channel, *array)
-        A clean frame of the sensor as described: a ball in the middle. What is said of it too is no word on this frame.
+        A clean frame of the sensor as described: a ball in the middle. Its notes do not count on this frame.
     words : str
-        What is wrong, in figures.
+        The defect, in figures.
     limits : float or None
-        The largest reading that the sensor gives, where it says so [unit of the channel].
+        The stated largest reading of the sensor [unit of the channel].
     recorded : Recorded or None
         The recording whose last frame this is, with its frames at rest.
     least : Load or None
-        The smallest load that is right, too, where less than the whole is over the array.
+        The smallest load that also counts as right, if a part of the load is off the array.
     open_above : bool
-        Nothing bounds the load from above: a finite upper end of the force is wrong.
+        The load has no upper bound: a finite upper end of the force is wrong.
     """
 
     row: str
@@ -81,12 +81,12 @@ class Frame:
 
     @cached_property
     def skin(self) -> Skin:
-        """What a user would make."""
+        """The skin that a user would make."""
         return self.described.skin(self.noise, uncertainty=self.uncertainty, limits=self.limits)
 
     @property
     def empty(self) -> bool:
-        """Whether nothing touches."""
+        """Whether there is no contact."""
         return not np.any(self.load.traction)
 
     def __str__(self) -> str:
@@ -132,7 +132,7 @@ class _Draft:
 Change = Callable[[_Draft], object]
 
 
-# -- what happens to readings --------------------------------------------------------------------------------------------
+# -- defects of readings --------------------------------------------------------------------------------------------------
 
 
 def _offset(draft: _Draft) -> None:
@@ -287,13 +287,13 @@ def _mixed(draft: _Draft) -> None:
         _MIXABLE[int(i)](draft)
 
 
-# -- what is described --------------------------------------------------------------------------------------------------------
+# -- wrong descriptions -------------------------------------------------------------------------------------------------------
 
 
 Factor = Callable[[np.random.Generator], float]
 Described = Callable[[Sensor, np.random.Generator], Sensor]
 
-#: Relative standard deviations that descriptions state, where they do.
+#: Relative standard deviations that descriptions state.
 MODULUS, THICKNESS, DEPTH, GAIN = 0.2, 0.2, 0.3, 0.075
 
 
@@ -313,7 +313,7 @@ def _modulus(factor_of: Factor) -> Described:
 
 def _thickness(factor_of: Factor) -> Described:
     def described(sensor: Sensor, rng: np.random.Generator) -> Sensor:
-        # what is described must still hold the taxels
+        # the description must still contain the taxels
         factor = max(factor_of(rng), 1.001 * sensor.depth / sensor.thickness)
         return replace(sensor, layers=tuple((t * factor, part) for t, part in sensor.layers))
 
@@ -326,27 +326,27 @@ def _depth(factor_of: Factor) -> Described:
 
 @dataclass(frozen=True)
 class Row:
-    """One row: sensors that it concerns, and what is done.
+    """One row: its sensors, and the defect.
 
     Attributes
     ----------
     name : str
     says : str
-        What is wrong, for the table's reader.
+        The defect, for the table's reader.
     suits : callable (Sensor) -> bool
-        Sensors that it concerns.
+        Whether it applies to a sensor.
     load : str
         "press", "nothing", "small", "pull", "adhesion" or "unseen shear".
     change : callable or None
-        What happens to readings.
+        The change of the readings.
     described : callable (Sensor, rng) -> Sensor or None
-        What the library is told in place of the truth.
+        The description for the library in place of the truth.
     uncertainty : mapping
         Relative standard deviations that the description states.
     noise : (float, float)
         Range of the noise, in parts of the largest reading.
     misstated : bool
-        The noise that is told is three times too small or too large.
+        The stated noise is three times too small or too large.
     recorded : callable (rng) -> Case or None
         Makes the frame: the last of a recording that begins at rest.
     """
@@ -519,7 +519,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     if this.load == "pull":
         load = load.times(-1.0)
     typical = load
-    readings = _sensed(sensor, load)
+    readings = sensed(sensor, load)
     peak = float(np.abs(readings).max())
     level = float(np.exp(rng.uniform(*np.log(this.noise))))
     std = np.full(len(sensor.channels), level * peak)
@@ -543,13 +543,13 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     says = std * (float(rng.choice([1 / 3, 3.0])) if this.misstated else 1.0)
     if this.misstated:
         draft.say(f"noise said to be {says[0] / std[0]:.2g} times what it is")
-    # friction holds for what presses: nobody would state it for a pull
+    # friction applies to pushing loads: nobody would state it for a pull
     presses = this.load not in ("pull", "adhesion")
     friction = mu * float(rng.choice([1.0, 1.0, 1.3])) if presses and sensor.shears and rng.random() < 0.5 else None
     if this.load == "unseen shear":
         friction = None
     ball = plain_ball(described, float(np.abs(typical.traction).max()))
-    clean = _sensed(described, ball)
+    clean = sensed(described, ball)
     clean = clean + column * rng.standard_normal(clean.shape)
     if draft.limits is not None:  # a clean frame is within its range
         clean *= 0.9 * draft.limits / float(np.abs(clean).max())
@@ -590,8 +590,3 @@ def _last_frame(row: str, index: int, case: Case) -> Frame:
         least=case.least,
         open_above=case.open_above,
     )
-
-
-def _sensed(sensor: Sensor, load: Load) -> Floats:
-    """Readings (channel, *array) without noise."""
-    return np.array(sensor.skin(surface=load.grid).sense(load.traction))

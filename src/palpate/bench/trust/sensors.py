@@ -54,7 +54,7 @@ _TINY: dict[tuple[tuple[int, int], tuple[str, ...]], float] = {
 
 @dataclass(frozen=True)
 class Sensor:
-    """A pad and the array in it, in plain numbers, so that what is true and what is said of them may differ.
+    """A pad and its array in plain numbers, so that truth and description may differ.
 
     Attributes
     ----------
@@ -88,12 +88,12 @@ class Sensor:
 
     @property
     def thickness(self) -> float:
-        """Down to the rigid base [m]; infinite where there is none."""
+        """Depth of the rigid base [m]; infinite without a base."""
         return sum(t for t, _ in self.layers) if self.layers else math.inf
 
     @property
     def shears(self) -> str:
-        """Axes along which it can tell shear from pressure."""
+        """Axes of shear that it separates from pressure."""
         if len(self.shape) == 1:
             return "x" if len(self.channels) > 1 else ""
         if len(self.channels) == 1:
@@ -108,8 +108,7 @@ class Sensor:
         uncertainty: Mapping[str, float] | None = None,
         limits: float | None = None,
     ) -> Skin:
-        """The skin of this description; ``uncertainty``: what it states of itself, as `palpate.Uncertainty` takes it; ``limits``: the largest
-        reading that it gives."""
+        """The skin of this description; ``uncertainty``: as `palpate.Uncertainty` accepts it; ``limits``: the largest reading."""
         array: LineArray | AreaArray
         if len(self.shape) == 1:
             array = LineArray(
@@ -165,7 +164,7 @@ class Sensor:
         )
 
 
-def _one_of(rng: np.random.Generator, table: Mapping[Any, float]) -> Any:
+def _draw(rng: np.random.Generator, table: Mapping[Any, float]) -> Any:
     weights = np.array(list(table.values()))
     return list(table)[int(rng.choice(len(weights), p=weights / weights.sum()))]
 
@@ -186,15 +185,15 @@ def _any_sensor(rng: np.random.Generator) -> Sensor:
     kind = str(rng.choice(["line", "area", "tiny"], p=[0.32, 0.48, 0.20]))
     modulus, ratio = _log(rng, 2e4, 3e6), float(rng.uniform(0.3, 0.5))
     if kind == "tiny":
-        shape, channels = _one_of(rng, _TINY)
+        shape, channels = _draw(rng, _TINY)
         pitch = 4.7e-3 if rng.random() < 0.5 else _log(rng, 2e-3, 6e-3)
         depth = float(rng.uniform(2e-3, 4e-3)) * pitch / 4.7e-3
     elif kind == "line":
-        shape, channels = (int(rng.integers(15, 41)),), _one_of(rng, _LINES)
+        shape, channels = (int(rng.integers(15, 41)),), _draw(rng, _LINES)
         pitch = _log(rng, 5e-4, 5e-3)
         depth = pitch * _log(rng, 0.5, 3.0)
     else:
-        shape, channels = tuple(int(n) for n in rng.integers(6, 13, size=2)), _one_of(rng, _AREAS)
+        shape, channels = tuple(int(n) for n in rng.integers(6, 13, size=2)), _draw(rng, _AREAS)
         if rng.random() < 0.5:
             shape = (shape[0], shape[0])
         pitch = _log(rng, 1e-3, 5e-3)
@@ -215,6 +214,6 @@ def _any_sensor(rng: np.random.Generator) -> Sensor:
         layers = ((top, float(rng.uniform(1.5, 5.0))), (depth * float(rng.uniform(1.1, 3.0)) - top, 1.0))
     if layers:
         ratio = min(ratio, 0.495)
-    # the mean over a wide taxel in layers takes seconds to prepare, and is alike
+    # averaging over a wide taxel in layers takes seconds to prepare, and changes little
     aperture = 0.7 * pitch if wide and not layers else 0.0
     return Sensor(kind, shape, pitch, depth, aperture, channels, modulus, ratio, layers, gel)

@@ -1,4 +1,4 @@
-"""All rows, and what is counted in them."""
+"""All rows and their counts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def trust(
 ) -> Iterable[Verdict]:
     """``frames`` frames of each row from number ``first`` on, judged one after another.
 
-    A frame that takes more than ``limit`` seconds of processor time is left unanswered.
+    A frame that takes more than ``limit`` seconds of processor time has no answer.
     """
     tasks = [(row, i, seed, limit) for row in rows for i in range(first, first + frames)]
     yield from spread_over(_judged, tasks, jobs)
@@ -45,21 +45,21 @@ class Line:
     row : str
     frames : int
     wrong, wrong_silent : int
-        Frames whose net force is off by more than 30 % of the load; those of them that say nothing.
+        Frames whose net force is off by more than 30 % of the load; those of them without a note.
     far, far_silent, peak_far, peak_far_silent : int
-        Frames whose true net force, or peak pressure, lies far outside its 95 % interval; those that say nothing.
+        Frames whose true net force, or peak pressure, lies far outside its 95 % interval; those of them without a note.
     betrays : int
-        Frames that are wrong without a word, by the force's error or its interval.
+        Frames that are wrong without a note, by the force's error or its interval.
     warned : int
-        Frames that are as wrong and say so.
+        Frames that are as wrong and have a note.
     words, though_right : int
-        Frames that say a word; those whose force is neither wrong nor far outside.
+        Frames with a note; those of them whose force is neither wrong nor far outside.
     coverage : dict
         Part of the true values inside the 95 % interval, each frame counting once; NaN where no frame has an interval.
     without : int
         Frames answered without an interval of the force.
     refused, late, broken : int
-        Frames that were not answered: refused with a reason, not done in time, or broken down.
+        Frames without an answer: refused with a reason, not done in time, or failed.
     field_error : float
         Median error of the traction over its norm.
     half, most : float
@@ -99,7 +99,7 @@ def _percentile(values: Iterable[float], part: float) -> float:
 
 
 def lines(found: Sequence[Verdict]) -> list[Line]:
-    """What is counted in each row."""
+    """The counts of each row."""
     out = []
     for row in dict.fromkeys(v.row for v in found):
         some = [v for v in found if v.row == row]
@@ -180,7 +180,7 @@ def by_sensor(found: Sequence[Verdict]) -> list[tuple[str, int, int]]:
 
 
 def sentence(v: Verdict) -> str:
-    """What became of one frame, and what it was."""
+    """One sentence on a frame and its outcome."""
     if not v.answered:
         return f"{v.frame}: {v.status}"
     names = ("x", "z") if len(v.true) == 2 else ("x", "y", "z")

@@ -16,8 +16,8 @@ __all__ = ["Circle", "find_circle"]
 
 #: Changes of colour that count are above so many standard deviations of noise, and above this part of the strongest.
 CLEAR, PART = 6.0, 0.2
-#: Contact radii below so many pixels are too few to learn from.
-LEAST = 5.0
+#: Smallest contact radius to learn from [pixels].
+MIN_CONTACT_RADIUS = 5.0
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,9 @@ class Circle:
 
 
 def find_circle(change: Floats, noise: float) -> Circle | None:
-    """The circle where a ball touches, in changes of colour (row, column, channel) with noise of this standard deviation; None where nothing round stands out."""
+    """The circle where a ball touches, in changes of colour (row, column, channel) with noise of this standard deviation; None without a significant
+    circle.
+    """
     from scipy.ndimage import binary_fill_holes, gaussian_filter, label
     from scipy.signal import fftconvolve
 
@@ -45,7 +47,7 @@ def find_circle(change: Floats, noise: float) -> Circle | None:
         return None
     largest = 1 + int(np.argmax(np.bincount(spots.ravel())[1:]))
     rows, columns = np.nonzero(spots == largest)
-    if len(rows) < np.pi * LEAST**2:
+    if len(rows) < np.pi * MIN_CONTACT_RADIUS**2:
         return None
     # the whole pattern within the box about it, alone
     margin = 4
@@ -64,4 +66,4 @@ def find_circle(change: Floats, noise: float) -> Circle | None:
     most = int(min(0.75 * max(h, w), min(size.shape) / 2.0))
     ring = [float(size[(far >= r - 0.7) & (far < r + 0.7)].mean()) for r in range(2, most)]
     radius = 2.0 + float(np.argmax(ring))
-    return Circle(float(column), float(row), radius) if radius >= LEAST else None
+    return Circle(float(column), float(row), radius) if radius >= MIN_CONTACT_RADIUS else None

@@ -1,4 +1,4 @@
-"""From pictures to relative changes of colour against the gel at rest, and the pixels that tell nothing."""
+"""From pictures to relative changes of colour against the gel at rest, and the pixels without information."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
     Raises
     ------
     InvalidInput
-        A grey picture, or none.
+        A missing or grey picture.
     """
     values = np.asarray(image)
     if values.ndim != 3 or values.shape[2] not in (3, 4):
@@ -70,7 +70,7 @@ def change_of(image: Floats, rest: Floats) -> Floats:
 
 
 def dark_spots(image: Floats) -> npt.NDArray[np.bool_]:
-    """Where printed dots or dirt hide the coat: darker than what is around in every colour; a pixel more all about."""
+    """Printed dots or dirt that hide the coat: darker than the surroundings in every colour, widened by a pixel."""
     from scipy.ndimage import binary_dilation, grey_closing
 
     side = 2 * math.ceil(0.5 * AROUND * image.shape[1]) + 1
@@ -81,13 +81,13 @@ def dark_spots(image: Floats) -> npt.NDArray[np.bool_]:
 
 
 def changed_places(change: Floats, rest: Floats, lost: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Blocks (row, column) where colours changed by more than noise and drift of the light: nothing where nothing touches."""
+    """Blocks (row, column) whose colours change by more than noise and drift of the light."""
     from scipy.ndimage import binary_fill_holes, gaussian_filter, label
 
     weight = gaussian_filter((~lost).astype(np.float64), JUDGED)
     total = np.zeros(lost.shape)
     for part, still in zip(np.moveaxis(change, -1, 0), np.moveaxis(rest, -1, 0)):
-        # noise and drift are alike in levels of the camera, not in parts of the light at rest
+        # noise and drift have equal sizes in levels of the camera, not in parts of the light at rest
         level = np.where(lost, 0.0, part * (still + FLOOR))
         smooth = gaussian_filter(level, JUDGED) / np.maximum(weight, 0.1)
         seen = smooth[~lost]

@@ -1,4 +1,4 @@
-"""calibrated.toml with a section [colour], and what colours mean beside it: numbers alone (.npz), nothing that runs."""
+"""calibrated.toml with a section [colour], and the learnt coefficients beside it as numbers only (.npz), without executable content."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from palpate.camera.colour.model import SlopeModel
 from palpate.camera.colour.response import Response
 from palpate.errors import InvalidInput
-from palpate.recordings.files import atomically
+from palpate.recordings.files import atomically, write_arrays
 from palpate.recordings.skinfile import skin_text
 from palpate.sensing.view import View
 
@@ -58,22 +58,18 @@ def write_slopes(path: str | Path, skin_file: str | Path, model: SlopeModel) -> 
         "said": np.asarray(json.dumps(model.said)),
     }
 
-    def fill(name: str) -> None:
-        with Path(name).open("wb") as file:
-            np.savez_compressed(file, **held)
-
     comments = "".join(f"# {line}\n" for line in str(model).splitlines())
 
     def fill_text(name: str) -> None:
         Path(name).write_text(f'{text}\n\n[colour]\n{comments}file = "{numbers.name}"\n', encoding="utf-8")
 
-    atomically(numbers, fill)
+    write_arrays(numbers, held)
     atomically(target, fill_text)
     return target, numbers
 
 
 def read_slopes(skin_file: str | Path) -> SlopeModel | None:
-    """What the colours of a gel mean, of the file that a skin.toml names; None where it has no section [colour].
+    """The learnt slopes of a gel, from the file that a skin.toml names; None without a section [colour].
 
     Raises
     ------
@@ -94,7 +90,7 @@ def read_slopes(skin_file: str | Path) -> SlopeModel | None:
     try:
         section = tomllib.loads(skin_text(source)).get("colour")
     except ValueError:
-        return None  # what reads the pad says what is wrong with it
+        return None  # the reader of the pad reports its errors
     if section is None:
         return None
     path = source.parent / str(section.get("file", ""))

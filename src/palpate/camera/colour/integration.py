@@ -1,4 +1,4 @@
-"""Slopes to depth: the surface whose differences fit the slopes best, each as well as it is known (a weighted Poisson equation).
+"""Slopes to depth: the surface with the weighted least-squares fit to the slopes (a weighted Poisson equation).
 
 Minimise over u the sum over neighbours of w (u_b - u_a - g . (x_b - x_a))^2, by conjugate gradients whose preconditioner solves the equation with equal weights
 by cosine transforms (D. C. Ghiglia, L. A. Romero, J. Opt. Soc. Am. A 11, 1994, 107-117). Nothing holds the edge of the picture: the depth of one pixel is free, and is
@@ -14,7 +14,7 @@ from palpate.errors import InvalidInput
 
 __all__ = ["integrate"]
 
-#: Relative residual at which the iteration ends, a hundredth of what slopes are known to, and its most steps: one does where all weights are equal.
+#: Relative residual at the end of the iteration, a hundredth of the error of slopes, and the largest number of steps: one suffices for equal weights.
 TOLERANCE, MOST = 1e-5, 600
 
 
@@ -24,7 +24,7 @@ def integrate(slopes: Floats, weight: Floats, places: Floats) -> Floats:
     Raises
     ------
     InvalidInput
-        Weights so uneven that the iteration does not end.
+        Weights so uneven that the iteration does not converge.
     """
     lead = slopes.shape[:-3]
     flat = slopes.reshape(-1, *slopes.shape[-3:])
@@ -50,7 +50,7 @@ def integrate(slopes: Floats, weight: Floats, places: Floats) -> Floats:
 
 
 def _between(weight: Floats, axis: int) -> Floats:
-    """Of the difference of two neighbours: that of the less known."""
+    """Weight of the difference of two neighbours: the smaller one."""
     n = weight.shape[axis]
     return np.asarray(np.minimum(weight.take(range(1, n), axis), weight.take(range(n - 1), axis)))
 

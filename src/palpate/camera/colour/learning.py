@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.camera.colour.balls import LEAST, Circle, find_circle
+from palpate.camera.colour.balls import MIN_CONTACT_RADIUS, Circle, find_circle
 from palpate.camera.colour.change import change_of, dark_spots, reduced, step_of
 from palpate.camera.colour.integration import integrate
 from palpate.camera.colour.model import SlopeModel, grid_of
@@ -24,18 +24,18 @@ from palpate.units import is_number
 
 __all__ = ["learn_slopes"]
 
-#: Fewer presses cannot be checked by leaving one out.
-FEWEST = 3
-#: Part of the radius of the ring of strongest colour within which pixels are taken: blur puts that ring two to three blocks inside the edge of the contact, and inside it the slope is
-#: the ball's whatever the radius.
-WITHIN = 1.0
+#: Cross-validation needs at least this many presses.
+MIN_PRESSES = 3
+#: Use pixels within this part of the radius of the ring of strongest colour: blur puts that ring two to three blocks inside the edge of the contact,
+#: and inside it the slope is that of the ball.
+RING_FRACTION = 1.0
 #: Degrees in slope, and ridges (of the mean square of a feature of rank 0), that are tried; each rank is held back four times as much, rank 0 hardly. Of fifteen
 #: polynomials of place and light, four ridges and four ways to normalise colour, on eight gels with 3 to 10 presses, this kind had the least error of slopes elsewhere.
 DEGREES, RIDGES, EACH_RANK, RANK_0 = (2, 3), (1e-5, 1e-4, 1e-3), 4.0, 0.01
-#: Rounds in which centres and the polynomial are improved in turn.
+#: Rounds of alternating fits of centres and the polynomial.
 ROUNDS = 4
-#: Slopes inside the contact count up to so much: a ball that is pressed in to more than 0.9 of its radius is another.
-MOST_RADIUS = 0.9
+#: Largest contact radius over ball radius: a ball pressed deeper is probably another ball.
+MAX_CONTACT_RATIO = 0.9
 
 #: Contacts wider than this part of the ball have flanks of 45 degrees, which no gel keeps up with.
 WIDE = 0.7
@@ -57,7 +57,7 @@ def learn_slopes(
     rest: Any = None,
     baseline: int | None = None,
 ) -> SlopeModel:
-    """What the colours of a gel mean, from pictures of a ball of known size pressed into it.
+    """Learn how colours depend on slopes, from pictures of a ball of known size pressed into the gel.
 
     Within the contact the surface is that of the ball: the slope at distance r from the centre is r / sqrt(R^2 - r^2), whatever the gel is made of. Three presses do; ten all over the picture are
     better. The centre of each is found, the polynomial from slope and place to colour is fitted by least squares, and every press is left out once to measure the error.
@@ -71,9 +71,9 @@ def learn_slopes(
     ball_diameter : float
         [m], as a caliper reads it.
     rest : array (row, column, 3), optional
-        The gel at rest, where the pictures do not begin with it.
+        The gel at rest, if the pictures do not begin with it.
     baseline : int, optional
-        Pictures at the start that show the gel at rest. Default: the first, and others in which nothing touches.
+        Pictures at the start that show the gel at rest. Default: the first, and others without contact.
 
     Raises
     ------
@@ -107,9 +107,9 @@ def learn_slopes(
                 )
             names.append(f"picture {picture.index}")
             images.append(reduced(picture.image, step, f"{title}, picture {picture.index}"))
-    if rest is None and len(images) < FEWEST + 1:
+    if rest is None and len(images) < MIN_PRESSES + 1:
         raise InvalidInput(
-            f"{title}: {FEWEST} presses and before them a picture of the gel at rest are needed; there are {len(images)} pictures. Take ten presses all over the gel."
+            f"{title}: {MIN_PRESSES} presses and before them a picture of the gel at rest are needed; there are {len(images)} pictures. Take ten presses all over the gel."
         )
     seen = view if isinstance(view, View) else view_of(view, size, np.zeros((0, 2)))
     if rest is not None:
@@ -142,10 +142,10 @@ def learn_slopes(
         said.append(
             f"nothing round is seen in {', '.join(quiet[:6])}{' and others' if len(quiet) > 6 else ''}: not used"
         )
-    if len(presses) < FEWEST:
+    if len(presses) < MIN_PRESSES:
         raise InvalidInput(
-            f"{title}: a ball is found in {len(presses)} of {len(images) - first} pictures after that at rest, and {FEWEST} are needed. The first picture must show the gel at rest; press a ball of 4 to 20 mm, "
-            f"and see that its contact is at least {int(2 * LEAST * step)} pixels wide."
+            f"{title}: a ball is found in {len(presses)} of {len(images) - first} pictures after that at rest, and {MIN_PRESSES} are needed. The first picture must show the gel at rest; press a ball of 4 to 20 mm, "
+            f"and see that its contact is at least {int(2 * MIN_CONTACT_RADIUS * step)} pixels wide."
         )
     return learner.learn(presses, still, said)
 
@@ -189,7 +189,7 @@ class _Learner:
         middle, scale = self._middle(press.circle)
         dx, dy = self.places[0] - middle[0], self.places[1] - middle[1]
         r = np.hypot(dx, dy)
-        reach = min(within * press.circle.radius * scale, MOST_RADIUS * self.radius)
+        reach = min(within * press.circle.radius * scale, MAX_CONTACT_RATIO * self.radius)
         chosen = (r < reach) & ~press.lost
         down = -1.0 / np.sqrt(self.radius**2 - r[chosen] ** 2)
         return chosen, np.stack([dx[chosen] * down, dy[chosen] * down], axis=-1)
@@ -203,7 +203,7 @@ class _Learner:
         return Response(np.ascontiguousarray(solved.T).reshape(3, *place.shape), degree, steepest)
 
     def _sums(self, press: _Press, degree: int, steepest: float) -> _Sums:
-        chosen, slopes = self.inside(press, WITHIN)
+        chosen, slopes = self.inside(press, RING_FRACTION)
         shape = ranks(degree)[0].shape
         rows = Response(np.zeros((3, *shape)), degree, steepest).features(slopes, self.base[chosen])
         colours = press.change[chosen]
@@ -212,7 +212,7 @@ class _Learner:
 
     def _centred(self, press: _Press, response: Response) -> _Press:
         """The press with its centre moved to where the polynomial explains its colours best: one Gauss-Newton step."""
-        chosen, slopes = self.inside(press, WITHIN)
+        chosen, slopes = self.inside(press, RING_FRACTION)
         if chosen.sum() < 20:
             return press
         value, by = response.derivative(slopes, response.local(self.base[chosen]))
@@ -254,7 +254,7 @@ class _Learner:
         response = self._fit(sums, degree, ridge, steepest)
         without = [self._fit(sums[:i] + sums[i + 1 :], degree, ridge, steepest) for i in range(len(sums))]
         covariance = self._covariance(presses, without, noise)
-        table = tuple(self._left_out(p, other, covariance) for p, other in zip(presses, without))
+        table = tuple(self._cross_validate(p, other, covariance) for p, other in zip(presses, without))
         gains = np.array([row[2] for row in table])
         # the scatter of single presses is what a new contact has; their mean off 1 is a bias of the same kind
         gain_std = float(np.sqrt(np.mean((gains - 1.0) ** 2)))
@@ -277,20 +277,22 @@ class _Learner:
         )
 
     def _steepest(self, presses: list[_Press]) -> float:
-        return max(float(np.hypot(*self.inside(p, WITHIN)[1].T).max(initial=0.0)) for p in presses)
+        return max(float(np.hypot(*self.inside(p, RING_FRACTION)[1].T).max(initial=0.0)) for p in presses)
 
     def _covariance(self, presses: list[_Press], without: list[Response], noise: float) -> Floats:
-        """Of colour about the model, on presses that were left out; at least the noise of pixels."""
+        """Covariance of colour round the model in cross-validation; at least the noise of pixels."""
         parts = []
         for press, other in zip(presses, without):
-            chosen, slopes = self.inside(press, WITHIN)
+            chosen, slopes = self.inside(press, RING_FRACTION)
             left = press.change[chosen] - other.change(slopes, self.base[chosen])
             parts.append(left.T @ left / len(left))
         return np.asarray(np.mean(parts, axis=0) + 0.25 * noise**2 * np.eye(3))
 
-    def _left_out(self, press: _Press, other: Response, covariance: Floats) -> tuple[str, float, float, float, float]:
+    def _cross_validate(
+        self, press: _Press, other: Response, covariance: Floats
+    ) -> tuple[str, float, float, float, float]:
         """Name, contact radius [m], gain, error of slope and of depth [m] of a press by the model without it."""
-        chosen, ball = self.inside(press, WITHIN)
+        chosen, ball = self.inside(press, RING_FRACTION)
         _, scale = self._middle(press.circle)
         box = tuple(slice(int(v.min()), int(v.max()) + 1) for v in np.nonzero(chosen))
         base = self.base[box]

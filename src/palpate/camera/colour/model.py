@@ -22,12 +22,13 @@ __all__ = ["Relief", "SlopeModel", "grid_of"]
 OUTLYING = 25.0
 #: Standard deviations of the picture's own depth noise that a contact must stand out by.
 CLEAR = 6.0
-#: Parts of the contact from which on it is said: colours of another gel, slopes steeper than learnt, pixels that are hidden.
+#: Share of the contact above which a note follows: colours of another gel, slopes steeper than learnt, hidden pixels.
 FOREIGN, STEEP, HIDDEN = 0.25, 0.1, 0.2
-#: Change of colour of the median pixel beyond which a picture is not of this gel in these lights: drift of the light as a whole is taken out, and a contact leaves half of the picture as it was.
-OTHER_LIGHT = 0.1
-#: Weight of a pixel that tells nothing or little in the integration, over that of others: so little bends where others tell, and the equation stays well conditioned.
-LEAST_WEIGHT = 0.05
+#: If the colour of the median pixel changes by more, the picture does not show this gel in these lights: the drift of the whole light is subtracted
+#: first, and a contact leaves half of the picture unchanged.
+MAX_COLOUR_CHANGE = 0.1
+#: Relative weight of pixels without information in the integration: small enough to follow the others, large enough for a well conditioned equation.
+MIN_WEIGHT = 0.05
 
 
 def grid_of(view: View, size: tuple[int, int], step: int) -> tuple[Floats, Floats]:
@@ -46,23 +47,24 @@ class Relief:
     Attributes
     ----------
     depth, std : array (row, column)
-        How far the surface is pressed in [m], positive into the gel, zero at the edge of the picture; and its standard deviation.
+        Indentation of the surface [m], positive into the gel, zero at the edge of the picture; and its standard deviation.
     slopes : array (2, row, column)
         du_z/dx and du_z/dy, x right and y up.
     places : array (2, row, column)
         (x, y) of each [m].
     known : array (row, column) of bool
-        False where a pixel told nothing: saturated, dust, a dot, another coat; depth is carried across from its neighbours there.
+        False for pixels without information (saturated, dust, a dot, another coat); their depth is interpolated.
     contact, near : array (row, column) of bool
-        Where colours changed beyond noise and drift; and that with the part of the gel about it in which slopes are used.
+        Where colours changed by more than noise and drift; and that plus the surroundings in which slopes are used.
     noise : float
         Standard deviation of the depth where nothing touches [m], from this picture.
     errors : array (cause, row, column)
-        What depth may be off by as a whole [m], one standard deviation each: by what each press of the calibration taught, by slopes that are hidden or steeper than those learnt.
+        Common error of the depth [m], one standard deviation each: due to each press of the calibration, and to slopes that are hidden or steeper
+        than the learnt ones.
     touching : bool
-        Whether anything stands out from the noise.
+        Whether anything exceeds the noise.
     said : tuple of str
-        What to know of this picture.
+        Notes on this picture.
     """
 
     depth: Floats
@@ -87,9 +89,9 @@ class SlopeModel:
     response : Response
         The polynomial from slope and place to colour.
     left_out : array (press, ...)
-        Its coefficients without one press after another: what they differ by is the standard error (the jackknife).
+        Its coefficients without each press: their spread is the standard error (the jackknife).
     covariance : array (channel, channel)
-        Of colour about the model, on presses that were left out.
+        Of colour round the model, in cross-validation.
     rest : array (row, column, 3)
         The gel at rest, from 0 to 1, in blocks.
     size : (int, int)
@@ -104,8 +106,7 @@ class SlopeModel:
         Root mean square error inside the contact of presses that were left out: of the slope, and of depth [m].
     table : tuple
         Of each press: its name, contact radius [m], gain, error of slope and of depth [m], left out.
-    said : tuple of str
-        What to know.
+    said : tuple of str Notes.
     """
 
     response: Response
@@ -155,7 +156,7 @@ class SlopeModel:
         return self._grid()[1]
 
     def prepared(self, image: npt.ArrayLike, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """A picture in blocks and where it is saturated or black; `InvalidInput` where it has another size."""
+        """A picture in blocks and its saturated or black pixels; `InvalidInput` for another size."""
         shape = np.shape(image)
         if len(shape) == 3 and (shape[1], shape[0]) != self.size:
             raise InvalidInput(
@@ -198,7 +199,7 @@ class SlopeModel:
             )
         change = change_of(values, still)
         different = float(np.median(np.abs(change).max(axis=2)[~lost]))
-        if different > OTHER_LIGHT:
+        if different > MAX_COLOUR_CHANGE:
             raise InvalidInput(
                 f"{name}: half of the picture differs from the gel at rest by {100 * different:.0f} % and more in colour: another gel, other lights, or a camera that moved. Give pictures at rest of today (--baseline, or rest=), or calibrate this gel."
             )
@@ -214,7 +215,7 @@ class SlopeModel:
         outlying = (misfit > OUTLYING).reshape(shape)
         known = ~(lost | outlying)
         variance = np.einsum("nii->n", spread).reshape(shape)
-        weight = np.clip(float(np.median(variance)) / variance, LEAST_WEIGHT, 1.0) * np.where(known, 1.0, LEAST_WEIGHT)
+        weight = np.clip(float(np.median(variance)) / variance, MIN_WEIGHT, 1.0) * np.where(known, 1.0, MIN_WEIGHT)
         field_of = _filled(np.moveaxis(slopes.reshape(*shape, 2), -1, 0), known)
         pixel = float(np.sqrt(np.abs(np.linalg.det(self.view.jacobian((np.array(self.size) - 1) / 2.0)))) * self.step)
         # white noise of slopes integrates to about one step of it; drift of the light to what the rest of the picture shows
@@ -248,7 +249,7 @@ class SlopeModel:
         levelled = _levelled(np.concatenate([depth[None], errors]), window, places)
         depth, errors = levelled[0], levelled[1:]
         std = np.sqrt(noise**2 + (errors**2).sum(axis=0))
-        said = self._said(contact, known, outlying & ~lost, slopes, depth)
+        said = self._notes_of(contact, known, outlying & ~lost, slopes, depth)
         touching = bool(depth[contact].max() > CLEAR * noise)
         if not touching:
             said.insert(
@@ -257,7 +258,7 @@ class SlopeModel:
             )
         return Relief(depth, std, used, places, known, contact, window >= 1.0, noise, errors, touching, tuple(said))
 
-    def _said(
+    def _notes_of(
         self,
         contact: npt.NDArray[np.bool_],
         known: npt.NDArray[np.bool_],
@@ -304,7 +305,7 @@ class SlopeModel:
         used: Floats,
         window: Floats,
     ) -> Floats:
-        """What depth may be off by: (cause, row, column)."""
+        """Common errors of the depth: (cause, row, column)."""
         shape = known.shape
         inverse = np.linalg.inv(self.covariance)
         value = self.response.change(slopes, base)
@@ -317,7 +318,7 @@ class SlopeModel:
             moved *= math.sqrt((count - 1) / count)
             limit = 0.5 * self.response.steepest
             causes.append(np.clip(moved, -limit, limit).T.reshape(2, *shape) * known * window)
-        # all slopes together: what presses that were left out were off by as a whole
+        # common error of the slopes, in cross-validation
         causes.append(self.gain_std * used)
         # hidden slopes, and those at the limit of what was learnt: half of the steepest more, downhill
         steep = np.hypot(*slopes.T).reshape(shape) > self.response.steepest
@@ -326,12 +327,12 @@ class SlopeModel:
         causes.append(0.5 * self.response.steepest * way * doubtful)
         field_of = np.stack(causes)
         out = integrate(field_of[:-1], weight, places)
-        # what is hidden is not held by its small weight here: it is the cause
+        # hidden pixels have a small weight, but are the cause of this error
         return np.concatenate([out, integrate(field_of[-1:], np.ones(shape), places)])
 
 
 def _filled(slopes: Floats, known: npt.NDArray[np.bool_]) -> Floats:
-    """Slopes of pixels that tell nothing, from those about them."""
+    """Fill in slopes of pixels without information from their neighbours."""
     from scipy.ndimage import gaussian_filter
 
     if known.all():
@@ -360,7 +361,9 @@ def _window(contact: npt.NDArray[np.bool_]) -> Floats:
 
 
 def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
-    """Depth (*more, row, column) less the plane of its rim, where the window ends: flanks whose slopes are not equally right leave a ramp that no contact makes. 0 beyond."""
+    """Depth (*more, row, column) minus the plane of its rim, where the window ends: unequal errors of the flanks' slopes leave a ramp that no contact
+    makes. 0 outside.
+    """
     rim = (window > 0) & (window < 1)
     if rim.sum() < 20:
         return depth
@@ -373,7 +376,7 @@ def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
 
 
 def _wander(depth: Floats, window: Floats, places: Floats) -> float:
-    """Standard deviation of depth beyond the contact, a plane taken out; 0 where nothing is left beyond."""
+    """Standard deviation of depth outside the contact after subtracting a plane; 0 without places outside."""
     beyond = (window == 0)[::2, ::2]
     if beyond.mean() < 0.1:
         return 0.0

@@ -54,7 +54,7 @@ def draw_relief(image: npt.NDArray[Any], relief: Relief) -> Figure:
 
 
 def draw_colours(model: SlopeModel) -> Figure:
-    """The gel at rest, how colour changes with slope in its middle, and the error of each press that was left out.
+    """Draw the gel at rest, the change of colour with slope in its middle, and the cross-validation error of each press.
 
     Examples
     --------

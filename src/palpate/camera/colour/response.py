@@ -6,10 +6,9 @@ of channel k against the gel at rest and g = (du_z/dx, du_z/dy):
     c_k(g, x) = sum over m of phi_m(g) sum over b of B_b(x) beta_kmb
 
 phi: monomials, of degree 1 and more, of the horizontal part of the unit normal, g / sqrt(1 + g^2), since a dull coat's brightness is linear in the normal (R. J. Woodham, Opt. Eng. 19, 1980), so
-that no slope is no change; B: what changes from place to place (`bases`): the place itself, and how much of the light at rest has each
-colour, which says what lamps light it. It is fitted from slope to colour, the way that the camera works, where
-the slopes are exact and the noise is that of colours: a regression from colour to slope would shrink steep slopes towards zero. Three colours tell two slopes,
-and the third direction says whether a pixel follows the model at all.
+that no slope is no change; B: functions of the place (`bases`): the place itself, and the share of each colour in the light at rest, which depends on
+the lamps. The fit goes from slope to colour, as the camera does, with exact slopes and noisy colours: a regression from colour to slope would shrink
+steep slopes towards zero. Three colours determine two slopes, and the third direction tests whether a pixel follows the model.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Response", "bases", "ranks", "solve_slopes"]
 
-#: Slopes are sought up to so many times the steepest that was learnt: a polynomial tells nothing far beyond.
-BEYOND = 1.15
+#: Search slopes up to this many times the steepest learnt one: a polynomial means nothing far outside its data.
+SLOPE_MARGIN = 1.15
 #: Steps of the Gauss-Newton iteration; colours are mildly nonlinear in slopes, and eight reach single precision.
 STEPS = 8
 #: Degrees of the bases, and the blur of the light at rest [blocks].
@@ -50,7 +49,7 @@ def bases(scaled: Floats, rest: Floats) -> Floats:
 
 
 def ranks(degree: int) -> tuple[Floats, Floats]:
-    """Degrees of each coefficient (term, place term) above 1 in the normal, and in the place: what a ridge holds back."""
+    """Degrees of each coefficient (term, place term) above 1 in the normal, and in the place, for the ridge penalty."""
     terms = np.array([a + b - 1.0 for a, b in monomials(degree, 1)])
     normal, place = np.meshgrid(terms, np.array(BASE_DEGREES, dtype=np.float64), indexing="ij")
     return normal, place
@@ -121,7 +120,7 @@ def solve_slopes(
     local = response.local(base)
     weight = np.linalg.inv(covariance)
     prior = np.eye(2) / response.steepest**2
-    limit = BEYOND * response.steepest
+    limit = SLOPE_MARGIN * response.steepest
     slopes = np.zeros((len(change), 2))
     damping = np.full(len(change), 1e-3)
     value, by = response.derivative(slopes, local)

@@ -30,11 +30,11 @@ __all__ = ["CHANNEL", "ColourTouches", "feel", "surface_skin"]
 CHANNEL = "displacement_z"
 #: Readings along the longer side of a picture: half a millimetre on a gel of 20 mm, and a frame in about a second.
 READINGS = 36
-#: Readings over which errors of depth are alike: those of a slope go on over the flank of a contact.
-ALIKE = 1.5
-#: A reading needs so much of its pixels known.
-KNOWN = 0.3
-#: Noise of pictures in which nothing touches is rounded up to powers of this.
+#: Correlation length of depth errors in readings: slope errors continue over the flank of a contact.
+DEPTH_ERROR_LENGTH = 1.5
+#: A reading needs at least this part of its pixels.
+MIN_VALID_FRACTION = 0.3
+#: Noise of empty pictures is rounded up to powers of this.
 NOISE_STEP = 1.3
 #: Readings with this part of the largest depth and more hold the load while the zero of depth is found.
 LOADED = 0.1
@@ -100,15 +100,15 @@ class ColourTouches:
     skin : Skin
         With readings of depth.
     model : SlopeModel
-        What was learnt of the gel.
+        The learnt model of the gel.
     pictures : Pictures
         The source.
     last : Relief or None
-        Of the picture that came last.
+        Of the last picture.
     picture : Picture or None
         That picture.
     faults : dict of int to str
-        Pictures that told nothing so far, and why.
+        Unusable pictures so far, and why.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class ColourTouches:
         """The touch of a relief."""
         if not relief.touching:
             quiet = np.zeros((1, 1, *self.skin.planes[0].shape))
-            # rounded up, so that what is prepared serves again
+            # rounded up, so that prepared skins serve again
             level = NOISE_STEP ** math.ceil(math.log(max(relief.noise, 1e-9), NOISE_STEP))
             skin = self._quiet.setdefault(level, self._with_noise(level))
             touch = skin.reconstruct(quiet, time=[time], **self._options)[0]
@@ -168,7 +168,7 @@ class ColourTouches:
         depth, near = self._binned(relief)
         errors = np.stack([self._binned(replace(relief, depth=e))[0] for e in relief.errors])
         local = np.sqrt((errors[:-2][:, near] ** 2).sum(axis=0).mean()) if len(errors) > 2 else 0.0
-        # what depth of presses that were left out was off by in shape, in proportion where less is pressed in
+        # cross-validation error of the shape of depth, proportional to depth
         shape = self.model.depth_error * min(1.0, float(depth[near].max()) / self.model.typical_depth)
         noise = float(np.sqrt(relief.noise**2 + local**2 + shape**2))
         skin = self._with_noise(noise).masked(near)
@@ -184,7 +184,7 @@ class ColourTouches:
 
     def _with_noise(self, noise: float) -> Skin:
         skin = self.skin
-        plane = replace(skin.planes[0], noise=noise, noise_correlation=ALIKE * self._pitch)
+        plane = replace(skin.planes[0], noise=noise, noise_correlation=DEPTH_ERROR_LENGTH * self._pitch)
         return Skin(skin.pad, plane, surface=skin.surface, nuisance=["offset", "ramp"], uncertainty=skin.uncertainty)
 
     def _binned(self, relief: Relief) -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -199,7 +199,7 @@ class ColourTouches:
         seen = np.bincount(flat, good, minlength=len(count))
         total = np.bincount(flat, good * relief.depth[inside], minlength=len(count))
         depth = (total / np.maximum(seen, 1.0)).reshape(shape)
-        return depth, (seen > KNOWN * np.maximum(count, 1.0)).reshape(shape)
+        return depth, (seen > MIN_VALID_FRACTION * np.maximum(count, 1.0)).reshape(shape)
 
     def _cells(self, relief: Relief) -> npt.NDArray[np.intp]:
         """Cells of the surface under the contact."""
@@ -290,9 +290,9 @@ def _axes(plane: Any) -> tuple[Floats, Floats]:
 
 
 def _zero(response: Floats, terms: Floats, depth: Floats) -> Floats:
-    """The plane (n,) that depth holds besides what pressure under the contact makes, both found together (non-negative least squares).
+    """The plane (n,) in the depth besides the pressure under the contact, both fitted together (non-negative least squares).
 
-    Slopes tell depth but for a constant, flanks whose slopes are not equally right leave a ramp, and a far field that slopes do not reach is part of both.
+    Slopes determine depth up to a constant, unequal slope errors of the flanks leave a ramp, and a far field outside the slopes is part of both.
     """
     from scipy.optimize import nnls
 
@@ -317,7 +317,7 @@ def feel(
     every: int = 1,
     **options: Any,
 ) -> ColourTouches:
-    """What touches a colour gel without dots, from its pictures.
+    """Reconstruct what touches a colour gel without dots, from its pictures.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ def feel(
     Raises
     ------
     InvalidInput
-        No model, pictures of another size than those of the calibration, a baseline that leaves none.
+        No model, pictures of another size than those of the calibration, a baseline that uses up all pictures.
 
     Examples
     --------
@@ -389,7 +389,7 @@ def feel(
 
 
 class _Rest(Pictures):
-    """What is left of a source of which some pictures were taken."""
+    """The remaining pictures of a source."""
 
     def __init__(self, source: Pictures, stream: Iterator[Picture]) -> None:
         self.name, self.count, self.timed, self.notes, self.size = (

@@ -24,7 +24,7 @@ class ElasticNet(Comparison):
     Examples
     --------
     >>> import palpate as pp
-    >>> pp.ElasticNet().chosen  # lambda follows from the noise, given or estimated
+    >>> pp.comparison.ElasticNet().chosen  # lambda follows from the noise, given or estimated
     'discrepancy'
     """
 

@@ -24,7 +24,7 @@ class MaximumEntropy(Comparison):
     Examples
     --------
     >>> import palpate as pp
-    >>> pp.MaximumEntropy().chosen  # lambda follows from the noise, given or estimated
+    >>> pp.comparison.MaximumEntropy().chosen  # lambda follows from the noise, given or estimated
     'discrepancy'
     """
 

@@ -30,7 +30,7 @@ class AnalogNetwork(Comparison):
     Examples
     --------
     >>> import palpate as pp
-    >>> pp.AnalogNetwork().chosen  # lambda follows from the noise, given or estimated
+    >>> pp.comparison.AnalogNetwork().chosen  # lambda follows from the noise, given or estimated
     'discrepancy'
     """
 
@@ -56,7 +56,7 @@ class _AnalogNetwork(WholeMap):
         return float(np.diagonal(p.gram).mean())
 
     def frame(self, p: Frame, start: Floats, noise: float) -> Found:
-        """Where the network settles, and how long it takes."""
+        """The final state of the network and the time to reach it."""
         found = super().frame(p, start, noise)
         x, settling, settled = self._flow(p, found.parameter)
         return replace(found, traction=x, converged=found.converged and settled, settling=settling)

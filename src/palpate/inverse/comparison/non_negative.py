@@ -28,7 +28,7 @@ class NonNegative(Comparison):
     >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
     >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
     >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
-    >>> touch = skin.reconstruct(readings, method=pp.NonNegative())
+    >>> touch = skin.reconstruct(readings, method=pp.comparison.NonNegative())
     >>> round(float(touch.force[1])), float(touch.pressure.min())  # [N/m], [Pa]
     (10, 0.0)
     """

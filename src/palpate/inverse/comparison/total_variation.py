@@ -27,7 +27,7 @@ class TotalVariation(Comparison):
     Examples
     --------
     >>> import palpate as pp
-    >>> pp.TotalVariation().chosen  # lambda follows from the noise, given or estimated
+    >>> pp.comparison.TotalVariation().chosen  # lambda follows from the noise, given or estimated
     'discrepancy'
     """
 

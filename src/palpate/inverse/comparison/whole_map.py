@@ -1,4 +1,4 @@
-"""Methods for those who compare: each through the same call, each keeps the whole map and never lets pressure pull.
+"""Methods for comparison: all take the same call, solve for the whole map and never let pressure pull.
 
 One file each: `non_negative`, `elastic_net`, `total_variation`, `maximum_entropy`, `network`. The parameter of all but the first is the
 largest whose misfit still equals the noise (V. A. Morozov's discrepancy principle, 1966), the noise being the array's own or, where not
@@ -85,7 +85,7 @@ class WholeMap(abc.ABC):
                 f'method="{name}" keeps the whole map, and {unknowns} unknowns are too many (limit {LARGEST}). Give a '
                 'coarser surface (Skin(..., surface=...)), or use method="adaptive" or "tikhonov".'
             )
-        # the whole map twice, what is sought of it scaled and whitened, and a handful of normal matrices
+        # twice the whole map, the unknowns scaled and whitened, and a few normal matrices
         require(
             8.0 * readings * (2.0 * len(problem.surface.components) * math.prod(problem.surface.shape) + 2.0 * unknowns)
             + 48.0 * unknowns**2,
@@ -114,7 +114,7 @@ class WholeMap(abc.ABC):
         """Traction for a parameter, and whether it converged."""
 
     def unit(self, p: Frame) -> float:
-        """A parameter that would leave nothing of the traction."""
+        """The parameter at which the traction becomes zero."""
         return float(np.abs(p.linear).max())
 
     def frame(self, p: Frame, start: Floats, noise: float) -> Found:
@@ -162,11 +162,11 @@ class WholeMap(abc.ABC):
             converged=converged.reshape(batch),
             settling=settling.reshape(batch) if self.settles else None,
             noise_std=scale[..., None] * np.concatenate(self.linear.scales),
-            said=self._said(converged, batch),
+            said=self._notes(converged, batch),
         )
 
-    def _said(self, converged: Any, batch: tuple[int, ...]) -> tuple[str, ...]:
-        """What helps where the iteration did not end."""
+    def _notes(self, converged: Any, batch: tuple[int, ...]) -> tuple[str, ...]:
+        """A remedy if the iteration did not converge."""
         if converged.all():
             return ()
         where = f" in {np.count_nonzero(~converged)} of {len(converged)} frames" if batch else ""

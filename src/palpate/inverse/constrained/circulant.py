@@ -20,7 +20,8 @@ from palpate.inverse.constrained.quadratic import Penalty
 
 __all__ = ["Circulant", "folded", "symbol_of_penalty", "times"]
 
-#: What is added to the diagonal of each wavevector, in parts of the largest: edges and changing weights keep others from being the smallest.
+#: Added to the diagonal of each wavevector, as a part of the largest entry: edges and changing weights keep the true matrix from being so nearly
+#: singular.
 RIDGE = 1e-3
 
 
@@ -56,7 +57,7 @@ def folded(shape: Sequence[int], kernels: Sequence[tuple[Floats, Sequence[int]]]
             parts = (*kernel.shape[:axis], -1, n, *kernel.shape[axis + 1 :])
             kernel = kernel.reshape(parts).sum(axis=axis)
         waves = rfftn(kernel, size)
-        # of cells finer than the pitch only every so many places hold a taxel
+        # with cells finer than the pitch, only some places hold a taxel
         rare = math.prod(ratios)
         out.append((np.conj(waves)[:, :, None] * waves[:, None] / rare).astype(np.complex64))
     return size, out
@@ -99,7 +100,7 @@ def times(spectrum: Any, waves: Any) -> Any:
 
 
 def _inverse(symbol: Any) -> Any:
-    """Of Hermitian, positive definite (c, c, *k), for every k: by the last component and what is left of the others."""
+    """Inverse of Hermitian, positive definite (c, c, *k) for every k, by the last component and the Schur complement of the others."""
     c = len(symbol)
     if c == 1:
         return 1.0 / symbol

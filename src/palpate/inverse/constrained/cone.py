@@ -2,12 +2,12 @@
 
     minimise 1/2 x'Hx - h'x   with  x_i in K  for every surface cell i,
 
-where K is, by what is sought and assumed, the half-line p >= 0, the friction cone |q| <= mu p (which contains p >= 0), the
+where K is, by the components sought and the assumptions, the half-line p >= 0, the friction cone |q| <= mu p (which contains p >= 0), the
 half-space p >= 0 with q free, or everything. The solver is a semismooth Newton method on the projected gradient
 x = P_K(x - d (Hx - h)) (the primal-dual active set of M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13, 2002, 865-888,
 generalised to second-order cones as by S. Hayashi, N. Yamashita, M. Fukushima, SIAM J. Optim. 15, 2005, 593-615). Directions that
 the projection fixes are eliminated, so that a step is one Cholesky factorisation over the cells in contact; it ends in a
-few steps, exactly. Where it cycles, an interior-point method (`palpate.inverse.constrained.interior`) takes it to the end.
+few steps, exactly. If it cycles, an interior-point method (`palpate.inverse.constrained.interior`) finishes.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ __all__ = ["TOLERANCE", "Cone", "Solution", "minimise"]
 class Cone:
     """The set each cell's traction lies in.
 
-    ``components`` names the rows of a traction (component, cell). ``friction`` (mu) makes it |q| <= mu p; without it only
-    p >= 0 holds; with ``tension`` allowed (or no pressure sought) nothing does.
+    ``components`` names the rows of a traction (component, cell). With ``friction`` (mu) the set is |q| <= mu p, without it p >= 0; with ``tension``
+    allowed (or no pressure sought) it is everything.
     """
 
     components: tuple[str, ...]
@@ -40,7 +40,7 @@ class Cone:
 
     @property
     def free(self) -> bool:
-        """Whether nothing is constrained."""
+        """Whether there are no constraints."""
         return self.tension or "z" not in self.components
 
     @property
@@ -70,7 +70,7 @@ class Cone:
         out = np.empty_like(x)
         # below the polar cone, size <= -p, this is 0
         out[-1] = np.where(inside, p, np.maximum(0.5 * (p + size), 0.0))
-        # without shear, below the cone's tip, there is nothing to turn
+        # without shear, below the cone's tip, the projection does not rotate
         rest = np.where(inside | (size == 0.0), 1.0, size)
         out[:-1] = shear * np.where(inside, 1.0, out[-1] / rest).astype(x.dtype, copy=False)
         return out
@@ -128,7 +128,7 @@ STEPS = 60
 #: It cycles if the residual has not become smaller by this factor in so many steps; it is then solved from inside, once, and
 #: what is left to do after that is soon done, or not worth more.
 SMALLER, PATIENCE, AFTER = 0.999, 5, 1
-#: Steps where H is known by products alone, each of which takes tens of them: readings that are all alike took minutes.
+#: Largest number of steps if only products with H are available, each step needing tens of them: identical readings took minutes.
 FEWER_STEPS = 30
 
 
@@ -173,7 +173,7 @@ def minimise(
     best, best_gradient, best_size, since, taken = x, gradient, np.inf, 0, 0
     if h_matrix.by_products:
         steps = min(steps, FEWER_STEPS)
-    inside: bool | None = None  # whether the interior-point method came to its end, where it was asked
+    inside: bool | None = None  # whether the interior-point method converged, if it ran
     known: tuple[Face, Factor] | None = None
     while True:
         give_way()
@@ -214,12 +214,12 @@ def minimise(
 def _factored(
     hessian: Quadratic, cone: Cone, v: Floats, step_size: Floats, known: tuple[Face, Factor] | None
 ) -> tuple[Face, Factor]:
-    """The directions that the projection of v leaves free, and the factor there of H and of what shrinks them (`_newton`)."""
+    """The directions that the projection of v leaves free, with the factor of H and of the shrinkage there (`_newton`)."""
     face = Face(*cone.directions(v), cone.coupled)
     straight = known is not None and not (cone.coupled and (face.oblique.any() or known[0].oblique.any()))
     if known is not None and straight and np.array_equal(face.free, known[0].free):
         return known
-    if not cone.coupled:  # what is kept is kept whole
+    if not cone.coupled:  # cache the complete value
         return face, hessian.factor(face, np.zeros(len(face.index)))
     return face, hessian.factor(face, (1.0 - face.kept) / (face.kept * face.spread(step_size)))
 

@@ -21,8 +21,8 @@ __all__ = ["Differences", "Sparse"]
 Sparse: TypeAlias = Any  # scipy.sparse.csr_array, which has no types
 
 
-#: Sets of cells whose edges are kept.
-KEPT = 4
+#: Sets of cells whose edges are cached.
+CACHE_SIZE = 4
 
 
 class Differences:
@@ -74,7 +74,7 @@ class Differences:
         return scipy.sparse.csr_array(total)
 
     def even(self, order: int, weights: Sequence[float]) -> list[Sparse]:
-        """weight * int |D^order t|^2, as a matrix for each weight. All share the places of their entries."""
+        """weight * int |D^order t|^2 as a matrix for each weight. All share one sparsity pattern."""
         power = self.laplacian if order == 1 else self.squared
         return [_with_entries(power, power.data * (weight * self.grid.cell)) for weight in weights]
 
@@ -99,7 +99,7 @@ class Differences:
         key = cells.tobytes()
         known = self._touched.get(key)
         if known is None:
-            while len(self._touched) >= KEPT:
+            while len(self._touched) >= CACHE_SIZE:
                 self._touched.pop(next(iter(self._touched)), None)
             known = self._touched[key] = self._touching(cells)
         return known

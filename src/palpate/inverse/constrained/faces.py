@@ -43,7 +43,7 @@ class Face:
     """Free directions of every cell: some of the columns of an orthogonal matrix (cell, component, direction) that mixes the components of
     one cell.
 
-    ``values`` (direction, cell) is how much a projection keeps of each direction: those of which it keeps nothing are fixed.
+    ``values`` (direction, cell) is the part of each direction that a projection keeps: directions with 0 are fixed.
     """
 
     def __init__(self, basis: Floats, values: Floats, mixed: bool) -> None:

@@ -31,12 +31,12 @@ Index = npt.NDArray[np.intp]
 BLOCK = 48
 #: Those that are made, whose corners alone are tied, have this many: half as many calls, and less work.
 WIDTH = 64
-#: What is added to the diagonal, relative to it, where rounding makes a matrix indefinite.
+#: Added to the diagonal, relative to it, if rounding makes a matrix indefinite.
 JITTERS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 
 
 class Factor(Protocol):
-    """What is asked of a factor of H on n free directions."""
+    """Interface of a factor of H on n free directions."""
 
     def solve(self, right: Floats) -> Floats:
         """H^-1 right, of (n,)."""
@@ -52,7 +52,7 @@ class Factor(Protocol):
 
 
 def cholesky(matrix: Floats) -> Floats:
-    """Lower factor; where rounding makes the matrix indefinite, of the matrix plus as little of the identity as helps."""
+    """Lower factor; if rounding makes the matrix indefinite, that of the matrix plus as little of the identity as necessary."""
     from scipy.linalg import lapack
 
     # by LAPACK's own name: what SciPy does before and after takes as long as a factor of a hundred unknowns; a symmetric matrix is its own
@@ -130,8 +130,8 @@ class Dense:
 
 
 class Beside(Dense):
-    """The same of unknowns all of which are free and of some others, ``some`` of the columns of ``tied`` = L^-1 B: L is the factor of the former, and
-    ``left`` that of what is left to the latter. Solving needs no more; the whole factor is put together where it is asked for.
+    """The factor of free unknowns together with ``some`` of the columns of ``tied`` = L^-1 B: L is the factor of the former, ``left`` that of the
+    Schur complement. Solving needs no more; the whole factor is assembled at first use.
     """
 
     def __init__(self, first: Floats, tied: Floats, some: Index, left: Floats) -> None:
@@ -426,7 +426,7 @@ class FewReadings:
         if np.isnan(prior).any():
             return None
         ordered = Rows(one.row, col, one.value, one.count)
-        # the readings of all parts beside each other: one sparse product
+        # the readings of all parts side by side: one sparse product
         seen = ordered.times(np.concatenate([self._seen[p.place] for p in self.parts], axis=1))
         told = (seen**2).reshape(one.count, len(self.parts), -1).sum(axis=2)
         return np.maximum(prior - told.T.ravel(), 0.0)
@@ -459,9 +459,7 @@ class FewReadings:
 
 @dataclass(frozen=True)
 class Bordered:
-    """Of a factor's H with a few more unknowns: ``moved`` (n, k) is H^-1 times what is tied to them, ``corner`` the lower factor of what is left to
-    them.
-    """
+    """The factor of H with a few more unknowns: ``moved`` (n, k) is H^-1 times their coupling, ``corner`` the lower factor of their Schur complement."""
 
     inner: Factor
     moved: Floats
@@ -492,6 +490,6 @@ class Bordered:
         own = replace(rows, others=None)
         if rows.others is None or not rows.others.size:
             return self.inner.variances(own)
-        # what is left to the others when the inner unknowns have had their part
+        # the Schur complement of the inner unknowns
         left = rows.others - own.times(self.moved)
         return self.inner.variances(own) + (_triangle(self.corner, left.T) ** 2).sum(axis=0)

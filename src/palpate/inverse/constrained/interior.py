@@ -25,21 +25,20 @@ if TYPE_CHECKING:
 
 __all__ = ["GAP", "STEPS", "interior"]
 
-#: Part of the objective that may be left, and what may be left of the gradient's largest entry, at the least: Newton's method is then two steps from
-#: the end.
+#: Final tolerances: on the objective (relative), and on the gradient's largest entry: Newton's method then needs two more steps.
 GAP = 1e-8
 #: Most steps; 15 to 20 are usual.
 STEPS = 40
-#: It leads nowhere if what is left has not become smaller by this factor in so many steps.
+#: The iteration fails if the residual has not fallen by this factor in so many steps.
 SMALLER, PATIENCE = 0.99, 8
 #: How far inside the start lies, in parts of the largest pressure and of the largest gradient, and how near to the boundary a step goes.
 INSIDE, NEAR = 0.1, 0.99
-#: What keeps a quotient from being one by zero.
+#: Avoids division by zero.
 _TINY = 1e-300
 
 
 class Projecting(Protocol):
-    """What a step asks of the set of a cell's tractions: `palpate.inverse.constrained.cone.Cone` is one."""
+    """What a step needs to know of the set of a cell's tractions: `palpate.inverse.constrained.cone.Cone` is one."""
 
     @property
     def coupled(self) -> bool: ...
@@ -62,7 +61,7 @@ def interior(
     s = kind.slack(cone, gradient)
     s[-1] += INSIDE * float(np.abs(gradient).max()) + 1e-12 * largest
     best, least, since = x, np.inf, 0
-    # factors that are known by products alone may lead nowhere: what overflows is not taken
+    # factors by products only may diverge: reject overflow
     with np.errstate(all="ignore"):
         for _ in range(STEPS):
             give_way()
@@ -93,7 +92,7 @@ def interior(
 
 
 def _step(scaling: _Second | _Half, factor: Factor, dual: Floats, target: Floats) -> tuple[Floats, Floats]:
-    """The changes of x and s that take what H asks for (``dual`` is what it is short of) and their product to ``target``."""
+    """The changes of x and s that remove the residual of H (``dual``) and bring their product to ``target``."""
     right = scaling.face.rotate(scaling.back(target) - dual)
     moved = scaling.face.unrotate(factor.solve(right.ravel()).reshape(right.shape))
     return moved, scaling.back(target - scaling.back(moved))
@@ -142,7 +141,7 @@ class _Second:
         return self._times(v, -1.0)
 
     def corrected(self, ahead: Floats, beside: Floats, centre: float) -> Floats:
-        """What the second step aims at: the products' second order taken off, and their mean ``centre``."""
+        """The target of the second step: minus the second order of the products, plus their mean ``centre``."""
         right = -_arrow(self.point, self.point) - _arrow(self.back(ahead), self._times(beside))
         right[-1] += centre
         # the arrow product's inverse
@@ -159,7 +158,7 @@ class _Second:
         root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
         met = (b**2 >= a * c) & ((a < 0) | (b < 0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            # of the two forms of a root the one that subtracts nothing alike
+            # of the two forms of a root use the one without cancellation
             first = np.where(b < 0, c / (root - b), (-b - root) / a)
         return float(np.where(met & (first > 0), first, np.inf).min())
 

@@ -1,4 +1,4 @@
-"""What is asked of a factor (`palpate.inverse.constrained.factors.Factor`) of a normal matrix that is known by products alone.
+"""A factor (`palpate.inverse.constrained.factors.Factor`) of a normal matrix of which only products are available.
 
 Solutions are by conjugate gradients that begin with the circulant of the matrix (`palpate.inverse.constrained.circulant`), in single precision;
 variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
@@ -22,14 +22,14 @@ __all__ = ["SAMPLES", "Iterative"]
 #: One Newton step is solved to this part of its right side: the next one goes on from there. Samples are solved to this part of their size.
 #: What errors of sums are made of is solved to this one, by exact products.
 STEP, SAMPLE, SHARP = 1e-2, 2e-2, 1e-3
-#: Most steps of conjugate gradients.
-MOST = 400
+#: Largest number of steps of conjugate gradients.
+MAX_STEPS = 400
 #: Samples that variances are made of, and where they are only to be added to squared gradients and smoothed.
 SAMPLES, FEW = 16, 8
 
 
 class Multiplied(Protocol):
-    """A normal matrix of which products alone are known; `palpate.inverse.constrained.products.Products` is one."""
+    """A normal matrix known by its products only; `palpate.inverse.constrained.products.Products` is one."""
 
     @property
     def matrix(self) -> Any: ...
@@ -74,7 +74,7 @@ class Iterative:
         out = self.hessian.many(x, about=about)
         if face.mixed:
             out = np.einsum("dki,sdi->ski", self._turned, out)
-        # a root at a time: what is as good as fixed is beyond single precision
+        # one root at a time: nearly fixed directions exceed single precision
         root = self._root_of_more
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
@@ -107,7 +107,7 @@ class Iterative:
 
     def solve(self, right: Floats) -> Floats:
         found = self._solved(right[None], STEP)[0]
-        # a step that overflows is none: the exact residual that follows tells
+        # reject a step that overflows; the exact residual that follows decides
         return np.asarray(np.where(np.isfinite(found), found, 0.0))
 
     def _solved(self, right: Floats, tolerance: float, *, about: bool = True) -> Floats:
@@ -127,7 +127,7 @@ class Iterative:
         z = self._near(r)
         direction, rz = z.copy(), _dots(r, z)
         small = tolerance**2 * rz
-        for _ in range(MOST):
+        for _ in range(MAX_STEPS):
             moved = self._apply(direction, about=about)
             curvature = _dots(direction, moved)
             good = curvature > 0
@@ -155,7 +155,7 @@ class Iterative:
         return self._solved(right.T, SAMPLE).T
 
     def squares(self, rows: Floats) -> Floats:
-        """Diagonal of rows H^-1 rows', of (k, free): known to the square of what solutions are."""
+        """Diagonal of rows H^-1 rows', of (k, free), to the square of the error of solutions."""
         return np.asarray((rows * self._solved(rows, SAMPLE)).sum(axis=1))
 
     # -- samples
@@ -178,7 +178,7 @@ class Iterative:
         return np.asarray((rows.times(self.samples(FEW if few else SAMPLES).T) ** 2).mean(axis=1))
 
     def taken(self) -> Floats:
-        """Degrees of freedom of each reading that H takes up."""
+        """Degrees of freedom that H takes from each reading."""
         matrix, face = self.hessian.matrix, self.face
         if not len(self.diagonal):
             return np.zeros(matrix.shape[0])

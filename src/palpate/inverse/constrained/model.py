@@ -24,7 +24,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 
 __all__ = [
-    "LARGEST_KEPT",
+    "MAX_CACHED_UNKNOWNS",
     "Columns",
     "ContactModel",
     "Later",
@@ -41,11 +41,11 @@ Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
-#: Unknowns of one frame whose normal matrix is kept for its other rounds, at most.
-LARGEST_KEPT = 4096
-#: So many readings are left out of what is kept, at most.
-FEW_LOST = 16
-#: Room for so many times the cells is made where some are added.
+#: Cache the normal matrix of a frame of up to this many unknowns between rounds.
+MAX_CACHED_UNKNOWNS = 4096
+#: Largest number of readings to remove from a cached matrix.
+MAX_DOWNDATES = 16
+#: Growth factor of the memory for cells when some are added.
 ROOM = 1.25
 
 
@@ -66,7 +66,7 @@ class Level:
         self.grid = operator.surface
         self.differences = Differences(self.grid)
         self.boxes = Boxes(operator, columns)
-        #: What `sharp` asked for last: of which readings, and columns of all cells, as they are and orthogonal to each other.
+        #: Cache of `sharp`: the readings, and columns of all cells, as they are and orthogonalised.
         self.orthogonal: tuple[bytes, tuple[Floats, Floats]] | None = None
 
     def matrix(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
@@ -108,7 +108,7 @@ class Level:
         if recent is None or lost is None or scale is None or position is None:
             recent, scale, position = Columns(self, cells, noise, observed), 1.0, np.arange(len(cells))
             lost = np.zeros(0, dtype=np.intp)
-            if kept is not None and len(self.columns) * len(cells) <= LARGEST_KEPT:
+            if kept is not None and len(self.columns) * len(cells) <= MAX_CACHED_UNKNOWNS:
                 kept[self.ratio] = recent
         picked = Picked(recent, position, scale, lost)
         return Normal(self, cells, picked, picked.linear(self.readings.white(y[observed], observed)))
@@ -143,17 +143,17 @@ class Rounds(threading.local):
         return out
 
     def of(self, linear: LinearAtSize) -> FrameAtSize:
-        """What a matrix-free linear model makes of the frame."""
+        """The frame as a matrix-free linear model."""
         if self.linear is None or self.linear.linear is not linear:
             self.linear = linear.frame()
         return self.linear
 
 
 class Columns:
-    """Whitened columns of cells, to which others are added, and their normal matrix where that is asked for.
+    """Whitened columns of cells that can grow, and their normal matrix at first use.
 
-    The rounds of a frame solve nearly the same cells at other noise. They are kept as rows (cell, component, reading), with room for more: what is
-    added copies nothing, and what is taken is copied row by row.
+    The rounds of a frame solve nearly the same cells at other noise. Rows (cell, component, reading) have spare room: adding cells copies nothing,
+    and selecting cells copies row by row.
     """
 
     def __init__(self, level: Level, cells: Index, noise: Floats, observed: Flags) -> None:
@@ -183,22 +183,22 @@ class Columns:
         if np.array_equal(observed, self.observed):
             return np.zeros(0, dtype=np.intp)
         gone = self.observed & ~observed
-        if (observed & ~self.observed).any() or gone.sum() > FEW_LOST or 4 * gone.sum() > self.observed.sum():
+        if (observed & ~self.observed).any() or gone.sum() > MAX_DOWNDATES or 4 * gone.sum() > self.observed.sum():
             return None
         if not self.level.readings.each_alone:
             return None
         return np.flatnonzero(gone[self.observed])
 
     def scale_of(self, noise: Floats, observed: Flags) -> float | None:
-        """What the columns are to be multiplied by for another noise, where that is another for all readings alike."""
+        """The factor of the columns for another noise level, or None if the noise ratios of the readings change."""
         ratio = self.noise[observed] / noise[observed]
         first = float(ratio[0]) if len(ratio) else 1.0
         return first if bool((np.abs(ratio - first) <= 1e-13 * abs(first)).all()) else None
 
     def places(self, cells: Index) -> Index | None:
-        """Places of cells among those that are kept, to which the missing are added; None where these would be too many."""
+        """Places of cells among the cached ones, with the missing cells added; None if these are too many."""
         new = cells[self.place[cells] < 0]
-        if len(new) and self.components * (self.count + len(new)) > LARGEST_KEPT:
+        if len(new) and self.components * (self.count + len(new)) > MAX_CACHED_UNKNOWNS:
             return None
         if len(new):
             more, c, n, k = self._rows(new), self.components, self.count, len(new)
@@ -282,9 +282,7 @@ class Picked:
 
 
 class Later:
-    """Columns of ``readings`` that ``make`` gives where they are asked for, or those in the places ``picks`` of them: where the normal matrix is known few
-    problems ask for more.
-    """
+    """Lazy columns of ``readings``: ``make`` computes them at first use, restricted to ``picks``. With a known normal matrix few problems need them."""
 
     def __init__(self, make: Callable[[], Floats], readings: int, picks: Index | None = None) -> None:
         self._make, self.readings, self._picks = make, readings, picks
@@ -307,8 +305,8 @@ class Later:
 class Normal:
     """Whitened columns of some cells of a level, and the right-hand side (component, cell) of their normal equations.
 
-    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked` or `Later`, from which it is made when it is asked for; ``known`` the
-    normal matrix where that is known.
+    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked` or `Later`, which make it at first use; ``known`` is the
+    normal matrix, if available.
     """
 
     level: Level
@@ -329,7 +327,7 @@ class Normal:
 
     @cached_property
     def gram(self) -> Floats:
-        """The normal matrix, worked out when it is first asked for."""
+        """The normal matrix, computed at first use."""
         if self.known is not None:
             return self.known
         return self.given.gram() if isinstance(self.given, Picked | Later) else self.matrix.T @ self.matrix
@@ -348,14 +346,14 @@ class Normal:
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
     def as_matrix(self) -> Normal:
-        """The same, with a matrix where there are products."""
+        """The same with an explicit matrix instead of products."""
         if not isinstance(self.given, Applied):
             return self
         rows = self.level.rows(self.cells, 1.0 / self.given.weight, self.given.observed)
         return Normal(self.level, self.cells, rows.T, self.linear)
 
     def along(self, ray: Floats) -> Normal:
-        """The same for traction that is ``ray`` (component,) times what is sought (1, cell)."""
+        """The same for traction ``ray`` (component,) times the unknowns (1, cell)."""
         n = self.linear.shape[1]
         if isinstance(self.given, Applied):
             few = n <= FEW_ALONG and self.linear.size * len(self.given.weight) <= ENTRIES_ALONG
@@ -403,11 +401,11 @@ class Normal:
 class ContactModel:
     """One model of a frame: a solution on some cells of a level.
 
-    ``contact``, where given, is the same on the cells that are in contact beyond doubt: the errors are its. Cells where noise presses
-    now and then, beyond the array above all, are as free as any other on the face of the constraints, and would count in full. ``ray``
-    is the traction over the pressure where that is one for all cells, and ``changes`` (change, component) is how it may change; ``hessian`` and
-    ``penalty`` are then those of the pressure. ``shared`` (free, unknown) is what the errors owe to unknowns that act on many readings at once;
-    ``stated`` (free, unknown) how what is not known exactly of the pad changes the traction, which no constant of the method scales. ``compact``: it is sought on a few cells alone.
+    ``contact``, if given, is the same on the cells that are surely in contact; the errors come from it. Cells where noise sometimes presses, mostly
+    beyond the array, are as free as any other on the face of the constraints, and would count in full. ``ray`` is the traction over the pressure if
+    that is equal for all cells, and ``changes`` (change, component) its possible changes; ``hessian`` and ``penalty`` are then those of the pressure.
+    ``shared`` (free, unknown) is the error due to unknowns that act on many readings; ``stated`` (free, unknown) the change of traction due to the
+    uncertainty of the pad, which no constant of the method scales. ``compact``: only a few cells are sought.
     """
 
     data: Normal
@@ -421,7 +419,7 @@ class ContactModel:
     shared: Floats | None = None
     stated: Floats | None = None
     compact: bool = False
-    #: The factor that `variances.taken_by` was asked for, and its answer.
+    #: Cache of `variances.taken_by`: the factor and the result.
     taken: tuple[Factor, float] | None = None
 
     @property
@@ -434,7 +432,7 @@ class ContactModel:
 
     @property
     def squares(self) -> float:
-        """Squares of what is left of the readings, less those of the readings themselves, in units of the noise."""
+        """Squares of the residuals, minus those of the readings, in units of the noise."""
         t = self.solution.traction
         if self.data.formed:
             explained = float(t.ravel() @ (self.data.gram @ t.ravel()))

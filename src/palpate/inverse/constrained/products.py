@@ -35,36 +35,37 @@ __all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_produ
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Where the readings tell of the cells this part of what they tell of most of them, on average, one circulant serves all: two take twice the time each.
-SEEN = 0.85
-#: Boxes are cut to multiples of this many cells, so that the rounds of a frame share them; so many are kept.
+#: If the average sensitivity of readings to the cells is at least this part of that to most of them, use one circulant for all: two take twice the
+#: time each.
+MIN_EVENNESS = 0.85
+#: Boxes are rounded to multiples of this many cells, so that the rounds of a frame share them; so many are cached.
 STEP, KEPT = 8, 6
-#: A part of a contact has a box of its own where that has this part of the area at most.
+#: A part of a contact gets a box of its own if that has at most this part of the area.
 SMALLER = 0.8
 #: Cells this many depths inside an array feel its edges to a hundredth: influences of stress fall like the fourth power of the distance, and
 #: what two cells have in common beyond the edge like its sixth.
 FROM_EDGE = 2.0
-#: Where so few cells of a contact lie nearer, as patches of noise do, and so few readings are left out, the rest is what counts.
+#: Below these counts of near cells of a contact (as in patches of noise) and of excluded readings, the other criteria decide.
 FEW_NEAR, FEW_MISSING = 0.01, 8
-#: Combinations of readings that stand for all of them where each has an error of its own.
+#: Random combinations of readings that represent all of them if each has an error of its own.
 SKETCH = 32
-#: Fewer unknowns than this are always solved with a matrix: exactly, so that mirror images have mirror images.
-FEWEST = 600
-#: Products that solving, learning local weights and error bars take in all, and what one entry of a padded transform costs against one
-#: multiplication of a matrix product. Of the time that round contacts take with a matrix they take with products, on 16 x 16 x 3 to 64 x 64 x 3, where the work
+#: Solve smaller systems with a matrix: exactly, so that mirror images have mirror solutions.
+MIN_ITERATIVE_UNKNOWNS = 600
+#: Total count of products for solving, local weights and error bars, and the cost of one entry of a padded transform over one multiplication of a
+#: matrix product. Of the time that round contacts take with a matrix they take with products, on 16 x 16 x 3 to 64 x 64 x 3, where the work
 #: is so many entries: at 1.5e3 1.0 to 1.1 of it (0.5 where friction is given), at 3e3 0.4 (0.1), at 1.4e4 0.1, at 4e4 0.04.
 PRODUCTS, ENTRY = 1.6e3, 60.0
 #: The same where contact may slide as a whole: with a matrix it is solved on finer cells, which pays (balls and blocks that slide on a bonded gel: 0.44 of the
 #: clairvoyant filter's error, without 0.58).
 FEWEST_SLIDING, PRODUCTS_SLIDING = 1200, 5e3
-#: A first solution, which tells noise and region, takes so many. Where there are more readings than this, that counts, and fewer unknowns do.
+#: Products for a first solution, which estimates noise and region. With more readings than this its cost counts, and fewer unknowns suffice.
 PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 #: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the
 #: first solutions, which tell noise and region.
 AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
 #: Multiplications up to which an exact factor can be had of readings after all.
 MATRIX = 2e9
-#: Factorisations that a model takes.
+#: Factorisations of a model.
 FACTORS = 3.0
 
 
@@ -77,7 +78,7 @@ def by_products(
     unknowns = components * len(cells)
     # of so many readings not even the columns of a few cells are quickly made
     once = once and readings > MANY
-    fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (FEWEST, PRODUCTS)
+    fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (MIN_ITERATIVE_UNKNOWNS, PRODUCTS)
     if unknowns < (FEWEST_OF_MANY if once else fewest) or not can_be_applied(operator):
         return False
     box = box_of(cells, operator.surface.shape)
@@ -118,7 +119,7 @@ class Boxes:
         self._correlated: OrderedDict[tuple[int, ...], Correlated | None] = OrderedDict()
 
     def around(self, cells: Index) -> Box:
-        """The one that holds some cells."""
+        """The block that holds some cells."""
         place = box_of(cells, self.operator.surface.shape)
         key = tuple((s.start, s.stop) for s in place)
         found = self._kept.get(key)
@@ -134,7 +135,7 @@ class Boxes:
     def correlated(self, box: Box) -> Correlated | None:
         """`Box.correlated`, which boxes of one shape share."""
         if box.shape not in self._correlated:
-            self._correlated[box.shape] = box.what_cells_share()
+            self._correlated[box.shape] = box.cell_correlation()
             while len(self._correlated) > KEPT:
                 self._correlated.popitem(last=False)
         return self._correlated[box.shape]
@@ -178,7 +179,7 @@ class Box:
 
     @cached_property
     def correlated(self) -> Correlated | None:
-        """What two cells share, see `what_cells_share`."""
+        """The correlation of two cells, see `cell_correlation`."""
         return self._of_shape(self)
 
     @cached_property
@@ -186,10 +187,9 @@ class Box:
         """See `palpate.inverse.constrained.circulant.folded`."""
         return folded(self.shape, [(plane.kernel[:, list(self.columns)], plane.ratios) for plane, *_ in self.planes])
 
-    def what_cells_share(self) -> Correlated | None:
-        """Of each plane, the transform (channel, component, component, *k) of what influences of two cells have in common, were there taxels for
-        ever, and its size; None where that is far from what there is: cells are finer than the pitch, or displacement is measured, which is felt
-        everywhere.
+    def cell_correlation(self) -> Correlated | None:
+        """For each plane, the transform (channel, component, component, *k) of the correlation between the influences of two cells for an endless
+        array, and its size. None if the real array differs too much: with cells finer than the pitch, or displacement, which reaches everywhere.
         """
         out = []
         for array, (plane, _, _, _) in zip(self.arrays, self.planes):
@@ -268,10 +268,10 @@ class Box:
 class Applied:
     """The whitened influences (observed reading, component * cell) of some cells, as products.
 
-    It stands where a matrix would: ``matrix @ x``, ``rows @ matrix`` and ``matrix.T`` are what is asked of it.
+    Stands for a matrix: supports ``matrix @ x``, ``rows @ matrix`` and ``matrix.T``.
     """
 
-    #: Arrays leave products with it to it.
+    #: NumPy arrays leave products to this class.
     __array_ufunc__ = None
 
     def __init__(
@@ -307,7 +307,7 @@ class Applied:
         return out
 
     def along(self, ray: Floats) -> Applied:
-        """Of traction that is ``ray`` (component,) times what is sought."""
+        """Products for traction ``ray`` (component,) times the unknowns."""
         out = self._copy()
         out.ray = np.asarray(ray)
         return out
@@ -320,7 +320,7 @@ class Applied:
 
     @cached_property
     def endless(self) -> list[tuple[tuple[int, ...], Any]] | None:
-        """Transforms of the normal matrix that there would be were there taxels for ever; None where that is another one."""
+        """Transforms of the normal matrix of an endless array, or None if the real one differs."""
         if np.count_nonzero(~self.observed) > FEW_MISSING:
             return None
         found = None if self._near_an_edge() else self.box.correlated
@@ -482,7 +482,7 @@ class Products:
         squares, each = matrix.squares.reshape(c, -1), self.diagonal().reshape(c, -1)
         told = squares.sum(axis=0)
         told = np.minimum(told / max(float(np.median(told)), 1e-300), 1.0)
-        parts = [np.ones(len(told))] if told.mean() > SEEN else [told, 1.0 - told]
+        parts = [np.ones(len(told))] if told.mean() > MIN_EVENNESS else [told, 1.0 - told]
         places = np.stack(np.unravel_index(matrix.inside, matrix.box.shape))
         stencils = symbol_of_penalty(self.penalty, places, size)
         out = []

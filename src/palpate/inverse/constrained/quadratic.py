@@ -1,6 +1,7 @@
 """Normal matrices H = G'G + P: of readings G, whitened, and a penalty P of each component on neighbouring cells.
 
-Formed where readings are many; where they are few against the cells (a finer grid under a small array), kept as what they are made of.
+Quadratic forms: with an explicit matrix if there are many readings, or as factors if there are few readings per cell (a finer grid under a small
+array).
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ __all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Fewer unknowns than this are always worth a formed matrix.
-FEWEST = 150
-#: A matrix is left unformed where that takes this part of the work at most: smaller calls are slower for their size.
+#: Form the matrix of systems with fewer unknowns.
+MIN_UNFORMED_UNKNOWNS = 150
+#: Do not form a matrix if that takes at most this part of the work: smaller calls cost more than their size.
 WORTH = 0.4
 #: Entries of a penalty up to which sums are sooner than a sparse matrix, which has to be made first.
 SUMMED = 20_000
@@ -47,7 +48,7 @@ SUMMED = 20_000
 class Quadratic(Protocol):
     """A symmetric, positive definite matrix over (component, cell)."""
 
-    #: Whether nothing but products is known of it.
+    #: Whether only products are available.
     by_products: bool
 
     def product(self, x: Floats) -> Floats:
@@ -63,24 +64,24 @@ class Quadratic(Protocol):
         """Of W'HW + diag(more) on the free directions W of a face."""
 
     def exactly(self) -> Quadratic:
-        """The same, with exact factors where they can be had."""
+        """The same with exact factors, if possible."""
 
     def dense(self) -> Floats:
         """(component * cell, component * cell)."""
 
 
 class Formed:
-    """A matrix that is kept as one."""
+    """A quadratic form with an explicit matrix."""
 
     by_products = False
 
     def __init__(self, matrix: Floats) -> None:
         self.matrix = matrix
-        self._asked = False  # for a factor in which nothing holds shear
+        self._asked = False  # for a factor with free shear
         self._shear: tuple[Floats, Floats, Floats] | None = None
 
     def _beside(self, pressing: Index, shear: int) -> Dense:
-        """The factor in which all shear is free, and pressure in some cells: shear is eliminated once, and what is left is small."""
+        """The factor with all shear free, and pressure free in some cells: it eliminates shear once, and the rest is small."""
         from scipy.linalg import blas
 
         if self._shear is None:
@@ -104,7 +105,7 @@ class Formed:
         c, n = face.free.shape
         if c > 1 and not face.mixed and face.free[:-1].all() and not more.any():
             pressing = np.flatnonzero(face.free[-1])
-            # where some are held, others will be next: what is left of shear serves all steps
+            # if some are fixed, others follow: the Schur complement of shear serves all steps
             if self._asked or n // 2 < len(pressing) < n:
                 return self._beside(pressing, (c - 1) * n)
             self._asked = True
@@ -141,7 +142,7 @@ class Penalty:
                 self.values[i, slice(None) if len(key) == len(every) else np.searchsorted(every, key)] = part[2]
         self._order()
 
-        #: Chains of free cells: the first that was made (of shear, which nothing holds) and the last.
+        #: Chains of free cells: the first one (with free shear) and the last.
         self._made: list[tuple[Flags, Floats, Chain]] = []
 
     def _order(self) -> None:
@@ -186,7 +187,7 @@ class Penalty:
 
     @cached_property
     def _starts(self) -> Index:
-        """The first entry of each row: none is empty."""
+        """The index of the first entry of each row; no row is empty."""
         return np.flatnonzero(np.diff(self.row, prepend=-1))
 
     def many(self, x: Any) -> Any:
@@ -284,14 +285,14 @@ class Penalty:
 
 
 class Unformed:
-    """A matrix that is kept as readings and penalty."""
+    """A matrix kept as readings and penalty."""
 
     by_products = False
 
     def __init__(self, columns: Floats, penalty: Penalty) -> None:
         #: ``columns`` (component * cell, reading) is G'.
         self.columns, self.penalty = columns, penalty
-        #: G L'^-1 of parts that the last factor had, and what it is times itself: shear that nothing holds is the same in every step.
+        #: G L'^-1 of parts of the last factor, and its Gram matrix: free shear is the same in every step.
         self._known: dict[int, tuple[Part, Floats, Floats]] = {}
 
     def product(self, x: Floats) -> Floats:
@@ -330,17 +331,17 @@ class Unformed:
 def formed_or_not(
     columns: Callable[[], Floats], readings: int, gram: Callable[[], Floats], penalty: Penalty
 ) -> Quadratic:
-    """H of so many ``readings`` and a penalty: ``columns()`` gives G' (component * cell, reading), ``gram()`` G'G where it is better formed."""
+    """H of so many ``readings`` and a penalty: ``columns()`` gives G' (component * cell, reading), ``gram()`` G'G if forming it is cheaper."""
     c = len(penalty.values)
     size = c * len(penalty.cells)
     few = work_of_few(size, readings, c * penalty.reach)
-    if size >= FEWEST and readings < size and few < WORTH * size**3 / 3.0:
+    if size >= MIN_UNFORMED_UNKNOWNS and readings < size and few < WORTH * size**3 / 3.0:
         return Unformed(np.ascontiguousarray(columns()), penalty)
     return Formed(penalty.added(gram().copy()))
 
 
 def work_of_few(unknowns: int, readings: int, reach: int) -> float:
-    """Multiplications that a factor of `Unformed` takes, where the penalty ties unknowns ``reach`` apart."""
+    """Multiplications of a factor of `Unformed` if the penalty couples unknowns ``reach`` apart."""
     wide = max(reach, BLOCK)
     return unknowns * wide * (2.4 * wide + 2.0 * readings) + unknowns * readings**2 + readings**3 / 3.0
 
@@ -352,7 +353,7 @@ def prior_factor(penalty: Penalty, face: Face) -> Factor:
 
 
 def _within(q: Sparse, cells: Index) -> tuple[Index, Index, Index]:
-    """Entries of a sparse matrix between some rows and columns, row after row: their places, and where they are kept."""
+    """Entries of a sparse matrix between some rows and columns, row by row: their positions and storage indices."""
     n = len(cells)
     place = np.full(q.shape[1], -1, dtype=np.intp)
     place[cells] = np.arange(n)

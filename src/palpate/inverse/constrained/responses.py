@@ -1,4 +1,4 @@
-"""What traction on the surface gives in the readings, and what readings say of each cell: a matrix where that is small, transforms else."""
+"""Readings of a surface traction, and the adjoint: a matrix if that is small, else transforms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["Responses"]
 
-#: Entries of an operator that is kept as a matrix: beyond, transforms take no longer.
+#: Largest number of entries of an operator as a matrix: above, transforms are as fast.
 SMALL = 200_000
 
 

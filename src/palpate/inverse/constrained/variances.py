@@ -97,10 +97,9 @@ def taken_of_each(model: ContactModel) -> Floats:
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
     """K (free, unknown): what a model owes to unknowns that act on many readings at once, so that K K' adds to its covariance.
 
-    ``columns`` (reading, unknown) is what each does to the readings, whitened; ``prior`` (unknown,) its standard deviation. With
-    X = H^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -X c. Where the deviation is infinite
-    the readings themselves must tell: (B'B - B'A W X)^-1. Where it is finite it is taken as it is: what the penalty alone says of it (how
-    large the traction may be was learned from these very readings) is no knowledge.
+    ``columns`` (reading, unknown) is the effect of each unknown on the readings, whitened; ``prior`` (unknown,) its standard deviation. With
+    X = H^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -X c. An infinite deviation is determined by the
+    readings: (B'B - B'A W X)^-1. A finite one is not reduced: the penalty's amplitude was learnt from these readings and adds no information.
     """
     rows = columns.T @ model.data.matrix
     x = carried(model.solution, rows)
@@ -110,16 +109,14 @@ def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats
         b, found = columns[:, observed], x[:, observed]
         precision = b.T @ b - face_of(model.solution)[0].columns(rows[observed]) @ found
         values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-        # what the readings do not tell at all stays as wide as the readings themselves allow
+        # directions that the readings do not determine stay as wide as the readings allow
         floor = 1e-6 * max(float(np.trace(b.T @ b)), 1e-300)
         out[:, observed] = found @ (vectors / np.sqrt(np.maximum(values, floor)))
     return np.asarray(out)
 
 
 def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats:
-    """Posterior variance of sparse rows' x over (component, cell), what is shared with other unknowns included; where samples tell it,
-    ``few`` are enough.
-    """
+    """Posterior variance of sparse rows' x over (component, cell), with correlations; if samples give it, ``few`` are enough."""
     face, factor = face_of(model.solution)
     local = face.rows(rows)
     out = factor.variances(local, few=few) if isinstance(factor, Iterative) else factor.variances(local)
@@ -129,7 +126,7 @@ def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats
 
 
 def owed_of(model: ContactModel, rows: Rows) -> Floats:
-    """Variance of sparse rows' x over (component, cell) that is owed to what is not known exactly of the pad (`ContactModel.stated`)."""
+    """Variance of sparse rows' x over (component, cell) due to the uncertainty of the pad (`ContactModel.stated`)."""
     if model.stated is None:
         return np.zeros(rows.count)
     return np.asarray((face_of(model.solution)[0].rows(rows).times(model.stated) ** 2).sum(axis=1))

@@ -10,7 +10,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.variances import carried, face_of, taken_by
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.fit import FEWEST, MODEL_DETAIL, misfit_probability
+from palpate.inverse.fit import MIN_DEGREES, MODEL_DETAIL, misfit_probability
 from palpate.sensing.nuisance import nuisances
 
 __all__ = ["drift_probability", "fit_of", "misfit_of", "noise_ratio", "proportional_part"]
@@ -61,7 +61,7 @@ def noise_ratio(estimator: Prepared, run: Solved, left: float) -> float:
         return 1.0
     count, total = int(run.observed.sum()), sum(m.weight for m in run.members)
     free = count - sum(m.weight / total * taken_by(m) for m in run.members)
-    if free < FEWEST:
+    if free < MIN_DEGREES:
         return 1.0
     ratio = left * math.sqrt(count / free)
     return min(ratio, policy.fit.most_louder) if ratio > 1.0 + policy.explanations.sure / math.sqrt(2.0 * free) else 1.0
@@ -155,7 +155,7 @@ def drift_probability(estimator: Prepared, run: Solved) -> float:
             count, squares = _squares(covariance, along, least)
         count, squares = count - fewer, max(squares - without, 0.0) / (1.0 + detail**2)
         free = len(y) - taken_by(m) - fewer
-        if count < 1 or free - count < FEWEST:
+        if count < 1 or free - count < MIN_DEGREES:
             return math.nan
         if known:
             chances.append(float(scipy.special.gammaincc(0.5 * count, 0.5 * squares)))

@@ -22,7 +22,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.constrained.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.constrained.differences import Sparse
-from palpate.inverse.constrained.model import LARGEST_KEPT, ContactModel, Level, Normal, Rounds, level_operator
+from palpate.inverse.constrained.model import MAX_CACHED_UNKNOWNS, ContactModel, Level, Normal, Rounds, level_operator
 from palpate.inverse.constrained.products import AT_SIZE, Products, can_be_applied
 from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.constrained.responses import Responses
@@ -189,7 +189,7 @@ class Prepared(ABC):
         wait for each other (32 x 32 x 3 on two cores: 0.4 s against 1.6).
         """
         unknowns = self.inside.size * len(self.columns)
-        return unknowns if self.ambiguous or not can_be_applied(self.operator) else min(unknowns, LARGEST_KEPT)
+        return unknowns if self.ambiguous or not can_be_applied(self.operator) else min(unknowns, MAX_CACHED_UNKNOWNS)
 
     def cut(self, field: Floats) -> Floats:
         """The part of a field (..., *grid) that lies on the surface; a field of the surface's own grid is all of it."""

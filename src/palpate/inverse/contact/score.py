@@ -25,7 +25,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.policy import Policy
-from palpate.inverse.fit import FEWEST
+from palpate.inverse.fit import MIN_DEGREES
 
 __all__ = [
     "best_of",
@@ -67,7 +67,7 @@ def is_compact(h: Explanation, policy: Policy) -> bool:
 
     One that bends to every reading explains any; so does load all round with an offset against it, which leaves the rest free to push and to pull.
     """
-    return h.rough.free >= FEWEST and h.rough.ring < policy.explanations.ring
+    return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:

@@ -19,10 +19,10 @@ from palpate.inverse.linear.regularised import Decomposition
 
 __all__ = ["LinearEvidence", "linear_evidence", "log_evidence"]
 
-#: Combinations of patterns that are seen less than this part of the best one are not told apart: rounding of a normal matrix.
-LEAST_SEEN = 1e-10
-#: More patterns than this are made independent once; Cholesky factors then do, which take a twentieth of the time of eigenvalues.
-MANY = 16
+#: Combinations of patterns below this part of the largest eigenvalue are rounding of the normal matrix.
+MIN_EIGENVALUE = 1e-10
+#: Above this many patterns use Cholesky factors, at a twentieth of the time of eigenvalues.
+MAX_EIGEN_PATTERNS = 16
 
 
 class LinearEvidence:
@@ -63,9 +63,8 @@ def linear_evidence(
 ) -> LinearEvidence:
     """Of one frame of readings, with the parameter given or by evidence.
 
-    ``known`` fixes the noise scale (in units of the whitening) where it is not the arrays' own; ``patterns`` (pattern, coefficient) are
-    those that readings may hold besides contact, projected like the readings; ``projected`` are the readings in the basis of the spectrum, where
-    they are known.
+    ``known`` fixes the noise scale (in units of the whitening), by default that of the arrays; ``patterns`` (pattern, coefficient) are nuisances of
+    the readings, projected like the readings; ``projected`` are the readings in the basis of the spectrum, if available.
     """
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
@@ -126,7 +125,7 @@ def _with_patterns(
 ) -> tuple[float, float, tuple[float, float], float, float, float]:
     """Parameter, noise variance, (objective of noise alone, objective), log determinant, that of noise alone, and count."""
     count, own = float(len(c) - len(patterns)), 0.0
-    if len(patterns) > MANY:
+    if len(patterns) > MAX_EIGEN_PATTERNS:
         patterns, own = _independent(patterns)
     if parameter is None and tried is not None:
         grid, (weights, logs) = tried.grid, tried.weights(values)
@@ -150,15 +149,13 @@ def _with_patterns(
 def _independent(patterns: Floats) -> tuple[Floats, float]:
     """Orthonormal rows that span the patterns, and what these add to the log determinant of their normal matrix."""
     _, sizes, rows = np.linalg.svd(patterns, full_matrices=False)
-    seen = sizes**2 > LEAST_SEEN * sizes[0] ** 2
+    seen = sizes**2 > MIN_EIGENVALUE * sizes[0] ** 2
     return rows[seen], 2.0 * float(np.log(sizes[seen]).sum())
 
 
 def _restricted(weights: Floats, c: Floats, patterns: Floats, logs: Floats | None = None) -> tuple[Floats, Floats]:
-    """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised; ``logs`` are the sums of their logarithms,
-    where these are known.
-    """
-    if len(patterns) > MANY:
+    """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised; ``logs``: sums of their logarithms, if known."""
+    if len(patterns) > MAX_EIGEN_PATTERNS:
         taken, more = np.array([_by_factor(patterns * np.sqrt(w), np.sqrt(w) * c) for w in weights]).T
     else:
         k = len(patterns)
@@ -174,24 +171,24 @@ def _restricted(weights: Floats, c: Floats, patterns: Floats, logs: Floats | Non
 
 
 def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
-    """right' gram^-1 right and log det gram of (*batch, pattern, pattern). Patterns that the weights no longer tell apart, or see at all,
-    count as one, or as none.
+    """right' gram^-1 right and log det gram of (*batch, pattern, pattern). Patterns that the weighted data cannot separate count as one; patterns
+    without effect count as none.
     """
     values, vectors = np.linalg.eigh(gram)
-    seen = values > LEAST_SEEN * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
+    seen = values > MIN_EIGENVALUE * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
     along = (right[..., None, :] @ vectors)[..., 0, :]
     safe = np.where(seen, values, 1.0)
     return np.where(seen, along**2 / safe, 0.0).sum(axis=-1), np.log(safe).sum(axis=-1)
 
 
 def _by_factor(patterns: Floats, c: Floats) -> tuple[float, float]:
-    """The same of weighted patterns and coefficients, by a Cholesky factor where all is seen."""
+    """The same of weighted patterns and coefficients, by a Cholesky factor if all patterns are independent."""
     from scipy.linalg import lapack
 
     gram, right = patterns @ patterns.T, patterns @ c
     factor, wrong = lapack.dpotrf(gram, lower=1)
     # the estimate of the condition may be ten times too good
-    if not wrong and lapack.dpocon(factor, float(np.abs(gram).sum(axis=0).max()), uplo="L")[0] > 10.0 * LEAST_SEEN:
+    if not wrong and lapack.dpocon(factor, float(np.abs(gram).sum(axis=0).max()), uplo="L")[0] > 10.0 * MIN_EIGENVALUE:
         half = lapack.dtrtrs(factor, right, lower=1)[0]
         return float(half @ half), 2.0 * float(np.log(np.diagonal(factor)).sum())
     taken, more = _by_eigenvalues(gram, right)
@@ -201,5 +198,5 @@ def _by_factor(patterns: Floats, c: Floats) -> tuple[float, float]:
 def _without(values: Floats, c: Floats, patterns: Floats, parameter: float) -> tuple[Floats, Floats]:
     """The coefficients without the patterns, and their sizes, by generalised least squares."""
     weighted = patterns * (parameter / (parameter + values))
-    sizes = np.linalg.lstsq(weighted @ patterns.T, weighted @ c, rcond=LEAST_SEEN)[0]
+    sizes = np.linalg.lstsq(weighted @ patterns.T, weighted @ c, rcond=MIN_EIGENVALUE)[0]
     return c - sizes @ patterns, sizes

@@ -68,7 +68,7 @@ class FourierSpectrum:
         blind = values[zero] == 0
         half[zero] = np.where(blind, 0.0, half[zero])
         seen = (np.abs(self._back[(slice(None), ~blind, *self._zero)]) ** 2).sum(axis=-1)
-        #: Whether the mean of each component sought can be known.
+        #: Whether the readings determine the mean of each component sought.
         self.mean_seen = seen > 0.5 * root[self._zero] ** 2
         self._root = np.ascontiguousarray(np.moveaxis(root, -1, 0))  # (component, *k)
         self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
@@ -76,12 +76,12 @@ class FourierSpectrum:
 
     @cached_property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter asks of it whatever the readings."""
+        """What the choice of Tikhonov's parameter needs besides the readings."""
         return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self._forward.nbytes + self._back.nbytes
 
     def _prepared(self, like: Any) -> Any:

@@ -11,8 +11,8 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["lumps"]
 
-#: Up to this many eigenvalues each stands for itself.
-FEW = 400
+#: Up to this many eigenvalues are not lumped.
+MAX_SINGLE_EIGENVALUES = 400
 #: Nodes to a decade beyond: a function 1/(1 + s^2/lambda) is then interpolated by cubics to 2e-6 of its value.
 PER_DECADE = 24
 
@@ -20,11 +20,11 @@ PER_DECADE = 24
 def lumps(eigenvalues: Floats) -> tuple[Floats, Any]:
     """Nodes (m,) and weights (m, n), sparse, with sum_i f(s_i^2) x_i = sum_j f(node_j) (weights x)_j for functions smooth in log s^2.
 
-    Cubic interpolation between nodes evenly spaced in log s^2. Eigenvalues of 0 have no weight: nothing is seen by them.
+    Cubic interpolation between nodes evenly spaced in log s^2. Eigenvalues of 0 have no weight: no reading depends on them.
     """
     n = len(eigenvalues)
     places = np.flatnonzero(eigenvalues > 0)
-    if n <= FEW or len(places) < 4:
+    if n <= MAX_SINGLE_EIGENVALUES or len(places) < 4:
         return eigenvalues, scipy.sparse.eye_array(n, format="csr")
     x = np.log(eigenvalues[places])
     step = np.log(10.0) / PER_DECADE

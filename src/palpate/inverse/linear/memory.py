@@ -1,4 +1,4 @@
-"""What a spectrum takes, known before any work: memory, and refusals that name what serves the same taxels."""
+"""Memory of a spectrum, estimated before any work, and refusals that name an alternative for the same taxels."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from palpate.sensing.surface import WIDE, surface_of
 
 __all__ = ["block_size", "check_spectrum", "check_waves", "spectrum_fits", "spectrum_memory"]
 
-#: What is recommended takes no more than this part of what is free, so that it still serves when a little less is.
+#: Recommend nothing that takes more than this part of the free memory, so that it still fits a little later.
 RECOMMENDED = 0.5
 #: Coarser layouts that are tried for a recommendation: pitches that grow by a tenth up to a factor of 1.1^200 (more than any recording spans),
 #: and every second to hundredth taxel.
@@ -36,9 +36,9 @@ def block_size(pad: Pad, planes: Sequence[Array], surface: Grid) -> int:
 def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> float:
     """Most bytes at a time while the spectrum of ``sought`` components is prepared (`DataSpectrum`).
 
-    The matrix of each plane is made of one cell's influence, whole, and copied once into order: twice its size. In blocks, all planes
-    stay while a quarter of them (half on a line) is weighted; else what is sought is whitened, weighted and joined, and an SVD needs two
-    more. The eigenproblem of n readings holds five matrices of n^2.
+    The matrix of each plane is built from one cell's influence and copied once into order: twice its size. In blocks, all planes stay while a quarter
+    of them (half on a line) is weighted; otherwise the components sought are whitened, weighted and joined, and an SVD needs two more. The
+    eigenproblem of n readings holds five matrices of n^2.
     """
     cells, components = math.prod(surface.shape), len(surface.components)
     count = sum(math.prod(a.shape) * len(a.channels) for a in planes)
@@ -67,7 +67,7 @@ def spectrum_fits(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int)
 
 
 def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
-    """Refuse what the dense spectrum cannot serve, with what serves these very taxels instead."""
+    """Refuse a problem too large for the dense spectrum, and name an alternative for the same taxels."""
     size, peak, free = block_size(pad, planes, surface), spectrum_memory(pad, planes, surface, sought), available()
     if size <= LARGEST_BLOCK and spectrum_fits(pad, planes, surface, sought):
         return
@@ -87,7 +87,7 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
 
 
 def check_waves(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse more wavevectors of a periodic surface than memory holds."""
+    """Refuse more wavevectors of a periodic surface than memory can hold."""
     waves = math.prod(surface.shape) // surface.shape[-1] * (surface.shape[-1] // 2 + 1)
     rows = sum(len(a.channels) for a in planes)
     # the matrices of all wavevectors, their whitened copy and the factors of the decomposition, complex
@@ -107,7 +107,7 @@ def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
 
 
 def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> str:
-    """What would be served, tried by the same estimates."""
+    """The nearest problem that fits, tested by the same estimates."""
     first = planes[0]
     if isinstance(first, ScatteredArray):
         extent = np.ptp(first.points, axis=0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +41,6 @@ __all__ = [
     "truncate",
 ]
 
-Rule = Literal["evidence", "gcv", "lcurve", "discrepancy"]
 #: Names of the rules that choose a regularisation parameter.
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
 Filter = Callable[[Floats, Floats], Floats]
@@ -53,7 +52,7 @@ DECADES, PER_DECADE = 16, 12
 SMALLEST = 1e-15
 #: Eigenvalues that differ by less than this part are one: a few thousand readings know them to some 1e-12.
 PAIR = 1e-9
-#: Most cut-offs that are tried: where there are more readings, neighbours keep counts that differ by a six-hundredth.
+#: Largest number of cut-offs to try: with more readings, neighbouring counts differ by a six-hundredth.
 CUT_OFFS = 600
 #: Parameters that leave fewer degrees of freedom than this part of the readings are out: the sum is known to 1e-16 of the count, so that
 #: the score is still right to a millionth.
@@ -66,9 +65,9 @@ FLAT = 1e-6
 #: An L-curve has a corner where it turns by this angle at least [rad], a fifth of an L's. Corners that regularise well turn by 0.37 to 0.95;
 #: curves that bend the other way all over, but for a ripple, by 0 to 0.26 (stresses under a ball, displacements of real gels).
 TURN = 0.1 * math.pi
-#: Keeps logarithms of what rounds to nothing finite; near the smallest double.
+#: Keeps logarithms of rounded values finite; near the smallest double.
 TINY = 1e-300
-#: Spectra of so many values are shared out to bins, so many to a decade of s^2, down to so many decades below the least candidate.
+#: Spectra of more values are binned, with so many bins per decade of s^2, down to so many decades below the smallest candidate.
 LONG, BINS_PER_DECADE, BELOW = 4096, 24, 6
 #: Steps of the mean over candidates within one of theirs.
 FINER = 8
@@ -141,23 +140,23 @@ def choose(
     ----------
     rule : str
         "gcv": generalised cross-validation, min m sum r^2/(sum (1 - phi))^2 (Golub, Heath, Wahba 1979).
-        "lcurve": the corner (largest curvature) of log residual against log penalty (Hansen 1992). Frames whose curve has none, as where
-        the traction is rough at every wavelength, are left to "evidence" ("gcv" where the spectrum is cut off).
+        "lcurve": the corner (largest curvature) of log residual against log penalty (Hansen 1992). Frames whose curve has none (a traction rough at
+        every wavelength) use "evidence" ("gcv" for truncated spectra).
         "discrepancy": residual equal to the noise, sum r^2 = m; needs the noise (Morozov 1966).
         "evidence": largest marginal likelihood of a Gaussian prior of unknown scale and, where the noise is not
         known, noise of unknown size (MacKay 1992). For Tikhonov filters only.
     eigenvalues : array (n,)
         s^2 of the noise-whitened operator.
     multiplicity : array (n,)
-        How many real data each coefficient stands for.
+        Count of real data for each coefficient.
     power : array (frame, n)
         |c|^2 per datum.
     noise_known : bool
         Whether whitening used the true noise, so that residuals have unit variance.
     floor : array (frame,), optional
-        Least noise variance that is believed where the noise is not known.
+        Lower bound of an estimated noise variance.
     tried : Tried, optional
-        What does not depend on the frames, where it is kept.
+        The part that does not depend on the frames, if cached.
 
     Returns
     -------
@@ -240,7 +239,7 @@ class Curves(Protocol):
 
 
 class Tried:
-    """What the rules ask of a spectrum at the parameters ``grid`` whatever the frames; each is made when it is asked for."""
+    """What the rules need of a spectrum at the parameters ``grid`` for any frames, computed at first use."""
 
     _weights: tuple[Floats, Floats] | None = None
 
@@ -282,7 +281,7 @@ class Tried:
 
 
 def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
-    """What the choice of Tikhonov's parameter asks of a spectrum, on bins where it is long."""
+    """What the choice of Tikhonov's parameter needs of a spectrum; long ones are binned."""
     grid = candidates(eigenvalues)
     if len(eigenvalues) < LONG:
         return Tried(tikhonov, grid, eigenvalues, multiplicity)
@@ -290,9 +289,9 @@ def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
 
 
 class Binned(Tried):
-    """A long spectrum, shared out to bins of log s^2 by cubic interpolation: the curves are smooth in it, and right to some 1e-6 of what is summed up.
+    """A long spectrum in bins of log s^2, by cubic interpolation: the curves are smooth in it, and sums are accurate to about 1e-6.
 
-    What lies below the bins leaves nothing of itself in the traction, whatever the candidate.
+    Eigenvalues below the bins are filtered out for every candidate.
     """
 
     def __init__(self, grid: Floats, eigenvalues: Floats, multiplicity: Floats) -> None:
@@ -327,7 +326,7 @@ class Binned(Tried):
 
 
 class SpectrumCurves:
-    """`Curves` of frames whose squared coefficients ``datum`` (frame, n) in a spectrum are known; each is made when it is asked for."""
+    """`Curves` of frames with squared coefficients ``datum`` (frame, n) in a spectrum, each computed at first use."""
 
     def __init__(self, tried: Tried, datum: Floats) -> None:
         self.grid, self.count = tried.grid, tried.count
@@ -363,7 +362,7 @@ class SpectrumCurves:
 
 
 class Picked(NamedTuple):
-    """Of each frame (frame,): the parameter, the candidate next to it, and whether the rule has nothing to go by."""
+    """For each frame (frame,): the parameter, the candidate next to it, and whether the rule has no information."""
 
     parameter: Floats
     best: npt.NDArray[np.intp]
@@ -377,7 +376,7 @@ def _ends(eigenvalues: Floats) -> tuple[float, float]:
 
 
 def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.bool_] | None = None) -> Picked:
-    """What the rule makes of the curves; ``floor`` as in `amplitude`, ``among`` (frame, candidate) the candidates that are weighed."""
+    """Apply the rule to the curves; ``floor`` as in `amplitude`, ``among`` (frame, candidate) the allowed candidates."""
     count = curves.count
     score: Floats
     if rule == "gcv":
@@ -406,8 +405,9 @@ def amplitude(
 ) -> tuple[Floats, Floats]:
     """What the frames say of the size of traction and noise: mean prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
 
-    Means over lambda by its marginal likelihood, all decades of it being equally likely before: where nothing is seen, the amplitude
-    that would not have shown. ``floor`` (frame,) is the least noise variance, or None where the noise is known; ``tried`` as in `choose`.
+    Means over lambda by its marginal likelihood, with equal prior weight for every decade: if the readings show nothing, this gives the largest
+    amplitude that would not show. ``floor`` (frame,) is the lower bound of the noise variance, or None if the noise is known; ``tried`` as in
+    `choose`.
     """
     tried = tried_on(eigenvalues, multiplicity) if tried is None else tried
     return mean_sizes(SpectrumCurves(tried, multiplicity * power), floor)
@@ -436,8 +436,8 @@ def candidates(eigenvalues: Floats) -> Floats:
 def _levels(eigenvalues: Floats) -> Floats:
     """Thresholds of truncation that are tried."""
     levels = np.unique(eigenvalues[eigenvalues > SMALLEST * eigenvalues.max()])
-    # half-way between neighbours, so that rounding cannot move a value across; at least one is kept
-    # and never between the two of a pair that symmetry makes equal but for rounding: which one is kept would be chance
+    # half-way between neighbours, so that rounding cannot move a value across; keep at least one, and never split a pair that symmetry makes equal:
+    # rounding would decide which one stays
     apart = levels[1:] > (1.0 + PAIR) * levels[:-1]
     grid: Floats = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])[apart]])
     if len(grid) > CUT_OFFS:
@@ -456,8 +456,8 @@ def minus_evidence(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats
 
 #: Misfit is brought this near to the noise (relative): the noise of 5000 readings is known no better (1/sqrt(2 n)).
 DISCREPANCY = 0.01
-#: Where it is sought, as parts of a unit in which a parameter of 1 leaves nothing of the traction (10 more than all, to be sure that both
-#: sides of the noise are there), and how often that is halved: 23 in the logarithm comes to 0.6 % of the parameter.
+#: Search range, in a unit in which a parameter of 1 shrinks the traction to zero (10 times more, to have both sides of the noise), and the number of
+#: bisections: 23 in the logarithm give 0.6 % of the parameter.
 SOUGHT, BISECTIONS = (1e-9, 10.0), 12
 
 
@@ -483,7 +483,7 @@ def by_discrepancy(misfit: Callable[[float], float], noise: float, unit: float) 
 def _bend(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Curvature of the curves (a, b) along axis 1, towards a corner, and the angle [rad] by which the bend that each point lies in turns.
 
-    -inf, and an angle of 0, where neither coordinate moves.
+    -inf and an angle of 0 where both coordinates are constant.
     """
     da, db = np.gradient(a, axis=1), np.gradient(b, axis=1)
     dda, ddb = np.gradient(da, axis=1), np.gradient(db, axis=1)

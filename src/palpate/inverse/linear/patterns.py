@@ -35,9 +35,9 @@ __all__ = ["Patterns", "Removed", "Weighed"]
 SIZES = (0.3, 3.0, 30.0, 300.0, 3000.0)
 #: Every how many candidates of the parameter are tried: four to a decade.
 COARSE = 3
-#: Models less probable than this add nothing to the error bars.
+#: Less probable models add nothing to the error bars.
 IMPROBABLE = 1e-3
-#: Patterns are said to be there from so many of their standard deviations on.
+#: Note a pattern if it is at least this many standard deviations.
 SURE = 2.0
 #: Directions of the estimate's error that patterns add, at the most: the largest.
 DIRECTIONS = 6
@@ -73,7 +73,7 @@ class Weighed:
 class Patterns:
     """The patterns of an operator in the basis of a spectrum.
 
-    ``kinds`` are those that are there; None: none, but for an image of a half-space, which always drifts.
+    ``kinds`` are the nuisances; None: none, except for an image of a half-space, which always drifts.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Patterns:
         return Weighed.of(members, np.einsum("in,gn,jn->gij", rows, weights, rows, optimize=True))
 
     def removed(self, coefficients: Any, floor: Floats | None) -> Removed | None:
-        """What is left of ``coefficients`` (frame, n); None where there is nothing to weigh. ``floor``: as in `amplitude`."""
+        """The residual of ``coefficients`` (frame, n), or None without patterns. ``floor``: as in `amplitude`."""
         if not self.sets:
             return None
         c = np.asarray(coefficients, dtype=np.float64)
@@ -205,7 +205,7 @@ class Patterns:
         )
 
     def words(self, found: Removed, batch: tuple[int, ...]) -> list[str]:
-        """What was found and what could not be told from traction, one sentence each."""
+        """What was found and what cannot be separated from traction, one sentence each."""
         said = []
         for i, pattern in enumerate(self.all):
             size, deviation = found.sizes[:, i], found.deviations[:, i]

@@ -5,14 +5,13 @@ error covariance
 
     alpha (W - V V^T) + V diag(e) V^T,      e = alpha (1 - phi)^2 + sigma^2 phi^2/s^2,
 
-which is the posterior covariance alpha W - alpha W A^T (A W A^T + lambda N)^{-1} A W where the filter is Tikhonov's and alpha =
-sigma^2/lambda (G. Wahba, J. R. Stat. Soc. B 45, 1983, 133-150), and holds for every other filter too. alpha and sigma^2 are means over
-what the frame says of them (`palpate.inverse.linear.parameter.amplitude`), so that a frame in which nothing shows has the error of what
-would not show. Patterns that are no contact, of sizes c that are not known (`palpate.sensing.nuisance`), add G cov(c) G^T, with G what
-the estimate makes of each.
+which is the posterior covariance alpha W - alpha W A^T (A W A^T + lambda N)^{-1} A W for Tikhonov's filter with alpha = sigma^2/lambda (G. Wahba, J.
+R. Stat. Soc. B 45, 1983, 133-150), and holds for every other filter too. alpha and sigma^2 are posterior means
+(`palpate.inverse.linear.parameter.amplitude`), so that an empty frame has the error of a load too small to show. Nuisances of unknown size c
+(`palpate.sensing.nuisance`) add G cov(c) G^T, with G the estimate's response to each.
 
-What does not depend on the frame is one table for all of them. It takes as long as solving some hundred frames, and the maps take three times the
-memory of the traction, so nothing is worked out before it is asked for.
+The part that does not depend on the frame is one table for all frames. It takes as long as solving some hundred frames, and the maps take three times
+the memory of the traction, so everything is computed at first use.
 """
 
 from __future__ import annotations
@@ -55,15 +54,15 @@ __all__ = [
 #: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
 #: matters only where noise is less than that.
 MODEL_FORCE = 5e-4
-#: What patterns add to net force and moment counts so many times: calibration takes these to be a quarter to a half of what the model says, since
-#: contact that lies within the array leaves its surroundings empty, and a shift of the image knows nothing of that.
+#: Factor on the error of net force and moment due to nuisances: calibration finds a quarter to a half of the model's error, since the surroundings of
+#: a contact within the array are empty, and that does not help against a shift of the image.
 PATTERN = 4.0
 #: Cells of the centre of pressure: pressure above this part of its peak (`palpate.touch.numbers`).
 CONTACT = 0.1
-#: Part of the readings' degrees of freedom that must be left to noise for it to be told: with fewer, it is known to a factor of two or worse
-#: on any array of ten readings or more. The error bars then take for noise all that it could be: what is found in the FINEST part.
+#: Fraction of the readings' degrees of freedom that the noise estimate needs: with fewer, its error is a factor of two or more on any array of ten
+#: readings or more. The error bars then use the largest possible noise: that of the FINEST part.
 UNEXPLAINED, FINEST = 0.1, 0.2
-#: Frames that are worked out at a time.
+#: Frames per batch.
 CHUNK = 32
 
 
@@ -87,7 +86,7 @@ def moment_rows(grid: Grid) -> Floats:
 
 
 def center_rows(grid: Grid, pressure: Floats) -> Floats:
-    """Changes of the centre of pressure with the ``pressure`` of a frame (axis, *surface); 0 where nothing presses."""
+    """Changes of the centre of pressure with the ``pressure`` of a frame (axis, *surface); 0 without pressure."""
     places = np.stack(np.meshgrid(*grid.axes, indexing="ij")[::-1])
     inside = np.where((pressure > CONTACT * pressure.max()) & (pressure.max() > 0), pressure, 0.0)
     areas = grid.areas / grid.cell
@@ -107,7 +106,7 @@ class Variances:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return sum(part.nbytes for part in self.__dict__.get("cells", ()))
 
     @cached_property
@@ -153,7 +152,7 @@ class Variances:
 
     @property
     def mean_seen(self) -> Any:
-        """Whether the mean of each component sought leaves a trace."""
+        """Whether the readings depend on the mean of each component sought."""
         if isinstance(self.spectrum, FourierSpectrum):
             return self.spectrum.mean_seen
         return np.ones(len(self.columns), dtype=bool)
@@ -163,9 +162,9 @@ class Variances:
 class Uncertainty:
     """Of each frame (*batch): the parameter, and how large noise and traction are taken to be.
 
-    Either ``noise`` sigma^2 and ``amplitude`` alpha are given (*batch), or what tells them: ``power`` |c|^2 per datum (*batch, n), and the least
-    noise variance ``floor`` (*batch), None where the noise is known. ``patterns`` (*batch, direction, n) are B L, with L L^T
-    the covariance of the sizes of patterns that are no contact. Where there is no spectrum, ``rows`` (*batch, n) of the readings tell the sizes.
+    Either ``noise`` sigma^2 and ``amplitude`` alpha are given (*batch), or the data to estimate them: ``power`` |c|^2 per datum (*batch, n), and the
+    lower bound ``floor`` (*batch) of the noise variance, None if the noise is known. ``patterns`` (*batch, direction, n) are B L, with L L^T the
+    covariance of the sizes of nuisances. Without a spectrum, ``rows`` (*batch, n) of the readings replace ``power``.
     """
 
     parameter: Floats
@@ -184,13 +183,13 @@ class Uncertainty:
 
 
 class LinearErrors(Deferred, Errors):
-    """`Errors` of linear estimates, each field worked out when it is first asked for."""
+    """`Errors` of linear estimates; each field is computed at first use."""
 
     _made_of: Source
 
     @classmethod
     def of(cls, variances: Variances, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
-        """Of a ``traction`` (*batch, component, *surface) and what is known of each frame."""
+        """From ``traction`` (*batch, component, *surface) and the known properties of each frame."""
         return cls.made_of(Source(variances, filter_factors, traction, known))
 
     @classmethod
@@ -219,7 +218,7 @@ class LinearErrors(Deferred, Errors):
 
     @property
     def deferred(self) -> bool:
-        """Whether something may still have to be worked out."""
+        """Whether some fields are still to be computed."""
         return "_made_of" in self.__dict__
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
@@ -227,7 +226,7 @@ class LinearErrors(Deferred, Errors):
         return self._made_of.draws(count, rng)
 
     def inputs(self) -> Iterator[tuple[str, Any]]:
-        """What the fields are made of."""
+        """The inputs of the fields."""
         source = self._made_of
         yield "parameter", source.known.parameter
 
@@ -378,7 +377,7 @@ class Source:
         out[:, -1] = rows
         return out
 
-    # -- what was found where nothing is measured: smooth continuation is no observation, and contact that ends is not smooth
+    # -- loads outside the measured area: smooth continuation is no observation, and the edge of a contact is not smooth
 
     def outside_traction(self) -> Floats:
         return self._batched(np.abs(self._all) * self.variances.outside)
@@ -420,7 +419,7 @@ class Source:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """A context in which what several fields are made of is kept: as much memory as the traction."""
+        """A context that caches what several fields share: as much memory as the traction."""
         self.__dict__["_kept"] = []
         try:
             yield
@@ -467,7 +466,7 @@ class Source:
 
     @cached_property
     def _patterns(self) -> Floats | None:
-        """What the estimate makes of the patterns (frame, direction, component sought, *surface)."""
+        """The estimate's response to the patterns (frame, direction, component sought, *surface)."""
         if self.known.patterns is None:
             return None
         rows = self.known.patterns.reshape(self._count, -1, self.known.patterns.shape[-1])
@@ -479,7 +478,7 @@ class Source:
 
     @cached_property
     def _sizes(self) -> tuple[Floats, Floats]:
-        """Prior amplitude and noise variance (frame,); NaN where readings that are zero throughout tell nothing."""
+        """Prior amplitude and noise variance (frame,); NaN if all readings are zero."""
         known = self.known
         if known.amplitude is not None and known.noise is not None:
             return np.reshape(known.amplitude, -1), np.reshape(known.noise, -1)

@@ -1,4 +1,4 @@
-"""What a regulariser says about a traction before it is measured: a covariance, applied fast."""
+"""Regularisers as prior covariances of traction, applied fast."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from palpate.sensing.grids import Grid
 
 __all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenumbers"]
 
-#: Wavenumber that stands for 0, as a part of the smallest other one: the mean then has 1e8 (first derivative) or 1e16 (second) times the
-#: variance of the longest wave, so that any reading that feels it decides it.
-MEAN = 1e-4
+#: Wavenumber that replaces 0, as a part of the smallest other one: the mean then has 1e8 (first derivative) or 1e16 (second) times the variance of
+#: the longest wave, so that any reading that depends on it decides it.
+MEAN_WAVENUMBER = 1e-4
 #: Up to this many cells along an axis a sine transform by a matrix is faster than by FFT.
 MATRIX = 512
 
@@ -134,7 +134,7 @@ class DifferencePrior:
         return self._variance if self.order else np.full(self.grid.shape, self._variance)
 
     def symbol(self, size: tuple[int, ...]) -> Floats:
-        """The penalty's own spectrum, that of differences; the edge, where t = 0, keeps the mean from being free."""
+        """The penalty's own spectrum, that of differences; t = 0 at the edge determines the mean."""
         total: Floats = np.zeros(1)
         for axis, (n, big, dx) in enumerate(zip(self.grid.shape, size, self.grid.spacings)):
             part = np.fft.rfftfreq(big) if axis == self.grid.dimensions - 1 else np.fft.fftfreq(big)
@@ -159,7 +159,9 @@ class DifferencePrior:
     def spectrum(self, k: Floats) -> Floats:
         """1/(cell k^{2m}); the mean (k = 0), which no derivative sees, is left practically free."""
         smallest = k[k > 0].min()
-        return np.asarray(self.scale / (self.grid.cell * np.where(k > 0, k, MEAN * smallest) ** (2 * self.order)))
+        return np.asarray(
+            self.scale / (self.grid.cell * np.where(k > 0, k, MEAN_WAVENUMBER * smallest) ** (2 * self.order))
+        )
 
 
 class SpectralPrior:

@@ -14,7 +14,7 @@ from palpate._arrays import from_numpy, namespace, to_numpy
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.estimate import Estimate
+from palpate.inverse.estimate import Estimate, in_frames
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
 from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose, tikhonov
@@ -26,7 +26,7 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["BLIND", "Decomposition", "Regularised", "decompose"]
 
-#: How the note of `Regularised.solve` begins that says so.
+#: The beginning of the note of `Regularised.solve` about it.
 BLIND = "noise cannot be separated from traction"
 
 
@@ -51,14 +51,14 @@ class Decomposition:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self.spectrum.nbytes + self.variances.nbytes
 
 
 def decompose(
     operator: Operator, priors: Sequence[Prior], columns: Sequence[int], shared: Shared | None = None
 ) -> Decomposition:
-    """The spectrum of ``operator`` for the components ``columns``, with one prior each; ``shared`` keeps what other strengths share."""
+    """The spectrum of ``operator`` for the components ``columns``, with one prior each; ``shared`` caches what other strengths share."""
     if operator.boundary == "free":
         check_spectrum(operator.pad, operator.planes_of, operator.surface, len(columns))
     else:
@@ -76,7 +76,7 @@ def decompose(
 class Regularised:
     """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for each frame.
 
-    ``absolute`` says that prior and noise are known as they are, not up to a factor; ``nuisance`` what readings hold besides contact
+    ``absolute``: prior and noise are absolute, not only up to a factor; ``nuisance``: the nuisances of the readings
     (`palpate.inverse.problem.Problem`).
     """
 
@@ -136,7 +136,7 @@ class Regularised:
             chosen, variance = choice.parameter, choice.noise_variance
             if choice.fell_back.any():
                 said.append(
-                    f'rule="{self.parameter}": the curve has no corner{_some(choice.fell_back, batch)}, so "{choice.fallback}" chose the '
+                    f'rule="{self.parameter}": the curve has no corner{in_frames(choice.fell_back, batch)}, so "{choice.fallback}" chose the '
                     "parameter there"
                 )
         else:
@@ -151,7 +151,7 @@ class Regularised:
             blind = unexplained(self.filter, self.spectrum, chosen) < UNEXPLAINED
             if blind.any():
                 said.append(
-                    f"noise cannot be separated from traction{_some(blind, batch)}, which explains the readings at every wavelength: what is fine "
+                    f"noise cannot be separated from traction{in_frames(blind, batch)}, which explains the readings at every wavelength: what is fine "
                     "in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
                 )
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
@@ -178,7 +178,9 @@ class Regularised:
         )
 
     def again(self, readings: Sequence[Floats], parameter: Floats) -> Floats:
-        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane, with a parameter (frame,) each and nothing taken out."""
+        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane with given parameters (frame,), without subtracting
+        nuisances.
+        """
         coefficients, values = self.spectrum.project(readings), self.spectrum.eigenvalues
         phi = self.filter(values[None, :], parameter[:, None])
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
@@ -205,8 +207,3 @@ def _squares(coefficients: npt.NDArray[Any]) -> Floats:
         part *= part
         total = total + part
     return np.asarray(total)
-
-
-def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or nothing for a single frame."""
-    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

@@ -48,8 +48,8 @@ LARGEST_SVD = 700
 LARGEST_PRODUCTS = 100_000_000
 #: Modes are made so many at a time: what the adjoint needs besides is then small against a surface of some thousand cells.
 MODES_AT_A_TIME = 256
-#: Centres that lie nearer than this part of a cell are one: positions are sums of a few hundred pitches, each rounded to 1e-16.
-ONE_CENTRE = 1e-9
+#: Centres closer than this part of a cell are the same: positions are sums of a few hundred pitches, each rounded to 1e-16.
+SAME_CENTRE = 1e-9
 
 
 class Spectrum(Protocol):
@@ -62,7 +62,7 @@ class Spectrum(Protocol):
 
     @property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter asks of it whatever the readings."""
+        """What the choice of Tikhonov's parameter needs besides the readings."""
         ...
 
     def project(self, readings: Sequence[Any]) -> Any:
@@ -83,7 +83,7 @@ class Spectrum(Protocol):
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         ...
 
 
@@ -154,11 +154,11 @@ class _Products:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return sum(p.nbytes for _, each in self.blocks for p in each)
 
 
-#: Finds what is kept under a key, or makes it.
+#: Return the cached value under a key, or make it.
 Shared: TypeAlias = Callable[[Hashable, Callable[[], _Products]], _Products]
 
 
@@ -209,17 +209,17 @@ class DataSpectrum:
 
     @cached_property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter asks of it whatever the readings: 5 MB of 32 x 32 x 3."""
+        """What the choice of Tikhonov's parameter needs besides the readings: 5 MB for 32 x 32 x 3."""
         return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         modes = 0 if self._modes is None else self._modes.nbytes
         return modes + sum(b.vectors.nbytes for b in self.blocks)
 
     def _recalled(self, symmetric: bool) -> list[_Block] | None:
-        """The blocks that an earlier run worked out."""
+        """The blocks computed by an earlier run."""
         operator = self.operator
         if operator.recall is None:
             return None
@@ -394,7 +394,7 @@ class DataSpectrum:
         return powers, np.maximum(whole - powers.sum(axis=1), 0.0)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """V_ik^2 of every cell k, eigenvalues near each other put together where there are many, and what no eigenvector sees."""
+        """V_ik^2 of every cell k, with close eigenvalues lumped if there are many, and the part outside all eigenvectors."""
         shape = (len(self.columns), *self.operator.surface.shape)
         nodes, weights = lumps(self.eigenvalues)
         powers, total = np.zeros((len(nodes), *shape)), np.zeros(shape)
@@ -545,7 +545,7 @@ def _svd(h: Floats) -> tuple[Floats, Floats]:
     if u.shape[1] < len(h):  # more readings than unknowns: the rest of the data space has eigenvalue 0
         u = np.linalg.qr(u, mode="complete")[0]
         s = np.concatenate([s, np.zeros(len(h) - len(s))])
-    # what is below rounding is a direction that nothing reaches, such as the mean of readings that have no zero
+    # below rounding is a direction without any effect, such as the mean of readings without a zero
     s = np.where(s > np.finfo(np.float64).eps * max(h.shape) * s[0], s, 0.0)
     return np.asarray(s**2), np.asarray(u)
 
@@ -567,13 +567,13 @@ def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
 
 def mirrored(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
     """Whether pad, arrays and surface are mirror images of themselves about one centre."""
-    if body_of(pad) is not None:  # what its maps are alike in is not known
+    if body_of(pad) is not None:  # the symmetry of its maps is unknown
         return False
     for array in planes:
         if isinstance(array, ScatteredArray) or array.mask is not None:
             return False
         for a, b, dx in zip(array.grid.axes, surface.axes, surface.spacings):
-            if abs((a[0] + a[-1]) - (b[0] + b[-1])) > ONE_CENTRE * dx:
+            if abs((a[0] + a[-1]) - (b[0] + b[-1])) > SAME_CENTRE * dx:
                 return False
     extent = max(float(np.ptp(a.points, axis=0).max()) for a in planes)
     return all(mirror_symmetric(pad, a.depth, extent) for a in planes)

@@ -1,11 +1,10 @@
-"""What linear methods owe to a pad, depths and gains that are not known exactly, by the delta method.
+"""Errors of linear methods due to uncertain pads, depths and gains, by the delta method.
 
-An estimate t = K y of fixed parameter, with readings y = A(theta) t: where theta is off by d, it is off by K (dA/dtheta t) d to first order. What all
-readings share (modulus, depth, thickness) is one direction each; gains, of each reading by itself, are as many directions as there are readings, or
-`SKETCHES` sums of them with random signs, whose squares add up to the same on average. What
-all results are proportional to (the scale; the modulus where every reading follows it) is no matter of the method: `palpate.Touch.common_std`.
+An estimate t = K y has a fixed parameter, and the readings are y = A(theta) t. An error d of theta gives an error K (dA/dtheta t) d to first order.
+Modulus, depth and thickness are one direction each; the gains of n readings are n directions, or `SKETCHES` sums of them with random signs, whose
+squares have the same mean. `palpate.Touch.common_std` covers factors of all results (the scale; the modulus if every reading depends on it).
 
-This stands beside the closed-form errors and not in them: the constants of a method correct what its prior makes of noise, and know nothing of the pad.
+They are separate from the closed-form errors: the constants of a method correct its prior, which does not depend on the uncertainty of the pad.
 """
 
 from __future__ import annotations
@@ -36,11 +35,11 @@ __all__ = ["InDoubt", "among", "with_offsets"]
 SKETCHES = 64
 #: Offsets of channels that a frame may hold which contact that pushes does not explain: this part of the largest reading (standard deviation; a convention:
 #: offsets of 10 to 30 % of the peak, as `palpate bench trust` makes them, are then within two of them, also where they make the largest reading smaller).
-HIDDEN = 0.25
+OFFSET_FRACTION = 0.25
 
 
 class InDoubt:
-    """A linear method whose estimates say what they owe to a `palpate.Uncertainty`, and to offsets of a ``hidden`` part of the largest reading."""
+    """A linear method whose errors include a `palpate.Uncertainty`, and offsets of a ``hidden`` part of the largest reading."""
 
     def __init__(
         self, linear: Regularised | MatrixFree, problem: Problem, known: Uncertainty, hidden: float = 0.0
@@ -72,7 +71,7 @@ class InDoubt:
         )
 
     def _again(self, parameter: float) -> Callable[[list[Floats]], Floats]:
-        """What the method makes of readings (row, channel, *array) per plane."""
+        """The method's result for readings (row, channel, *array) per plane."""
         return lambda rows: self.linear.again(rows, np.full(len(rows[0]), parameter))
 
     def directions(self, readings: list[Floats], traction: Floats, again: Callable[[list[Floats]], Floats]) -> Floats:
@@ -117,7 +116,7 @@ def with_offsets(linear: Regularised | MatrixFree | InDoubt, problem: Problem) -
     """A linear method that answers for one that knows contact: with the same room for pad and depths, and for offsets which nobody named or ruled out,
     which it would take for contact all over (`palpate.inverse.linear.patterns`)."""
     alone = linear.linear if isinstance(linear, InDoubt) else linear
-    hidden = HIDDEN if problem.nuisance is None and problem.boundary == "free" else 0.0
+    hidden = OFFSET_FRACTION if problem.nuisance is None and problem.boundary == "free" else 0.0
     return InDoubt(alone, problem, problem.doubts, hidden) if hidden or problem.doubts.any else alone
 
 

@@ -17,8 +17,8 @@ __all__ = ["Readings", "axis_roots", "inverse_root"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Roots that are kept, one for each set of working taxels met.
-KEPT = 16
+#: Roots that are cached, one for each set of working taxels.
+CACHE_SIZE = 16
 
 
 def inverse_root(points: Floats, length: float) -> Floats:
@@ -29,7 +29,7 @@ def inverse_root(points: Floats, length: float) -> Floats:
 
 
 def axis_roots(array: Array) -> list[Floats] | None:
-    """R^{-1/2} of each axis of a regular array, whose product is that of the whole; None where noise is independent.
+    """R^{-1/2} of each axis of a regular array, whose product is that of the whole; None for independent noise.
 
     Being symmetric and stationary they commute with the array's mirror symmetry.
     """
@@ -76,7 +76,7 @@ class Readings:
         )
 
     def planes(self, data: Floats) -> list[Floats]:
-        """Inverse of `flat`; zero where taxels are missing."""
+        """Inverse of `flat`; zero for missing taxels."""
         out: list[Floats] = []
         start = 0
         for array, n in zip(self.arrays, self.sizes):
@@ -89,7 +89,7 @@ class Readings:
 
     @property
     def each_alone(self) -> bool:
-        """Whether whitening leaves every reading as it is."""
+        """Whether whitening leaves every reading unchanged."""
         return self.independent and self.patterns is None
 
     def white(self, scaled: Floats, observed: Flags) -> Floats:
@@ -106,7 +106,7 @@ class Readings:
         """Orthonormal columns (observed reading, nuisance) that span the patterns."""
         key = observed.tobytes()
         if key not in self._spans:
-            if len(self._spans) >= KEPT:
+            if len(self._spans) >= CACHE_SIZE:
                 self._spans.clear()
             white = self._uncorrelated(np.asarray(self.patterns)[observed], observed)
             size = np.sqrt((white**2).sum(axis=0))
@@ -131,7 +131,7 @@ class Readings:
     def _root(self, plane: int, chosen: Flags) -> Floats:
         key = (plane, chosen.tobytes())
         if key not in self._roots:
-            if len(self._roots) >= KEPT:  # taxels come and go in a long stream
+            if len(self._roots) >= CACHE_SIZE:  # taxels come and go in a long stream
                 self._roots.clear()
             array = self.arrays[plane]
             axes = axis_roots(array)

@@ -39,8 +39,8 @@ __all__ = ["ConstantFriction", "ConstantFrictionEstimator"]
 #: Kernels without a closed form are tabulated at this part of the depth, over so many times the array (to a few 1e-9 of their largest), in
 #: as many points at most.
 STEP, SPANS, POINTS = 1.0 / 32.0, 4.0, 30_000
-#: Contacts of fewer steps than this are narrow for the table.
-FEWEST_STEPS = 4
+#: Contacts of fewer steps are too narrow for the table.
+MIN_STEPS = 4
 
 Inner = Linear | DivisionEstimator | LinearSystemEstimator
 
@@ -64,7 +64,7 @@ class ConstantFriction(Method):
     >>> normal = pp.solutions.strip(half_width=3.5, traction=0.1)
     >>> shear = pp.solutions.strip(half_width=3.5, traction=0.04, component="x")
     >>> readings = skin.sense(skin.sample(normal) + skin.sample(shear))
-    >>> touch = skin.reconstruct(readings, method=pp.ConstantFriction(friction=0.4))
+    >>> touch = skin.reconstruct(readings, method=pp.paper.ConstantFriction(friction=0.4))
     >>> touch.force.round(2).tolist()
     [0.28, 0.7]
     """
@@ -135,7 +135,7 @@ class ConstantFrictionEstimator:
         width = 2.0 * half_width
         away = self.array.grid.x - center
         table = self._under_half_of_the_plane
-        if table is not None and FEWEST_STEPS * (table.x[1] - table.x[0]) < width:
+        if table is not None and MIN_STEPS * (table.x[1] - table.x[0]) < width:
             left, right = away - half_width, away + half_width
             if table.x[0] <= left[0] and right[-1] <= table.x[-1]:
                 return np.asarray((table(right) - table(left)) / width)
@@ -145,8 +145,8 @@ class ConstantFrictionEstimator:
 
     @cached_property
     def _under_half_of_the_plane(self) -> CubicSpline | None:
-        """Reading under unit shear from the left up to here, to a constant, for pads whose kernel takes long: the search for the contact asks
-        for a thousand widths and middles. None where it is not smooth enough or too long.
+        """Reading under unit shear from the left up to here, up to a constant, for pads with a slow kernel: the search for the contact needs a
+        thousand widths and middles. None if it is not smooth enough or too long.
         """
         from scipy.interpolate import CubicSpline
 

@@ -37,7 +37,7 @@ class Division(Method):
     >>> pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
     >>> skin = pp.Skin(pad, pp.LineArray(count=121, pitch=0.5, depth=1.5, channels=["stress_zz"]))
     >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3.5, force=0.774))
-    >>> touch = skin.reconstruct(readings, method=pp.Division())
+    >>> touch = skin.reconstruct(readings, method=pp.paper.Division())
     >>> round(float(touch.force[1]), 2)  # per length
     0.77
     """
@@ -89,7 +89,7 @@ class DivisionEstimator:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a result should say."""
+        """The notes of a result."""
         if self.condition > 1e8:
             return (f"division amplifies noise up to {self.condition:.1e} times",)
         return ()

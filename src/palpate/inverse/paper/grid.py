@@ -36,7 +36,7 @@ def common_grid(planes: Sequence[Array], columns: Sequence[int], method: str) ->
 
 
 def embed(xp: Any, images: Any, columns: Sequence[int], grid: Grid) -> Any:
-    """Put the components sought among all components, zero elsewhere."""
+    """Put the components sought among all components, with zeros elsewhere."""
     tail = (slice(None),) * grid.dimensions
     zero = xp.zeros_like(images[(..., 0, *tail)])
     parts = [

@@ -1,4 +1,4 @@
-"""The linear system that the founding paper's division stands for, solved as it is."""
+"""The linear system behind the founding paper's division, solved directly."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class LinearSystem(Method):
     >>> pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)
     >>> skin = pp.Skin(pad, pp.LineArray(count=121, pitch=0.5, depth=1.5, channels=["stress_zz"]))
     >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3.5, force=0.774))
-    >>> touch = skin.reconstruct(readings, method=pp.LinearSystem())
+    >>> touch = skin.reconstruct(readings, method=pp.paper.LinearSystem())
     >>> round(float(touch.force[1]), 2)  # per length
     0.77
     """
@@ -62,7 +62,7 @@ class LinearSystemEstimator:
                 'method="dft", or boundary="periodic" with method="tikhonov".'
             )
         readings = sum(math.prod(a.shape) * len(a.channels) for a in planes)
-        # the map of all components twice, then what is sought of it: twice, its factors, and three more where it is not square
+        # twice the map of all components, then of the components sought: twice, its factors, and three more if it is not square
         require(
             8.0 * math.prod(self.grid.shape) * readings * (2.0 * len(self.grid.components) + 6.0 * len(self.columns)),
             f'method="linear": {readings} readings and {unknowns} unknowns',

@@ -22,14 +22,14 @@ from palpate.inverse.linear.parameter import pick
 
 __all__ = ["LinearAtSize"]
 
-#: A parameter is found when evidence points this near to a solution (in log lambda): contact begins there and finds the rest.
-NEAR = 0.5
+#: Stop the search when the evidence points this close to a solution (in log lambda): the contact method starts there and finds the rest.
+START_TOLERANCE = 0.5
 #: From a solution evidence moves on by no more than this; most solutions on the way.
 STEP, ROUNDS = 3.5, 6
 #: Solutions on the way: quadratic forms are known to the square of this.
 TOLERANCE, MOST = 1e-3, 300
-#: Readings whose curves are kept.
-KEPT = 6
+#: Readings whose curves are cached.
+CACHE_SIZE = 6
 
 
 class LinearAtSize:
@@ -44,7 +44,7 @@ class LinearAtSize:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self.system.nbytes
 
     def project(self, rows: Sequence[Any]) -> Floats:
@@ -52,7 +52,7 @@ class LinearAtSize:
         return self.system.normal.rows([np.asarray(r)[None] for r in rows])[0]
 
     def freedom(self, parameter: float) -> float:
-        """Degrees of freedom of the traction that the data tell."""
+        """Degrees of freedom of the traction that the data determine."""
         return float(self.system.freedom.curve(np.array([parameter]))[0])
 
     def frame(self) -> FrameAtSize:
@@ -107,7 +107,7 @@ class _Scaled:
         self.free, self.logdet = curves.free, curves.logdet
 
     def at(self, parameter: float) -> tuple[float, float, float, float]:
-        """explained, residual, log determinant and freedom left at a parameter."""
+        """explained, residual, log determinant and remaining degrees of freedom at a parameter."""
         log, place = np.log(self.grid)[::-1], math.log(parameter)
 
         def between(values: Floats, *, logarithm: bool = True) -> float:
@@ -135,7 +135,7 @@ class FrameAtSize:
         found = self._kept.get(key)
         if found is None:
             found = self._kept[key] = _Solved(self.linear.system, row)
-            while len(self._kept) > KEPT:
+            while len(self._kept) > CACHE_SIZE:
                 self._kept.popitem(last=False)
         else:
             self._kept.move_to_end(key)
@@ -182,7 +182,7 @@ class FrameAtSize:
                 if turn == 0 and not solved.solutions and system.space.first is not None:
                     best = max(best, system.space.first)
             near = solved.nearest(best)
-            if near is not None and abs(math.log(near[0] / best)) < NEAR:
+            if near is not None and abs(math.log(near[0] / best)) < START_TOLERANCE:
                 break
             solved.solve(best, near[1] if near is not None else self._start(best))
             system.freedom.of(np.array([best]))
@@ -209,5 +209,5 @@ class FrameAtSize:
     def noise(
         self, rows: Sequence[Floats], parameter: float | None, known: float
     ) -> tuple[LinearEvidence, float, float]:
-        """Evidence with a noise, the misfit that it leaves in units of the whitening, and the freedom left."""
+        """Evidence for a noise level, the misfit in units of the whitening, and the remaining degrees of freedom."""
         return self._found(self.linear.project(rows), parameter, known, None)

@@ -1,8 +1,8 @@
 """Effective degrees of freedom at any size: tr M (M + lambda)^{-1}, by a few random rows.
 
-M. F. Hutchinson, Commun. Stat. Simul. Comput. 19, 1990, 433-450: for rows z of independent signs, E z^T (M + lambda)^{-1} z is the trace. What
-the approximation in closed form says of the same rows is taken out, and its exact trace put in its place (a control variate), so that only
-the difference is left to chance. The log determinant is its integral: d log det(1 + M/lambda) = -tr M (M + lambda)^{-1} d log lambda.
+M. F. Hutchinson, Commun. Stat. Simul. Comput. 19, 1990, 433-450: for rows z of independent signs, E z^T (M + lambda)^{-1} z is the trace. The
+closed-form approximation is a control variate: its estimate on the same rows is replaced by its exact trace, so that only the difference is random.
+The log determinant is its integral: d log det(1 + M/lambda) = -tr M (M + lambda)^{-1} d log lambda.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from palpate.inverse.linear.matrix_free.spaces import Space
 
 __all__ = ["Freedom"]
 
-#: Random rows are added until the degrees of freedom are known to this part or there are so many: at least two at a time, and of few
-#: readings more, as rows cost little then.
+#: Random rows are added until the degrees of freedom have this relative error or there are so many rows: at least two at a time, and more for small
+#: systems, where rows cost little.
 KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 2, 32, 100_000
-#: Parameters at which it is worked out, to a decade, and what lies between is interpolated.
+#: Parameters per decade at which it is computed; values between are interpolated.
 PER_DECADE = 4
 #: A quadratic form of a solution is known to the square of its residual.
 TOLERANCE, MOST = 3e-3, 400
-#: Factor over which a slope is taken.
+#: Ratio of parameters for a numerical slope.
 SLOPE = 1.05
-#: Least part of the readings that is left to either side.
-LEAST = 1e-12
-#: An approximation with more waves than there are readings has no more degrees of freedom than this part of them.
-MOST_USED = 0.999
+#: Smallest part of the readings for the model and for the residual.
+MIN_FRACTION = 1e-12
+#: An approximation with more waves than readings uses at most this part of the readings as degrees of freedom.
+MAX_USED_FRACTION = 0.999
 
 
 class Freedom:
-    """Degrees of freedom and log determinant of a system, for any parameter; what was worked out is kept."""
+    """Degrees of freedom and log determinant of a system, for any parameter, with a cache."""
 
     def __init__(self, normal: Normal, space: Space) -> None:
         self.normal, self.space = normal, space
@@ -50,12 +50,12 @@ class Freedom:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         rows = sum(r.nbytes + p.nbytes for r, p in zip(self._rows, self._powers))
         return int(rows + self.weights.data.nbytes + self.weights.indices.nbytes)
 
     def table(self) -> Floats:
-        """What was worked out so far (place, 4)."""
+        """The values computed so far (place, 4)."""
         return np.array([[float(place), *known] for place, known in sorted(self._found.items())]).reshape(-1, 4)
 
     def take(self, known: tuple[Floats, ...] | None) -> None:
@@ -66,7 +66,7 @@ class Freedom:
     def approximate(self, parameter: Floats) -> Floats:
         """Degrees of freedom that the approximation has."""
         used = (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
-        return used if self.space.whole else np.minimum(used, MOST_USED * self.normal.count)
+        return used if self.space.whole else np.minimum(used, MAX_USED_FRACTION * self.normal.count)
 
     def of(self, parameter: Floats) -> Floats:
         """Degrees of freedom at parameters (frame,)."""
@@ -77,9 +77,9 @@ class Freedom:
         return self.curve(parameter)
 
     def curve(self, parameter: Floats) -> Floats:
-        """The same from what is known so far: exact near parameters that `of` was asked for."""
+        """The same, interpolated from the values so far: exact near the parameters of earlier calls of `of`."""
         n = float(self.normal.count)
-        part = np.clip(self.approximate(parameter) / n, LEAST, 1.0 - LEAST)
+        part = np.clip(self.approximate(parameter) / n, MIN_FRACTION, 1.0 - MIN_FRACTION)
         if not self._found:
             return n * part
         places = np.array(sorted(self._found))
@@ -106,7 +106,7 @@ class Freedom:
         ratio = lam / (self.nodes + lam)
         found: Floats = np.zeros((0, 2))
         error = math.inf
-        # what readings have that no eigenvalue stands for is left as it is
+        # parts of readings outside the eigenspace stay as they are
         rest = n - float(self.counts.sum())
         expected = np.array([ratio @ self.counts + rest, ratio**2 @ self.counts + rest])
         step = max(ROWS, min(MOST_ROWS // 2, READINGS // self.normal.count))
@@ -123,7 +123,7 @@ class Freedom:
             if error < KNOWN * (n - found[:, 0].mean()):
                 break
         free, square = found.mean(axis=0)
-        free = min(max(float(free), LEAST * n), (1 - LEAST) * n)
+        free = min(max(float(free), MIN_FRACTION * n), (1 - MIN_FRACTION) * n)
         if not self.space.whole:
             expected = np.array([n - float(self.approximate(np.array([lam]))[0]), math.nan])
         first, second = _odds(n, free, float(square)), _odds(n, float(expected[0]), float(expected[1]))
@@ -147,6 +147,6 @@ class Freedom:
 
 def _odds(n: float, free: float, square: float) -> tuple[float, float]:
     """log(used/free) of n, and its slope along places (a place further, lambda is smaller by 10^(-1/PER_DECADE))."""
-    used = min(max(n - free, LEAST * n), (1 - LEAST) * n)
+    used = min(max(n - free, MIN_FRACTION * n), (1 - MIN_FRACTION) * n)
     slope = -n * (free - square) / (used * (n - used))  # by log lambda
     return math.log(used / (n - used)), -slope * math.log(10.0) / PER_DECADE

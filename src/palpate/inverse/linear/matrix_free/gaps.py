@@ -1,4 +1,4 @@
-"""Missing readings in an approximation that knows whole lattices.
+"""Corrects an approximation on whole lattices for missing readings.
 
 Of readings v that are there and m that are missing, the inverse of K = M + lambda over v alone is the Schur complement of the inverse B over the whole
 lattice (F. Zhang, The Schur Complement and Its Applications, 2005, section 0.2):
@@ -21,10 +21,10 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Gaps", "gaps_of"]
 
-#: Missing readings of one lattice up to which a factor is made: a third of a second for each parameter. Beyond, gaps count as readings of zero.
-MOST = 1500
-#: Numbers in all factors together, at most.
-HELD = 30_000_000
+#: Factor the matrix of up to this many missing readings of a lattice (a third of a second for each parameter); more gaps count as readings of zero.
+MAX_FACTORED_GAPS = 1500
+#: Largest total count of numbers in cached factors.
+CACHE_NUMBERS = 30_000_000
 #: What is added to the diagonal, as a part of its largest, in double and in single precision: rounding there is taken up, and not divided by.
 ROUNDING = {np.dtype(np.float64): 1e-13, np.dtype(np.float32): 1e-6}
 
@@ -60,11 +60,11 @@ def gaps_of(
     parameters: int,
     kind: Any,
 ) -> Gaps | None:
-    """Of a lattice whose members miss the entries ``index`` of a row, with B_mm between two members for a parameter, ``block(parameter, member, member)``; None
-    where nothing is missing, or too much.
+    """Correction for a lattice whose members miss the entries ``index`` of a row; ``block(parameter, member, member)`` gives B_mm between two
+    members. None if nothing or too much is missing.
     """
     size = sum(map(len, index))
-    if not 0 < size <= MOST or size**2 * parameters > HELD:
+    if not 0 < size <= MAX_FACTORED_GAPS or size**2 * parameters > CACHE_NUMBERS:
         return None
     members = range(len(index))
     blocks = [np.block([[block(p, i, j) for j in members] for i in members]) for p in range(parameters)]

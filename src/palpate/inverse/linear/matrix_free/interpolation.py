@@ -1,4 +1,4 @@
-"""Curves between what is known of them."""
+"""Interpolation of curves between computed values."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Solved", "solve"]
 
-#: Times that the residual is worked out anew, in double precision, and solved for.
+#: Rounds of iterative refinement in double precision.
 CYCLES = 8
 #: In single precision, twice as fast, a cycle goes on to this part of its residual.
 SINGLE = 3e-5
@@ -43,11 +43,11 @@ class Deflated(Protocol):
     """An inverse that knows it exactly on part of the space; see `palpate.inverse.linear.matrix_free.preconditioner.BalancedInverse`."""
 
     def begin(self, rows: Any, which: Any) -> tuple[Any, Any]:
-        """The exact part of the solution for rows, and what is left of them."""
+        """The exact part of the solution for rows, and the residual."""
         ...
 
     def within(self, rows: Any, which: Any) -> Any:
-        """The inverse of rows in which that part is zero."""
+        """The inverse on rows in which that part is zero."""
         ...
 
 
@@ -97,7 +97,7 @@ def solve(
             residual[open_] = length(r, open_) / safe[open_]
             if rest is not None:
                 rest[open_] = r
-            # rounding has the last word where double precision gains no more
+            # stop at rounding when double precision gains no more
             going = (residual[open_] > tolerance[open_]) & (spent[open_] < most)
             going &= ~(double[open_] & (residual[open_] > 0.5 * before[open_]))
             double[open_] |= residual[open_] * GAIN > before[open_]
@@ -149,7 +149,7 @@ def _descend(
     lam = parameter[:, None].astype(right.dtype)
     first: Any = 0.0
     if isinstance(inverse, Deflated) and right.dtype == np.float32:
-        # the part that is known exactly comes first, and is not left again
+        # solve the exact part first; it stays solved
         x, r = inverse.begin(right, frames)
         first, inverse = _products(right, x), inverse.within
     else:

@@ -28,12 +28,11 @@ from palpate.sensing.operator import Convolution
 
 __all__ = ["Approximation", "Cosines", "Inverse", "Padded"]
 
-#: Least eigenvalue over the largest that is told from zero.
-LEAST = 1e-16
-#: Inverses are made for parameters so many to a decade, and a frame takes the nearest: what only shortens the iteration may be 15 % off, and serves
-#: the next frame too.
+#: Eigenvalues below this part of the largest count as zero.
+MIN_EIGENVALUE = 1e-16
+#: Inverses are made for so many parameters per decade, and a frame uses the nearest: a preconditioner may be 15 % off, and serves the next frame too.
 PER_DECADE = 8
-#: Parameters whose inverses are kept, and up to how many together.
+#: Parameters whose inverses are cached, and their largest total size.
 KEPT, FEW = 4, 2
 #: Solves with some rows: (rows, which frames they are of).
 Inverse = Callable[[Floats, Any], Floats]
@@ -43,7 +42,7 @@ Index = npt.NDArray[np.intp]
 class Approximation(Protocol):
     """An approximation of M that can be inverted, with a spectrum."""
 
-    #: Eigenvalues (n,), and how many readings each stands for.
+    #: Eigenvalues (n,) and their multiplicities.
     eigenvalues: Floats
     counts: Floats
 
@@ -81,7 +80,7 @@ class _Common(abc.ABC):
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         kept = sum(m.nbytes for matrices, _ in self._kept.values() for m in matrices)
         return int(sum(g.values.nbytes + g.vectors.nbytes for g in self.lattices) + 2 * self.eigenvalues.nbytes + kept)
 
@@ -111,9 +110,9 @@ class _Common(abc.ABC):
     def _decomposed(self, members: list[tuple[int, int]], symbol: Any, size: tuple[int, ...]) -> _Lattice:
         if len(members) == 1:
             values = symbol[..., 0].real
-            return _Lattice(members, np.ones_like(symbol), np.maximum(values, LEAST * values.max()), size)
+            return _Lattice(members, np.ones_like(symbol), np.maximum(values, MIN_EIGENVALUE * values.max()), size)
         values, vectors = np.linalg.eigh(symbol)
-        return _Lattice(members, vectors, np.maximum(values, LEAST * values.max()), size)
+        return _Lattice(members, vectors, np.maximum(values, MIN_EIGENVALUE * values.max()), size)
 
     def at(self, parameter: Floats) -> Inverse:
         """(M + lambda)^{-1}, in the precision of the rows, of parameters near those given."""
@@ -152,7 +151,7 @@ class _Common(abc.ABC):
         return inverse
 
     def _made(self, places: tuple[float, ...], kind: Any) -> tuple[list[Any], list[Gaps]]:
-        """Matrices of the inverses and what is missing, of parameters by their places; the last ones of few are kept."""
+        """Matrices of the inverses and the missing readings for parameters by index; the last few are cached."""
         found = self._kept.get((places, kind))
         if found is None:
             parameter = 10.0 ** (np.array(places) / PER_DECADE)
@@ -166,7 +165,7 @@ class _Common(abc.ABC):
         return found
 
     def _gaps(self, parameter: Floats, kind: Any) -> list[Gaps]:
-        """What is missing on each lattice, where anything is."""
+        """The missing readings of each lattice with any."""
         normal = self.normal
         if normal.valid is None:
             return []
@@ -206,7 +205,7 @@ class _Common(abc.ABC):
 
     @abc.abstractmethod
     def _counts(self, lattice: _Lattice) -> Floats:
-        """How many modes each eigenvalue stands for."""
+        """The multiplicity of each eigenvalue."""
 
     @abc.abstractmethod
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
@@ -287,7 +286,7 @@ class Cosines(_Common):
         for p, _ in lattice.members:
             array = self.normal.operator.planes_of[p]
             valid = array.valid.astype(np.float64)
-            # every wave of a whole array stands for one reading
+            # each wave of a complete array is one reading
             for axis, wave in enumerate(self._axes[lattice.members[0]] if array.mask is not None else []):
                 valid = np.moveaxis(np.tensordot(wave.table**2, valid, axes=(1, axis)), 0, axis)
             out.append(valid)
@@ -344,7 +343,7 @@ def _one_lattice(a: Any, b: Any) -> bool:
 
 
 def _influence(normal: Normal, plane: int, channel: int, size: tuple[int, ...]) -> Any:
-    """Transform (component sought, *wave) of the influence of a cell, cut to the lags that ``size`` holds."""
+    """Transform (component sought, *wave) of the influence of a cell, cut to the lags within ``size``."""
     from scipy.fft import rfftn
 
     of = _convolution(normal, plane)

@@ -1,4 +1,4 @@
-"""What a matrix-free system takes, known before any work."""
+"""Memory of a matrix-free system, estimated before any work."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def system_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int)
 
 
 def check_system(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
-    """Refuse what memory does not hold."""
+    """Refuse a system that does not fit into memory."""
     readings = sum(int(a.valid.sum()) * len(a.channels) for a in planes)
     peak, free = system_memory(pad, planes, surface, sought), available()
     step = 2 if free is None else max(2, math.ceil((peak / max(0.5 * free, 1.0)) ** (1 / surface.dimensions)))

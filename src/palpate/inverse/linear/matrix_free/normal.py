@@ -71,7 +71,7 @@ class Normal:
         return float(self._scales[plane].ravel()[channel])
 
     def whiteness(self, plane: int, waves: tuple[int, ...], size: tuple[int, ...]) -> Floats | None:
-        """R^{-1} of the noise's correlation at the first ``waves`` of FFTs of ``size``; None where noise is independent."""
+        """R^{-1} of the noise's correlation at the first ``waves`` of FFTs of ``size``; None for independent noise."""
         array = self.operator.planes_of[plane]
         if not array.noise_correlation or isinstance(array, ScatteredArray):
             return None

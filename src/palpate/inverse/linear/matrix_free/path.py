@@ -27,12 +27,12 @@ __all__ = [
     "matrix_free",
 ]
 
-#: Readings in the largest symmetry block up to which the decomposition is dense: about ten seconds of preparation, once, after which a frame
-#: takes milliseconds and is exact. Beyond, it takes minutes and gigabytes, and a matrix-free frame takes as long as a few hundred FFTs.
+#: Largest symmetry block, in readings, for the dense decomposition: about ten seconds of preparation, once, after which a frame takes milliseconds
+#: and is exact. Larger ones take minutes and gigabytes, and a matrix-free frame takes as long as a few hundred FFTs.
 LARGEST_DENSE_BLOCK = 2048
 
 Linear = Regularised | MatrixFree | InDoubt
-#: What methods that know contact start from.
+#: The linear model from which constrained methods start.
 LinearModel = Decomposition | LinearAtSize
 
 
@@ -45,14 +45,14 @@ def linear_method(
     absolute: bool = False,
 ) -> Linear:
     """The method prepared for a problem, with one prior for each component sought."""
-    linear = _alone(problem, priors, filter_factors, parameter, absolute)
+    linear = _exact_method(problem, priors, filter_factors, parameter, absolute)
     return InDoubt(linear, problem, problem.stated) if problem.stated.any else linear
 
 
-def _alone(
+def _exact_method(
     problem: Problem, priors: Sequence[Prior], filter_factors: Filter, parameter: float | str, absolute: bool
 ) -> Regularised | MatrixFree:
-    """The method, of a pad that is taken as it is described."""
+    """The method for a pad that is known exactly."""
     if matrix_free(problem, filter_factors, priors):
         check_system(problem.pad, problem.planes, problem.surface, len(problem.columns))
         key = ("matrix-free system", False, problem.columns, tuple(p.key for p in priors))
@@ -77,7 +77,7 @@ def contact_at_size(problem: Problem, *, wide: bool) -> bool:
 
 
 def linear_model(problem: Problem, priors: Sequence[Prior], *, wide: bool) -> LinearModel:
-    """The linear model that a method that knows contact starts from, with one prior for each component sought."""
+    """The linear model from which constrained methods start, with one prior for each component sought."""
     if not contact_at_size(problem, wide=wide):
         return problem.decomposition(priors, wide=wide)
     surface = problem.wide_surface if wide else problem.surface

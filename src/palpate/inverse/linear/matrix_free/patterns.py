@@ -15,18 +15,18 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["SolvedPatterns"]
 
-#: Candidates on either side of the best one that are weighed with it.
-BESIDE = 1
+#: Candidates on either side of the best one that are compared with it.
+NEIGHBOURS = 1
 #: How often the best candidate may move on.
 MOVES = 12
 #: The patterns are solved for to this residual.
 TOLERANCE, MOST = 1e-5, 300
-#: A frame is solved anew where the best candidate is further than this from a solution of it (in log lambda).
-FAR = 0.7
+#: Solve a frame again if the best candidate is further from its nearest solution (in log lambda).
+MAX_DISTANCE = 0.7
 #: Size of a pattern, over the noise, with which candidates are compared: any size.
 LARGEST = 3000.0
-#: Candidates whose solutions are kept.
-KEPT = 12
+#: Candidates whose solutions are cached.
+CACHE_SIZE = 12
 
 
 class SolvedPatterns(Patterns):
@@ -47,7 +47,7 @@ class SolvedPatterns(Patterns):
         self._solved: dict[int, Floats] = {}
 
     def taken_out(self, rows: Floats, floor: Floats | None) -> tuple[Removed, Floats, Floats] | None:
-        """What is left of rows (frame, n), and parameters and solutions of it to start from; None where there is nothing to weigh."""
+        """The residual of rows (frame, n), with start parameters and solutions for it, or None without patterns."""
         if not self.members:
             return None
         each = [self._of_frame(row[None], None if floor is None else floor[i : i + 1]) for i, row in enumerate(rows)]
@@ -65,9 +65,9 @@ class SolvedPatterns(Patterns):
             curves, near, there = found.curves, found.solutions, float(found.parameter[0])
             place = int(np.argmin(np.abs(np.log(self.grid / found.parameter[0]))))
         for _ in range(MOVES):
-            some = np.arange(max(place - BESIDE, 0), min(place + BESIDE + 1, len(self.grid)))
+            some = np.arange(max(place - NEIGHBOURS, 0), min(place + NEIGHBOURS + 1, len(self.grid)))
             self.system.freedom.of(self.grid[some])
-            if curves.nearest(self.grid[[place]])[0] > FAR and (row**2).sum() > 0:
+            if curves.nearest(self.grid[[place]])[0] > MAX_DISTANCE and (row**2).sum() > 0:
                 near, there = search.solve(curves, row, self.grid[[place]], start=near), float(self.grid[place])
             tables = self._tables(row, curves, some)
             best = int(some[self._best(tables, floor)])
@@ -76,7 +76,7 @@ class SolvedPatterns(Patterns):
             place = best
         weighed, explained, logdet, inner = tables
         removed = self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
-        # the solution is linear in the readings, and what it makes of patterns hardly depends on the parameter but for its size
+        # the solution is linear in the readings, and the solution of patterns depends on the parameter almost only through its size
         sizes = removed.sizes[0] / np.where(self.units > 0, self.units, 1.0)
         return removed, there, near - (sizes @ self._at(place) / there)[None]
 
@@ -113,7 +113,7 @@ class SolvedPatterns(Patterns):
     def _at(self, place: int) -> Floats:
         """lambda (M + lambda)^{-1} of the patterns."""
         if place not in self._solved:
-            if len(self._solved) >= KEPT:
+            if len(self._solved) >= CACHE_SIZE:
                 self._solved.pop(next(iter(self._solved)))
             lam = np.full(len(self.rows), self.grid[place])
             found = self.system.solve(self.rows, lam, tolerance=TOLERANCE, most=MOST)

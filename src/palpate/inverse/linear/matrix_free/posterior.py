@@ -30,14 +30,14 @@ __all__ = ["SampledVariances"]
 DRAWS = 32
 #: Draws solved at a time, and to which residual: over scattered beads it makes deviations 2 % too large, 6 % where it is five times as much.
 TOGETHER, LOOSE, MOST = 4, 1e-4, 200
-#: Maps are made for parameters so many to a decade, and a frame takes the nearest: within 10 % of its own.
+#: Maps are made for so many parameters per decade, and a frame uses the nearest: within 10 % of its own.
 MAPS_PER_DECADE = 12
-#: Maps that are kept.
-KEPT = 16
-#: Tables of sums hold parameters so many to a decade.
+#: Maps that are cached.
+CACHE_SIZE = 16
+#: Tables of sums hold so many parameters per decade.
 SUMS_PER_DECADE = 4
-#: Up to so many parameters are worked out each by itself: a frame alone is then exact, and in a table to some 1e-4.
-FEW = 4
+#: Up to this many parameters are computed one by one: a single frame is then exact; the table for more is accurate to 1e-4.
+MAX_EXACT_PARAMETERS = 4
 #: Sums are solved to this residual: the variance that is left is a difference of large numbers.
 TIGHT, LONG = 1e-6, 400
 
@@ -60,7 +60,7 @@ class Solving(Protocol):
 
 
 class SampledVariances(Variances):
-    """What error bars of a system need that does not depend on the frame, made when it is first asked for."""
+    """Error bars of a system, the part that does not depend on the frame, computed at first use."""
 
     def __init__(self, system: Solving) -> None:
         self.operator, self.grid, self.columns = system.operator, system.operator.surface, system.columns
@@ -71,7 +71,7 @@ class SampledVariances(Variances):
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return sum(a.nbytes + b.nbytes for a, b in self._maps.values())
 
     @property
@@ -86,7 +86,7 @@ class SampledVariances(Variances):
         place = round(MAPS_PER_DECADE * math.log10(self.system.freedom.top / parameter))
         if place not in self._maps:
             self._maps[place] = self._sampled(self.system.freedom.top * 10.0 ** (-place / MAPS_PER_DECADE))
-            while len(self._maps) > KEPT:
+            while len(self._maps) > CACHE_SIZE:
                 self._maps.popitem(last=False)
         self._maps.move_to_end(place)
         return self._maps[place]
@@ -110,7 +110,7 @@ class SampledVariances(Variances):
         return self._even(first / DRAWS), self._even(second / DRAWS)
 
     def errors(self, lam: float, size: float, noise: float, count: int, rng: np.random.Generator) -> Floats:
-        """What an estimate errs by (draw, component sought, *surface) on traction of covariance ``size`` W and noise of variance ``noise``."""
+        """Errors of an estimate (draw, component sought, *surface) on traction of covariance ``size`` W and noise of variance ``noise``."""
         normal, out = self.system.normal, []
         for first in range(0, count, TOGETHER):
             some = min(TOGETHER, count - first)
@@ -124,7 +124,7 @@ class SampledVariances(Variances):
         return np.concatenate(out)
 
     def _even(self, variance: Floats) -> Floats:
-        """The mean over mirror images, where the layout has them."""
+        """The mean over mirror images, if the layout is symmetric."""
         operator = self.system.operator
         if mirrored(operator.pad, operator.planes_of, self.grid):
             for axis in range(1, variance.ndim):
@@ -141,12 +141,12 @@ class SampledVariances(Variances):
     def sums(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
         """(frame, row) of w^T D_1 w and w^T D_2 w for ``rows`` w (row, component sought, *surface) that go by a name."""
         there = np.any(rows.reshape(len(rows), -1) != 0, axis=1)
-        if not there.all():  # such as the moment of a pressure that is not sought
+        if not there.all():  # such as the moment of pressure if only shear is sought
             out = np.zeros((2, len(parameter), len(rows)))
             if there.any():
                 out[:, :, there] = self.sums(name, rows[there], parameter)
             return out[0], out[1]
-        if len(np.unique(parameter)) <= FEW:
+        if len(np.unique(parameter)) <= MAX_EXACT_PARAMETERS:
             return self._each(name, rows, parameter)
         top = self.system.freedom.top
         at = SUMS_PER_DECADE * np.log10(top / parameter)
@@ -165,13 +165,13 @@ class SampledVariances(Variances):
         return np.maximum(left - parameter[:, None] * size, 0.0), size
 
     def _each(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
-        """The same for a few parameters, each by itself; the last ones are kept."""
+        """The same for a few parameters one by one; the last ones are cached."""
         found = []
         for lam in parameter:
             key = (name, float(lam))
             if key not in self._few:
                 self._few[key] = np.stack(self.own(rows, np.full(len(rows), lam)))
-                while len(self._few) > KEPT:
+                while len(self._few) > CACHE_SIZE:
                     self._few.popitem(last=False)
             found.append(self._few[key])
         each = np.stack(found, axis=1)

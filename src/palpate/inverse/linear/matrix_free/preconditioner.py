@@ -17,8 +17,8 @@ from palpate.inverse.linear.matrix_free.transforms import Cosine
 
 __all__ = ["Balanced", "LongestCosines", "LongestSines", "approximation"]
 
-#: Combinations of cosines that working taxels hardly tell apart are one.
-APART = 1e-8
+#: Combinations of cosines that working taxels separate by less than this count as one.
+MIN_SEPARATION = 1e-8
 
 
 def approximation(normal: Normal) -> Approximation:
@@ -102,12 +102,12 @@ class Balanced:
         self, product: Callable[[Floats], Floats], longest: Longest, smooth: Callable[[Floats], Inverse]
     ) -> None:
         self._smooth, self.longest = smooth, longest
-        # single precision is enough for what only makes the iteration shorter
+        # single precision suffices for a preconditioner
         rows = longest.rows(np.eye(longest.count, dtype=np.float32))
         self.moved = product(rows)
         own, inner = longest.of(rows), longest.of(self.moved)
         size, vectors = np.linalg.eigh(own.astype(np.float64))
-        kept = size > APART * size.max()
+        kept = size > MIN_SEPARATION * size.max()
         basis = vectors[:, kept] / np.sqrt(size[kept])
         values, modes = np.linalg.eigh(basis.T @ (0.5 * (inner + inner.T)).astype(np.float64) @ basis)
         self.values, self.vectors = np.maximum(values, 0.0), basis @ modes
@@ -116,7 +116,7 @@ class Balanced:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return int(self.moved.nbytes)
 
     def at(self, parameter: Floats) -> BalancedInverse:
@@ -153,7 +153,7 @@ class BalancedInverse:
         return solution, left
 
     def within(self, rows: Any, which: Any) -> Any:
-        """Of rows that Z^T makes zero, but for rounding."""
+        """On rows for which Z^T is zero, except for rounding."""
         out = self._smooth(rows, which)
         out -= self._long(self._inner(out, which) - self._of.longest.of(rows), which, rows.dtype)
         return out

@@ -1,8 +1,8 @@
 """The parameter of each frame at any size: the rules of `palpate.inverse.linear.parameter` on curves that solutions correct.
 
-A rule needs, as functions of lambda, y^T u (what the misfit and penalty come to), |u|^2 (the residual is lambda u) and the degrees of freedom. The
-approximation of M has them in closed form for all lambda at once; a solution has them exactly at one, with the slope of the first. The
-curves are moved on to the solutions, the rule is asked, and where it points away from every solution another one is made.
+A rule needs, as functions of lambda, y^T u (the misfit plus penalty), |u|^2 (the residual is lambda u) and the degrees of freedom. An approximation
+of M gives them in closed form for all lambda at once; a solution gives the first two exactly at one lambda, with the slope of the first. The curves
+are corrected to pass through the solutions, the rule picks a parameter, and if that is far from every solution another solution is computed.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from palpate.inverse.linear.parameter import SpectrumCurves as Guess
 
 __all__ = ["Corrected", "Search"]
 
-#: A parameter is found when the rule points this near to a solution (in log lambda): the curves are exact there to second order, so that what
-#: is left is a percent or two.
-NEAR = 0.1
-#: Solutions on the way, and what is solved of them again: forms are known to the square of this residual.
+#: Stop when the rule points this close to a solution (in log lambda): the curves are exact there to second order, so that the error is a percent or
+#: two.
+TOLERANCE_LOG = 0.1
+#: Tolerance of solutions on the way, of their second solution, and the largest number of steps: forms have the square of this residual as error.
 TOLERANCE, AGAIN, MOST = 1e-4, 1e-3, 400
-#: For evidence residuals are these parts of what the estimate leaves of the readings, by the curves so far, and of no less or more of those parts of
-#: the readings. What steps from nothing leave is orthogonal to the solution; steps from elsewhere have to go further.
+#: For evidence, the residual tolerance is this part of the estimate's misfit by the curves so far, within these bounds relative to the readings.
+#: Errors of steps from zero are orthogonal to the solution; steps from another start must go further.
 PART, ANEW, LEAST, LOOSEST = 0.02, 1.2e-3, 1e-5, 3e-3
 #: Most solutions on the way to a parameter.
 ROUNDS = 8
 #: From a solution the rule moves on by no more than this (in log lambda, a decade), and nearer than CLOSE the degrees of freedom are worked out.
 STEP, CLOSE = 2.3, 1.2
-#: Rules that go by the slope of the residual, which takes a solution more.
+#: Rules that need the slope of the residual, and so another solution.
 SECOND = ("gcv", "lcurve")
 
 
 @dataclass
 class Corrected:
-    """Curves (`palpate.inverse.linear.parameter.Curves`) of some frames, moved on to what solutions say.
+    """Curves (`palpate.inverse.linear.parameter.Curves`) of some frames, corrected by solutions.
 
     Of each frame, ``places`` log lambda of its solutions, and there ``shifts`` of log e and log r^2 from the guess, with their slopes.
     """
@@ -52,7 +52,7 @@ class Corrected:
 
     @classmethod
     def of(cls, system: System, rows: Floats) -> Corrected:
-        """Nothing solved yet."""
+        """Curves without any solutions."""
         freedom = system.freedom
         power = (freedom.weights @ freedom.space.powers(rows).T).T
         grid = candidates(np.array([freedom.top]))
@@ -62,7 +62,7 @@ class Corrected:
     def add(
         self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solved: Solved, again: Solved | None
     ) -> None:
-        """What solutions u (frame, n) of ``rows`` say at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, where it is known."""
+        """Add solutions u (frame, n) of ``rows`` at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, if known."""
         from scipy.interpolate import CubicSpline
 
         form, square = self.system.space.forms(rows, parameter, solved)
@@ -100,8 +100,7 @@ class Corrected:
         """Candidates (frame, candidate) that solutions leave to generalised cross-validation: no further than ``reach`` (in log lambda) from the
         outermost solutions, and not beyond one that scores worse than its neighbour.
 
-        A surface has more waves than there are positions, so that its approximation leaves nothing of any readings where lambda is small, and
-        promises a score of nothing there.
+        A surface has more waves than readings, so that its approximation predicts a residual of zero at small lambda, and a misleading score of zero.
         """
         log = np.log(self.grid)
         residual = np.log(np.maximum(self.residual, TINY))
@@ -172,7 +171,7 @@ class Corrected:
 
 
 class Found(NamedTuple):
-    """Parameter (frame,), where the rule had nothing to go by or did not settle, the curves, and solutions near by (frame, n)."""
+    """Parameter (frame,), frames where the rule had no information or did not converge, the curves, and solutions near by (frame, n)."""
 
     parameter: Floats
     without: npt.NDArray[np.bool_]
@@ -188,7 +187,7 @@ class Search:
         self.system, self.rule, self.floor = system, rule, floor
 
     def find(self, rows: Floats, parameter: Floats | None = None, start: Floats | None = None) -> Found:
-        """The parameter of each row, from a ``parameter`` and solutions near it where they are known."""
+        """The parameter of each row, from a ``parameter`` and solutions near it, if known."""
         curves = Corrected.of(self.system, rows)
         solutions = np.zeros_like(rows) if start is None else np.array(start)
         found = pick(self.rule, curves, self.floor)
@@ -203,7 +202,7 @@ class Search:
             if not open_.size:
                 break
             solutions[open_] = self.solve(curves, rows, parameter, open_, solutions[open_])
-            if doubted:  # solutions are compared, by what is known rather than guessed
+            if doubted:  # compare solutions by computed values, not by the guess
                 self.system.freedom.of(parameter[open_])
             for _ in range(2):
                 found = pick(self.rule, curves, self.floor, curves.among(STEP) if doubted else None)
@@ -211,9 +210,9 @@ class Search:
                 close = curves.nearest(parameter)[open_] < CLOSE
                 if not close.any():
                     break
-                # the degrees of freedom are worked out where they decide
+                # compute the degrees of freedom where they decide
                 self.system.freedom.of(parameter[open_][close])
-            open_ = open_[curves.nearest(parameter)[open_] > NEAR]
+            open_ = open_[curves.nearest(parameter)[open_] > TOLERANCE_LOG]
         unsettled = np.zeros(len(rows), dtype=bool)
         unsettled[open_] = True
         return Found(parameter, found.without, unsettled, curves, solutions)

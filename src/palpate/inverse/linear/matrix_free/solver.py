@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate._arrays import from_numpy, is_numpy, to_numpy
 from palpate.elastic.pad import Floats
-from palpate.inverse.estimate import Estimate
+from palpate.inverse.estimate import Estimate, in_frames
 from palpate.inverse.linear.matrix_free.errors import SampledSource
 from palpate.inverse.linear.matrix_free.memory import TOGETHER
 from palpate.inverse.linear.matrix_free.patterns import SolvedPatterns
@@ -25,13 +24,13 @@ __all__ = ["MatrixFree"]
 
 #: The iteration goes on to this residual, as a part of the readings, in double and in single precision.
 TOLERANCE = {8: 1e-8, 4: 1e-5}
-#: Where the parameter is learned, known to a percent or two, the residual is that part of what the estimate leaves of the readings, and no more than
-#: this part of them: as if their noise were larger by so much, which moves the traction by 1e-6 to 3e-5 of its norm.
+#: If the parameter is learnt, to a percent or two, the residual tolerance is this part of the estimate's misfit, and at most this part of the
+#: readings: like a slightly larger noise, which moves the traction by 1e-6 to 3e-5 of its norm.
 LEARNED, LARGEST = 1e-4, 3e-5
-#: A frame counts as solved below this residual; above it, its status says that it did not converge.
-ENOUGH = 1e-4
-#: Most steps of the iteration.
-MOST = 2000
+#: A frame with a smaller residual is solved; with a larger one its status is "not converged".
+SOLVED = 1e-4
+#: Largest number of steps of the iteration.
+MAX_STEPS = 2000
 
 
 class MatrixFree:
@@ -91,9 +90,9 @@ class MatrixFree:
             scale,
             np.sqrt(joined["left"] / self.system.normal.count).reshape(batch),
             errors=errors,
-            converged=(joined["misfit"] <= ENOUGH).reshape(batch),
+            converged=(joined["misfit"] <= SOLVED).reshape(batch),
             noise_std=scale[..., None] * np.concatenate(self.scales),
-            said=self._said(joined, batch),
+            said=self._notes(joined, batch),
         )
 
     def _frames(self, readings: Sequence[Floats], tolerance: float) -> dict[str, Any]:
@@ -120,7 +119,7 @@ class MatrixFree:
             size = np.linalg.norm(rows, axis=1)
             noise = parameter * np.linalg.norm(start, axis=1) / np.where(size > 0, size, 1.0)
             goal = np.clip(LEARNED * noise, tolerance, max(tolerance, LARGEST))
-        solved, sought = system.estimate(rows, parameter, tolerance=goal, most=MOST, start=start)
+        solved, sought = system.estimate(rows, parameter, tolerance=goal, most=MAX_STEPS, start=start)
         left = parameter**2 * (solved.rows**2).sum(axis=1)
         explained = parameter * (rows * solved.rows).sum(axis=1)
         variance = np.ones(len(rows))
@@ -152,13 +151,15 @@ class MatrixFree:
         }
 
     def again(self, readings: Sequence[Floats], parameter: Floats) -> Floats:
-        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane, with a parameter (frame,) each and nothing taken out."""
+        """Traction (frame, component, *surface) of readings (frame, channel, *array) per plane with given parameters (frame,), without subtracting
+        nuisances.
+        """
         out = np.zeros((len(parameter), len(self.grid.components), *self.grid.shape))
         together = max(1, TOGETHER // self.system.normal.total)
         for i in range(0, len(parameter), together):
             part = slice(i, i + together)
             rows = self.system.normal.rows([r[part] for r in readings])
-            solved = self.system.solve(rows, parameter[part], tolerance=ENOUGH, most=MOST)
+            solved = self.system.solve(rows, parameter[part], tolerance=SOLVED, most=MAX_STEPS)
             out[part, list(self.system.columns)] = self.system.traction(solved)
         return out
 
@@ -170,36 +171,31 @@ class MatrixFree:
             largest = np.maximum(largest, (rows.max(axis=-1) / scale).max(axis=-1))
         return np.asarray((MODEL_ERROR * largest) ** 2)
 
-    def _said(self, found: dict[str, Any], batch: tuple[int, ...]) -> tuple[str, ...]:
-        """What is to be said of the frames."""
+    def _notes(self, found: dict[str, Any], batch: tuple[int, ...]) -> tuple[str, ...]:
+        """The notes on the frames."""
         said: list[str] = []
         if self.patterns is not None and found["sizes"] is not None:
             empty = np.zeros((len(found["sizes"]), 0))
             said += self.patterns.words(Removed(empty, empty, found["sizes"], found["deviations"]), batch)
         if found["without"].any():
             said.append(
-                f'rule="{self.parameter}": the curve has no corner{_some(found["without"], batch)}, so "evidence" chose the parameter there'
+                f'rule="{self.parameter}": the curve has no corner{in_frames(found["without"], batch)}, so "evidence" chose the parameter there'
             )
         if found["unsettled"].any():
             said.append(
-                f'rule="{self.parameter}" did not settle on a parameter{_some(found["unsettled"], batch)}: the last one tried is used. Give '
+                f'rule="{self.parameter}" did not settle on a parameter{in_frames(found["unsettled"], batch)}: the last one tried is used. Give '
                 "parameter=..., or the array its noise=..."
             )
         if isinstance(self.parameter, str) and found["blind"].any():
             said.append(
-                f"noise cannot be separated from traction{_some(found['blind'], batch)}, which explains the readings at every wavelength: what is "
+                f"noise cannot be separated from traction{in_frames(found['blind'], batch)}, which explains the readings at every wavelength: what is "
                 "fine in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
             )
-        short = found["misfit"] > ENOUGH
+        short = found["misfit"] > SOLVED
         if short.any():
             worst = float(found["misfit"].max())
             said.append(
-                f"the iteration did not reach its tolerance{_some(short, batch)}: it left {worst:.1g} of the readings unsolved after {MOST} steps. "
+                f"the iteration did not reach its tolerance{in_frames(short, batch)}: it left {worst:.1g} of the readings unsolved after {MAX_STEPS} steps. "
                 "Give the array its noise=..., or a larger parameter"
             )
         return tuple(said)
-
-
-def _some(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or nothing for a single frame."""
-    return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

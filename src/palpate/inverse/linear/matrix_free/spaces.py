@@ -1,4 +1,4 @@
-"""Where the system is solved: in the space of the readings, or of the traction where readings have no lattice.
+"""The space of the unknowns: that of the readings, or of the traction if the readings have no lattice.
 
 Both solve (M + lambda) u = y and have an approximate spectrum. `OnArray` preconditions by the lattice of a regular array. `OnSurface`, for scattered
 positions, solves (H^T H + lambda) v = H^T y for the traction's coefficients v in sines, in which its prior is white, and takes u = (y - H v)/lambda:
@@ -38,7 +38,7 @@ class Sums(NamedTuple):
 class Space(Protocol):
     """A way to solve, with an approximate spectrum."""
 
-    #: Eigenvalues (n,), and how many readings each stands for.
+    #: Eigenvalues (n,) and their multiplicities.
     eigenvalues: Floats
     counts: Floats
     #: About the largest eigenvalue of M.
@@ -47,7 +47,7 @@ class Space(Protocol):
     whole: bool
     #: Whether `forms` err by the square of residuals, so that these may be loose.
     corrected: bool
-    #: The parameter to begin with, where the approximation is not near enough to tell.
+    #: The start parameter if the approximation is too coarse.
     first: float | None
 
     def powers(self, rows: Floats) -> Floats:
@@ -68,7 +68,7 @@ class Space(Protocol):
         ...
 
     def traction(self, solved: Solved) -> Floats:
-        """W H^T u of what was solved: (frame, component sought, *surface)."""
+        """W H^T u: (frame, component sought, *surface)."""
         ...
 
     def estimate(
@@ -97,7 +97,7 @@ def space(normal: Normal) -> Space:
 
 #: A solution whose residual is within this factor of the tolerance will do, where steps said that it was reached: rounding is the rest.
 REACHED = 2.0
-#: Smaller residuals are told in double precision.
+#: Smaller residuals need double precision.
 SINGLE = 1e-6
 
 
@@ -147,7 +147,7 @@ class OnArray:
     def estimate(
         self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
     ) -> tuple[Solved, Floats]:
-        """Solutions and their traction, whose readings are what checks them."""
+        """Solutions and their traction, checked by the readings of the traction."""
         size = np.linalg.norm(rows, axis=1)
         goal = np.broadcast_to(tolerance, size.shape)
         if start is None or float(goal.min()) < SINGLE:
@@ -161,7 +161,7 @@ class OnArray:
         solved = self.solve(left, parameter, tolerance=np.minimum(part, 1.0), most=most, start=None, checked=False)
         out, residual, products = start + solved.rows, np.zeros(len(rows)), solved.products + len(rows)
         traction = self.normal.traction(out)
-        # of a traction, which is smooth, single precision tells enough
+        # single precision suffices for a smooth traction
         left = rows - self.normal.readings(traction.astype(np.float32)) - parameter[:, None] * out
         residual[there] = np.linalg.norm(left, axis=1)[there] / size[there]
         more = np.flatnonzero(residual > REACHED * goal)
@@ -209,15 +209,15 @@ class OnArray:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return self.approximate.nbytes + self._balanced.nbytes
 
 
 #: Sines along each axis of a component that are solved exactly.
 LONG_SINES = {2: 5, 1: 16}
-#: The search begins where this part of the readings is degrees of freedom: from the side where solutions take few steps.
+#: Start the search at a parameter with this part of the readings as degrees of freedom: solutions there take few steps.
 USED = 0.2
-#: Residuals are measured by what they weigh, so that a tolerance may be larger: e is known to its square.
+#: Residuals are measured in the norm that matters, so that a tolerance may be larger: e has the square of the error.
 ENERGY = 10.0
 
 
@@ -245,7 +245,7 @@ class OnSurface:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         return 2 * self.eigenvalues.nbytes + self._balanced.nbytes
 
     def powers(self, rows: Floats) -> Floats:

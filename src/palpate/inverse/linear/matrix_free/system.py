@@ -48,7 +48,7 @@ class System:
             self.freedom.take(operator.recall.entries.get(self.key))
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
-        """Degrees of freedom that are known, for `Recall`."""
+        """Known degrees of freedom, for `Recall`."""
         return {} if self.key is None else {self.key: (self.freedom.table(),)}
 
     def solve(
@@ -71,7 +71,7 @@ class System:
         return self.space.estimate(rows, parameter, tolerance=tolerance, most=most, start=start)
 
     def traction(self, solved: Solved) -> Floats:
-        """W H^T u of what was solved: (frame, component sought, *surface)."""
+        """W H^T u: (frame, component sought, *surface)."""
         return self.space.traction(solved)
 
     @cached_property
@@ -81,7 +81,7 @@ class System:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it holds."""
+        """Memory in bytes."""
         held = self.space.nbytes + self.freedom.nbytes
         return held + (self.variances.nbytes if "variances" in self.__dict__ else 0)
 
