@@ -10,6 +10,9 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import math
+import os
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -27,7 +30,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "_generated" / "solid.md"
 MODULUS = 2e5
 #: What is pressed to time frames.
 BALL = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0)
-PARTS = ["shell", "layer", "side", "dome", "crook", "trust", "times"]
+PARTS = ["shell", "layer", "side", "dome", "crook", "trust", "times", "journey"]
 
 
 def shell(count: int, through: int, inner: float, outer: float) -> MeshHex:
@@ -267,6 +270,56 @@ def times() -> list[str]:
     return lines
 
 
+MESH_SKIN = """
+[pad]
+kind = "solid_mesh"
+file = "gel.msh"
+base = "glue"
+contact = "skin"
+scale = 1e-3
+turned = true
+youngs_modulus = "200 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "area"
+shape = [5, 5]
+pitch = "1.2 mm"
+depth = "base"
+channels = ["stress_xz", "stress_yz", "stress_zz"]
+noise = "60 Pa"
+"""
+
+
+def journey() -> list[str]:
+    """Processor time from a mesh file of 128 hexahedra to newtons: in Python, and by one command, with its start and imports."""
+    block = MeshHex.init_tensor(np.linspace(-4, 4, 9), np.linspace(-4, 4, 9), np.linspace(0, 2, 3))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        surfaces = {"glue": lambda x: x[2] < 1e-6, "skin": lambda x: x[2] > 2 - 1e-6}
+        block.with_boundaries(surfaces).save(str(folder / "gel.msh"))
+        (folder / "skin.toml").write_text(MESH_SKIN)
+        ball = pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0)
+        readings = pp.Skin.from_file(folder / "skin.toml").sense(ball, rng=np.random.default_rng(0))
+        start = time.process_time()
+        skin = pp.Skin.from_file(folder / "skin.toml")
+        touch = skin.reconstruct(readings)
+        python = time.process_time() - start
+        names = [f"{c}[{i};{j}] (Pa)" for c in skin.planes[0].channels for i in range(5) for j in range(5)]
+        row = ",".join(f"{v!r}" for v in np.ravel(readings).tolist())
+        (folder / "press.csv").write_text(",".join(["time (s)", *names]) + "\n0.0," + row + "\n")
+        before = os.times()
+        command = [sys.executable, "-m", "palpate", "reconstruct", "press.csv", "--skin", "skin.toml"]
+        said = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+        after = os.times()
+    spent = after.children_user + after.children_system - before.children_user - before.children_system
+    found = next(line for line in said.splitlines() if "z" in line.split() or "force z" in line)
+    return [
+        f"Python: {float(touch.force[2]):.3f} N of 1 N after {python:.1f} s. `palpate reconstruct press.csv --skin skin.toml`: "
+        f"`{' '.join(found.split())}` after {spent:.1f} s."
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--write", action="store_true")
@@ -338,6 +391,8 @@ def main() -> None:
         ]
     if "times" in parts:
         out += ["Displacement of markers on a gel, processor time of one thread:", "", *times(), ""]
+    if "journey" in parts:
+        out += ["From a mesh file to newtons, processor time of one thread:", "", *journey(), ""]
     text = "\n".join(out)
     if chosen.write:
         PAGE.write_text(text)

@@ -1,18 +1,15 @@
-"""What is worked out for sensors in a solid pad, in a file."""
+"""What is worked out for sensors in a solid pad, in a file; pads are `palpate.SolidPad`, whose file imports this one."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate._recall import digest, read, write
 from palpate.errors import InvalidInput
-
-if TYPE_CHECKING:
-    from palpate.solid.pad import SolidPad
 
 __all__ = ["known_to", "load", "save"]
 
@@ -20,18 +17,18 @@ __all__ = ["known_to", "load", "save"]
 WORKED_OUT = ("solid", "_top", "_kept")
 
 
-def known_to(pad: SolidPad, accuracy: float) -> SolidPad:
+def known_to(pad: Any, accuracy: float) -> Any:
     """The pad with another accuracy, and what it has worked out."""
     out = replace(pad, accuracy=accuracy)
     out.__dict__.update({name: pad.__dict__[name] for name in WORKED_OUT if name in pad.__dict__})
     return out
 
 
-def _digest(pad: SolidPad) -> str:
+def _digest(pad: Any) -> str:
     return digest(replace(pad, accuracy=None)) or ""
 
 
-def save(pad: SolidPad, path: str | Path) -> None:
+def save(pad: Any, path: str | Path) -> None:
     """See `SolidPad.save`."""
     keys = list(pad._kept)
     places = np.array([k[:3] for k in keys]).reshape(-1, 3)
@@ -42,7 +39,7 @@ def save(pad: SolidPad, path: str | Path) -> None:
     write(str(path), {"fields": (places, names, widths, fields)}, about)
 
 
-def load(pad: SolidPad, path: str | Path) -> SolidPad:
+def load(pad: Any, path: str | Path) -> Any:
     """See `SolidPad.load`."""
     said: dict[str, str] = {}
 

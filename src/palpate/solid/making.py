@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,6 @@ from palpate.sensing.curved import Chart, CylinderChart, SphereChart
 from palpate.sensing.grids import check_length
 from palpate.solid.charts import fitted_chart
 from palpate.solid.shapes import disc, laid_on, rectangle
-
-if TYPE_CHECKING:
-    from palpate.solid.pad import SolidPad
 
 __all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "dome", "from_file", "is_flush"]
 
@@ -178,7 +175,7 @@ def _check_inwards(vertices: Floats, elements: Index, contact: Index, chart: Cha
         )
 
 
-def is_flush(pad: SolidPad) -> bool:
+def is_flush(pad: Any) -> bool:
     """Whether all that is held lies a thickness below the surface, along its normals: pressure and shear on it are those of the surface's axes."""
     if pad.chart is not None and pad.readings_along == "pad":
         return False

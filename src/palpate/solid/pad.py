@@ -474,7 +474,8 @@ class SolidPad:
         >>> pad.uncertainty.gain == pad.accuracy > 0.0
         True
         """
-        return files.known_to(self, self.mesh_error(other, array, radius=radius))
+        known: SolidPad = files.known_to(self, self.mesh_error(other, array, radius=radius))
+        return known
 
     @property
     def uncertainty(self) -> Uncertainty:
@@ -519,7 +520,8 @@ class SolidPad:
         ...     pad.load(f"{folder}/gel.npz").accuracy
         0.02
         """
-        return files.load(self, path)
+        loaded: SolidPad = files.load(self, path)
+        return loaded
 
     # -- how -----------------------------------------------------------------------------------------------------------
 
