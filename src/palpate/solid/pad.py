@@ -455,7 +455,7 @@ class SolidPad:
         Examples
         --------
         >>> import palpate as pp
-        >>> pad, finer = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (1e-3, 0.7e-3))
+        >>> pad, finer = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (0.7e-3, 0.6e-3))
         >>> array = pp.AreaArray(shape=(2, 2), pitch=2e-3, depth="base", channels=["stress_zz"], noise=20.0)
         >>> 0.0 < pad.mesh_error(finer, array) < 0.1
         True
