@@ -1,7 +1,8 @@
 """Bridges to learners and simulators: worlds a second of taxels in MuJoCo and how far their force lies from the contacts', throughput of the
 differentiable inverse in PyTorch (and JAX) by batch size. Writes docs/_generated/bridges.md.
 
-    python benchmarks/bridges.py [--quick]
+    python benchmarks/bridges.py
+    python benchmarks/bridges.py --part gradients examples  (renews these parts of the page alone)
     python benchmarks/bridges.py --device cuda --out FILE   (the layers alone, beside the processor of the same machine)
     python benchmarks/bridges.py --gpu-result FILE.json     (keeps that measurement in benchmarks/data and renews the page's part on it)
 """
@@ -12,9 +13,13 @@ import argparse
 import json
 import os
 import platform
+import re
+import resource
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,23 +30,31 @@ import palpate as pp
 OUT = Path(__file__).parents[1] / "docs" / "_generated" / "bridges.md"
 #: The last measurement on a GPU, which few machines can repeat.
 GPU = Path(__file__).parent / "data" / "bridges_gpu.json"
-#: Where the part of the page begins that `GPU` makes.
-MARK = "<!-- GPU -->"
+DOCS = OUT.parents[1]
+#: One for learners, one for simulators, one for robots.
+EXAMPLES = ("15_mujoco_gripper.py", "16_small_network.py", "17_lerobot_episode.py")
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 CHANNELS = ["stress_xz", "stress_yz", "stress_zz"]
 #: Weight of the penalty, near to that of evidence.
 PARAMETER = 1e-4
+#: Processor time that a measurement takes [s], at least half of it: single runs of 2 ms were told as 0.5 ms.
+WINDOW = 0.1
 
 
-def seconds(run: Callable[[], Any], runs: int = 3) -> float:
-    """Processor time of the shortest of some runs, after one that prepares; of one run, that one. Other work on the machine does not stretch it much."""
-    if runs > 1:
-        run()
-    found = []
-    for _ in range(runs):
+def seconds(run: Callable[[], Any]) -> float:
+    """Processor time of a run, after one that prepares: the least of three means over `WINDOW`. Other work on the machine does not stretch it much."""
+    run()
+    found: list[float] = []
+    count = 1
+    while len(found) < 3:
         start = time.process_time()
-        run()
-        found.append(time.process_time() - start)
+        for _ in range(count):
+            run()
+        taken = time.process_time() - start
+        if taken < 0.5 * WINDOW and count < 4096:  # the clock is too coarse for one short run
+            count *= 2
+            continue
+        found.append(taken / count)
     return min(found)
 
 
@@ -125,10 +138,10 @@ def learner_rows(batches: tuple[int, ...]) -> list[str]:
         for (library, what), task in tasks.items():
             cells = []
             for batch in batches:
-                if batch > 64 and "friction" in what:  # frame by frame: the rate is that of 64
+                if batch > 64 and "friction and gradient" in what:  # backwards frame by frame: the rate is that of 64
                     cells.append("as 64")
                     continue
-                taken = seconds(task(frames(skin, batch)), 3)
+                taken = seconds(task(frames(skin, batch)))
                 cells.append(f"{batch / taken:.0f} frames/s")
             rows.append(f"| {name} | {library} | {what} | {' | '.join(cells)} |")
             print(rows[-1], flush=True)
@@ -142,7 +155,7 @@ def bound_rows() -> list[str]:
     from palpate.inverse.constrained.quadratic import Formed
 
     rows = [
-        "| skin | matrix product alone, float32, batch 4096 | within friction: steps a frame | unknowns that are free | Cholesky factors of as many alone |",
+        "| skin | matrix product alone, float32, batch 4096 | within friction, one by one: steps a frame | unknowns that are free | Cholesky factors of as many alone |",
         "|---|---|---|---|---|",
     ]
     for name, skin in skins().items():
@@ -236,22 +249,83 @@ def jax_tasks(skin: pp.Skin) -> dict[tuple[str, str], Any]:
     return out
 
 
+def layer_rows() -> list[str]:
+    return [
+        f"The differentiable layers, penalty {PARAMETER:g}, surfaces of 8 x 8 and 12 x 12 cells (192 and 432 unknowns):",
+        "",
+        *learner_rows((1, 64, 4096)),
+        "",
+        "What bounds these rates, on the same thread:",
+        "",
+        *bound_rows(),
+    ]
+
+
+def gradient_rows() -> list[str]:
+    import bridges_device
+
+    return [
+        "Gradients on the processor, float64, against differences of fourth order (relative error along a direction in all values of the parameter; asked: 1e-6):",
+        "",
+        *bridges_device.checked_gradients(),
+    ]
+
+
+def example_rows() -> list[str]:
+    rows = [
+        "The examples, each in a process of its own:",
+        "",
+        "| example | processor time | wall clock |",
+        "|---|---|---|",
+    ]
+    for name in EXAMPLES:
+        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        with tempfile.TemporaryDirectory() as folder:
+            # without a screen, and compiled or fitted anew
+            subprocess.run(
+                [sys.executable, str(DOCS / "examples" / name)],
+                cwd=folder,
+                check=True,
+                env={**os.environ, "MPLBACKEND": "agg"},
+            )
+        taken, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        rows.append(f"| `docs/examples/{name}` | {used:.0f} s | {taken:.0f} s |")
+        print(rows[-1], flush=True)
+    return rows
+
+
 def gpu_rows() -> list[str]:
     import bridges_device
 
-    return [MARK, "", *bridges_device.page(bridges_device.restored(GPU.read_text(encoding="utf-8")))]
+    return bridges_device.page(bridges_device.restored(GPU.read_text(encoding="utf-8")))
+
+
+#: Parts of the page after the first, by the mark that they begin with.
+PARTS = {"layers": layer_rows, "gradients": gradient_rows, "examples": example_rows, "GPU": gpu_rows}
+
+
+def write_page(first: list[str] | None, parts: Sequence[str]) -> None:
+    """The page with its first part, or that of the page as it is, and these parts renewed."""
+    head, *old = re.split(r"<!-- (\w+) -->\n", OUT.read_text(encoding="utf-8"))
+    kept = dict(zip(old[::2], old[1::2]))
+    for name in parts:
+        kept[name] = "\n".join(["", *PARTS[name](), ""]).rstrip() + "\n\n"
+    head = head if first is None else "\n".join(first) + "\n\n"
+    OUT.write_text(
+        head + "".join(f"<!-- {n} -->\n{kept[n]}" for n in PARTS if n in kept).rstrip() + "\n", encoding="utf-8"
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="no batches of 4096")
     parser.add_argument("--device", choices=["cuda", "cpu"], help="measure the layers there alone")
     parser.add_argument("--out", type=Path, default=Path("bridges-device"), help="where --device writes .json and .md")
     parser.add_argument(
         "--gpu-result", type=Path, help="a .json of --device: keep it, renew that part of the page alone"
     )
+    parser.add_argument("--part", choices=list(PARTS), nargs="+", help="renew these parts of the page alone")
     given = parser.parse_args()
-    quick = given.quick
     if given.gpu_result:
         import bridges_device
 
@@ -259,33 +333,17 @@ def main() -> None:
         GPU.write_text(
             bridges_device.stored(json.loads(given.gpu_result.read_text(encoding="utf-8"))), encoding="utf-8"
         )
-        before = OUT.read_text(encoding="utf-8").split(MARK)[0]
-        OUT.write_text(before + "\n".join(gpu_rows()), encoding="utf-8")
+    if given.gpu_result or given.part:
+        write_page(None, given.part or ["GPU"])
         return
     if given.device:
         import bridges_device
 
-        bridges_device.measure(given.device, given.out, (1, 64) if quick else bridges_device.BATCHES)
+        bridges_device.measure(given.device, given.out, bridges_device.BATCHES)
         return
-    text = [
-        f"Written by `benchmarks/bridges.py`: one thread of {platform.machine()}, {os.cpu_count()} cores, beside other work; times are those of the processor.",
-        "",
-        "The traction's force and moment against the simulator's, in presses, drags and rolls:",
-        "",
-        *mujoco_rows(),
-        "",
-        f"The differentiable layers, penalty {PARAMETER:g}, surfaces of 8 x 8 and 12 x 12 cells (192 and 432 unknowns):",
-        "",
-        *learner_rows((1, 64) if quick else (1, 64, 4096)),
-        "",
-        "What bounds these rates, on the same thread:",
-        "",
-        *bound_rows(),
-        "",
-        *gpu_rows(),
-    ]
-    OUT.write_text("\n".join(text), encoding="utf-8")
-    print("\n".join(text))
+    head = f"Written by `benchmarks/bridges.py`: one thread of {platform.machine()}, {os.cpu_count()} cores, beside other work; times are those of the processor."
+    said = "The traction's force and moment against the simulator's, in presses, drags and rolls:"
+    write_page([head, "", said, "", *mujoco_rows()], list(PARTS))
 
 
 if __name__ == "__main__":

@@ -74,6 +74,19 @@ class Torch:
         (layer(use.pop("readings"), **use) * self.array(weight, "float64")).sum().backward()
         return {k: v.grad.cpu().numpy() for k, v in tensors.items()}
 
+    def value(self, skin: pp.Skin, weight: Any, **options: Any) -> Callable[[dict[str, Any]], float]:
+        """What `gradients` is the gradient of."""
+        from palpate.torch import Reconstruct
+
+        layer, scale = Reconstruct(skin, **options).to(self.device), self.array(weight, "float64")
+
+        def run(given: dict[str, Any]) -> float:
+            use = {k: self.array(v, "float64") for k, v in given.items()}
+            with self.torch.no_grad():
+                return float((layer(use.pop("readings"), **use) * scale).sum())
+
+        return run
+
     def compilations(self, skin: pp.Skin, readings: Any) -> tuple[int, int]:
         from torch._dynamo.testing import CompileCounter
 
@@ -130,7 +143,7 @@ class Jax:
         model, run = self._model(skin, **options), self.jax.jit(reconstruct)
         return lambda x: run(model, x)
 
-    def gradients(self, skin: pp.Skin, given: dict[str, Any], weight: Any, **options: Any) -> dict[str, Any]:
+    def _loss(self, skin: pp.Skin, weight: Any, **options: Any) -> Callable[[dict[str, Any]], Any]:
         from palpate.jax import reconstruct
 
         model, scale = self._model(skin, **options), self.array(weight, "float64")
@@ -139,7 +152,16 @@ class Jax:
             rest = {k: v for k, v in use.items() if k != "readings"}
             return (reconstruct(model, use["readings"], rest) * scale).sum()
 
-        found = self.jax.jit(self.jax.grad(loss))({k: self.array(v, "float64") for k, v in given.items()})
+        return loss
+
+    def value(self, skin: pp.Skin, weight: Any, **options: Any) -> Callable[[dict[str, Any]], float]:
+        """What `gradients` is the gradient of."""
+        run = self.jax.jit(self._loss(skin, weight, **options))
+        return lambda given: float(run({k: self.array(v, "float64") for k, v in given.items()}))
+
+    def gradients(self, skin: pp.Skin, given: dict[str, Any], weight: Any, **options: Any) -> dict[str, Any]:
+        run = self.jax.jit(self.jax.grad(self._loss(skin, weight, **options)))
+        found = run({k: self.array(v, "float64") for k, v in given.items()})
         return {k: np.asarray(v) for k, v in found.items()}
 
     def compilations(self, skin: pp.Skin, readings: Any) -> tuple[int, int]:
@@ -219,6 +241,34 @@ def rows(library: str, device: str, batches: tuple[int, ...]) -> Iterator[dict[s
                         taken = wall(on, lambda run=run, x=x: run(x), 0.5)
                         moved = size * (unknowns * read + batch * (unknowns + read))
                         yield {**row, "frames_per_second": batch / taken, "bound": batch * copied[name] / moved}
+
+
+def checked_gradients() -> list[str]:
+    """Gradients on the processor, float64, against differences of fourth order along a direction in all values of a parameter: a table."""
+    small = cases.skin("mixed")  # stress alone does not follow the modulus
+    given = {"readings": np.nan_to_num(cases.frames(small, 2)), **cases.parameters(small)}
+    weight = cases.weights((2, 3, *small.surface.shape)) * 1e-4
+    out = ["| library | inverse | " + " | ".join(PARAMETERS) + " |", "|---" * 7 + "|"]
+    for kind in (Torch, Jax):
+        on = kind("cpu")
+        for case, (constrained, friction) in cases.CASES.items():
+            options = {
+                "parameter": cases.PARAMETER,
+                "constrained": constrained,
+                "friction": friction,
+                "depth_range": 0.2,
+            }
+            found, value = on.gradients(small, given, weight, **options), on.value(small, weight, **options)
+            cells = []
+            for name in PARAMETERS:
+                direction = np.random.default_rng(1).standard_normal(given[name].shape) * np.abs(given[name])
+                slope = cases.quotient(
+                    lambda v, name=name, value=value: value({**given, name: v}), given[name], direction, 1e-5
+                )
+                cells.append(f"{abs(float((found[name] * direction).sum()) / slope - 1.0):.1e}")
+            out.append(f"| {kind.__name__} | {case} | {' | '.join(cells)} |")
+            print(out[-1], flush=True)
+    return out
 
 
 def measure(device: str, out: Path, batches: tuple[int, ...]) -> None:

@@ -5,6 +5,7 @@ Constants of `palpate.microscopy.spread` come from cells 0 to 47 (`--rows consta
     python benchmarks/cells.py --cells 0:48 --rows constants            # three minutes, as the next
     python benchmarks/cells.py --cells 3000:3060 --methods adhesions --markdown docs/_generated/cells.md
     python benchmarks/cells.py --cells 0:10 --rows population --keep cells.json  # in pieces: the next run adds to these
+    python benchmarks/cells.py --rows times film --markdown docs/_generated/cells_times.md
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import json
 import math
 import resource
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Iterator
@@ -30,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from cells_population import SQUARE, Cell, cell_of
 
 import palpate as pp
-from palpate.microscopy import Field, cell_forces, forces_of_labels, labels, spread
+from palpate.microscopy import Field, Film, cell_forces, forces_of_labels, labels, spread
 from palpate.sensing.uncertainty import EXACT
 
 KEYS = ("strain_energy", "contractile_moment", "contractility", "traction_peak", "net_force_x", "net_force_y")
@@ -276,6 +278,33 @@ def times(sides: list[str]) -> list[str]:
     return lines
 
 
+def film(frames: int, side: int, processes: int) -> list[str]:
+    """A film of ``frames`` fields, by so many processes: seconds by the clock and of all processors, and memory of one process."""
+    cell = cell_of(1000, step=5, count=side, noise=0.05, outliers=False, edge=False, window=0)
+    rng = np.random.default_rng(0)
+    noise = 0.05 * float(np.nanmax(np.abs(cell.displacement)))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "film.npy"
+        np.save(
+            path,
+            np.stack([cell.displacement + noise * rng.standard_normal(cell.displacement.shape) for _ in range(frames)]),
+        )
+        made = Film(
+            frames=[path], pad=pp.HalfSpace(youngs_modulus=cell.modulus, poissons_ratio=cell.ratio), pixel=SQUARE, unit="m", step=float(cell.step), start=cell.start
+        )  # fmt: skip
+        start = time.perf_counter()
+        rows, _ = made.run(Path(folder) / "part.jsonl", processes=processes)
+        wall = time.perf_counter() - start
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    solved = sum("strain_energy_J" in row for row in rows)
+    line = f"| {frames} | {side} x {side} | {processes} | {solved} | {wall:.0f} | {used.ru_utime + used.ru_stime:.0f} | {used.ru_maxrss / 1e6:.2f} |"
+    return [
+        "| frames | vectors | processes | solved | by the clock [s] | of all processors [s] | memory of a process at most [GB] |",
+        "|---" * 7 + "|",
+        line,
+    ]
+
+
 def _timed(cell: Cell) -> tuple[float, float]:
     row = judged(cell, "adhesions")
     return row["seconds"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
@@ -287,7 +316,8 @@ def main() -> None:
         "--cells", default="3000:3060", help="first and last, such as 0:10: a population may be run in pieces"
     )
     parser.add_argument("--methods", nargs="+", default=["tikhonov", "adhesions"])
-    parser.add_argument("--rows", nargs="+", default=["population", "special", "crop", "windows", "times"])
+    parser.add_argument("--rows", nargs="+", default=["population", "special", "crop", "windows", "times", "film"])
+    parser.add_argument("--frames", type=int, default=100, help="of the film of the row film")
     parser.add_argument("--special", type=int, default=12, help="cells of the rows of one kind")
     parser.add_argument("--sides", nargs="+", default=["64", "128", "256", "387x379", "512"])
     parser.add_argument(
@@ -320,6 +350,8 @@ def main() -> None:
         lines += windows(first, args.special)
     if "times" in args.rows:
         lines += ["", "| vectors | processor time [s] | memory at most [GB] |", "|---|---|---|", *times(args.sides)]
+    if "film" in args.rows:
+        lines += ["", *film(args.frames, 24, 2)]
     print("\n".join(lines))
     if args.markdown is not None:
         args.markdown.write_text("\n".join(lines) + "\n")

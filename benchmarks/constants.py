@@ -1,7 +1,7 @@
-"""Constants of a pad from balls of known force at unknown places: how often the truth lies inside the 95 % intervals; pad models told apart.
+"""Constants of a pad from balls of known force at unknown places: how often the truth lies inside the 95 % intervals; pad models told apart; force from weights alone.
 
     python benchmarks/constants.py --oracles FOLDER            # holds fem_layer_3d.npz
-    python benchmarks/constants.py --oracles FOLDER --write    # docs/_generated/constants.md and pad_models.md
+    python benchmarks/constants.py --oracles FOLDER --write    # docs/_generated/constants.md, pad_models.md and weights.md
 
 The readings are closed forms of a half-space (`palpate.solutions`) or finite elements of a bonded layer (FOLDER): never the forward model that is fitted. Noise:
 1 % of the largest reading. Radii of balls are told with an error of 2 %. Truths are drawn from the spread that the fit assumes before the presses.
@@ -21,7 +21,7 @@ import palpate as pp
 from palpate.calibrate.constants import CONSTANTS, REJECTED, fit_constants
 
 sys.path.insert(0, str(Path(__file__).parent))
-from calibrate import eflesh, melexis
+from calibrate import METHODS, Split, eflesh, melexis
 
 GENERATED = Path(__file__).parents[1] / "docs" / "_generated"
 NOISE, RADIUS, PITCH, SHAPE = 0.01, 0.02, 2e-3, (6, 6)
@@ -40,13 +40,50 @@ def noisy(readings: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, f
 Truth = dict[str, float]
 
 
+def layer(
+    oracles: Path,
+    ball: str,
+    channels: list[str],
+    points: np.ndarray,
+    thickness: float,
+    modulus: float,
+    force: float,
+    depth: str,
+) -> tuple[np.ndarray, float, float]:
+    """Readings (channel, taxel) under a Hertz pressure on a bonded incompressible layer, by finite elements; contact radius, and radius of the ball that makes it.
+
+    ``ball`` "h3" is a contact of a third of the thickness, "h1" of all of it; ``depth`` is "base" or "middle".
+    """
+    with np.load(oracles / "fem_layer_3d.npz") as file:
+        held = {k.removeprefix(f"{ball}__nu0.5__hertz_p__"): file[k] for k in file.files if k.startswith(ball)}
+    a = thickness / float(ball[1:])
+    unit = force / (2.0 * np.pi / 3.0 * a**2)  # p0 of Hertz's pressure
+    r, around = held[f"{ball}__r"], np.hypot(*points.T) / a
+    out = []
+    for channel in channels:
+        name, direction = {"stress": ("S_", "rz"), "displacement": ("u_", "r")}[channel.partition("_")[0]]
+        upright = channel.endswith("z") and not channel.endswith(("xz", "yz"))
+        key = name + ({"S_": "zz", "u_": "z"}[name] if upright else direction)
+        row = (
+            -1 if depth == "base" else 2
+        )  # z: 0.1, 0.25, 0.5, 0.75 and 1 of the thickness; displacements: 0, 0.25, 0.5, 0.75
+        size = unit if name == "S_" else unit * a / modulus
+        value = size * scipy.interpolate.CubicSpline(r, held[key][row])(np.minimum(around, r[-1]))
+        axis = None if upright else 1 if "_y" in channel else 0
+        out.append(value if axis is None else value * points[:, axis] / np.maximum(a * around, 1e-12))
+    sunk = held["u_z"][0]
+    drop = float(sunk[0] - sunk[np.flatnonzero(np.isclose(r, 1.0))[0]]) * a * unit / modulus
+    return np.stack(out), a, a**2 / (2.0 * drop)
+
+
 def gel(
-    rng: np.random.Generator, presses: int, oracles: Path
+    rng: np.random.Generator, presses: int, oracles: Path, newtons: np.ndarray | None = None
 ) -> tuple[pp.Skin, np.ndarray, np.ndarray, np.ndarray, float, Truth]:
     """A camera gel deep enough to be a half-space: in-plane displacement of markers, balls of 4, 6 and 9 mm radius; closed form."""
     modulus, depth, scale = np.exp(rng.standard_normal(3) * [0.4, 0.2, 0.2]) * [1e5, 2e-3, 1.0]
     pad = pp.HalfSpace(youngs_modulus=modulus, poissons_ratio=0.48)
-    points, radius, force = grid() * scale, np.resize([4e-3, 6e-3, 9e-3], presses), np.resize(FORCES, presses)
+    points, radius = grid() * scale, np.resize([4e-3, 6e-3, 9e-3], presses)
+    force = np.resize(FORCES, presses) if newtons is None else newtons
     channels = ["displacement_x", "displacement_y"]
     out = []
     for r, f in zip(radius, force):
@@ -63,31 +100,20 @@ def gel(
 
 
 def taxels(
-    rng: np.random.Generator, presses: int, oracles: Path
+    rng: np.random.Generator, presses: int, oracles: Path, newtons: np.ndarray | None = None
 ) -> tuple[pp.Skin, np.ndarray, np.ndarray, np.ndarray, float, Truth]:
     """Taxels at the base of a bonded pad, each with a gain of its own; contact radius a third and all of the thickness; finite elements."""
     thickness = 4e-3 * np.exp(0.2 * rng.standard_normal())
     modulus = 1e5 * np.exp(0.4 * rng.standard_normal())
     points = grid()
     gains = np.exp(0.05 * rng.standard_normal(len(points)))
-    with np.load(oracles / "fem_layer_3d.npz") as file:
-        held = {k: file[k] for k in file.files}
-    out, radius, force = [], [], []
-    for i in range(presses):
-        name, a = (("h3", thickness / 3.0), ("h1", thickness))[i % 2]
-        f = FORCES[i % 3]
-        x, y = rng.uniform(-3e-3, 3e-3, 2)
-        unit = f / (2.0 * np.pi / 3.0 * a**2)  # p0 of Hertz's pressure
-        case = f"{name}__nu0.5__hertz_p"
-        table = scipy.interpolate.CubicSpline(held[f"{name}__r"], held[f"{case}__S_zz"][-1])
-        sunk = held[f"{case}__u_z"][0]
-        edge = np.flatnonzero(np.isclose(held[f"{name}__r"], 1.0))[0]
-        drop = float(sunk[0] - sunk[edge]) * a * unit / modulus
-        out.append(
-            gains * unit * table(np.minimum(np.hypot(points[:, 0] - x, points[:, 1] - y) / a, held[f"{name}__r"][-1]))
-        )
-        radius.append(a**2 / (2.0 * drop))
-        force.append(f)
+    force = np.resize(FORCES, presses) if newtons is None else newtons
+    out, radius = [], []
+    for i, f in enumerate(force):
+        at = rng.uniform(-3e-3, 3e-3, 2)
+        made, _, ball = layer(oracles, ("h3", "h1")[i % 2], ["stress_zz"], points - at, thickness, modulus, f, "base")
+        out.append(gains * made[0])
+        radius.append(ball)
     readings, noise = noisy(np.stack(out).reshape(presses, 1, *SHAPE), rng)
     array = pp.AreaArray(shape=SHAPE, pitch=PITCH, depth="base", channels=["stress_zz"])
     skin = pp.Skin(pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=1e5, poissons_ratio=0.5)]), array)
@@ -95,7 +121,7 @@ def taxels(
     return (
         skin,
         readings,
-        np.array(force),
+        force,
         np.array(radius) * np.exp(RADIUS * rng.standard_normal(presses)),
         noise,
         truth,
@@ -137,57 +163,100 @@ def coverage(oracles: Path, repetitions: int, only: str) -> list[str]:
 
 
 MODELS = ("half-space", "bonded", "stack", "soft base")
-DEPTH, THICK = 2e-3, 3e-3
+DEPTH, THICK = 1.5e-3, 3e-3
 
 
 def body(name: str) -> Any:
-    layer = pp.Layer(thickness=THICK, youngs_modulus=1e5, poissons_ratio=0.48)
-    thin = [pp.Layer(thickness=0.5 * THICK, youngs_modulus=e, poissons_ratio=0.48) for e in (1e5, 2e4)]
+    layer = pp.Layer(thickness=THICK, youngs_modulus=1e5, poissons_ratio=0.5)
+    thin = [pp.Layer(thickness=0.5 * THICK, youngs_modulus=e, poissons_ratio=0.5) for e in (1e5, 2e4)]
     return {
-        "half-space": pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48),
+        "half-space": pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5),
         "bonded": pp.BondedLayers([layer]),
         "stack": pp.BondedLayers(thin),
-        "soft base": pp.BondedLayers([layer], base=pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=0.48)),
+        "soft base": pp.BondedLayers([layer], base=pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=0.5)),
     }[name]
 
 
-def ranked(repetitions: int, only: str) -> list[str]:
-    """How often each pad is named from six presses of balls of unknown radius; under stress taxels a layer of 60 mm is one with a half-space."""
-    moved = ["displacement_x", "displacement_y", "displacement_z"]
+def ranked(oracles: Path, repetitions: int, only: str) -> list[str]:
+    """How often each pad is named from six presses of balls of unknown radius; under stress taxels a layer of 60 mm is one with a half-space.
+
+    Readings of the half-space are closed forms and those of the bonded layer finite elements; stack and soft base have `Skin.sense` alone.
+    """
+    channels = {
+        "displacement": ["displacement_x", "displacement_y", "displacement_z"],
+        "stress": ["stress_xz", "stress_yz", "stress_zz"],
+    }
     rows = ["| true pad | readings | named right | cannot tell | named wrong | rejected |", "|---|---|---|---|---|---|"]
-    thick = pp.BondedLayers([pp.Layer(thickness=60e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
-    cases = [(m, body(m), moved, THICK) for m in MODELS]
-    for truth, pad, channels, thickness in [*cases, ("bonded, 60 mm", thick, ["stress_zz"], 60e-3)]:
-        if only not in f"| {truth} |":
+    thick = pp.BondedLayers([pp.Layer(thickness=60e-3, youngs_modulus=1e5, poissons_ratio=0.5)])
+    cases = [(m, body(m), kind, THICK) for kind in channels for m in MODELS]
+    for truth, pad, kind, thickness in [*cases, ("bonded, 60 mm", thick, "stress", 60e-3)]:
+        if only not in f"| {truth} | {kind} |":
             continue
         counts = np.zeros(4, dtype=int)
-        array = pp.AreaArray(shape=SHAPE, pitch=PITCH, depth=DEPTH, channels=channels)
-        true = pp.Skin(pad, array)
-        guess = pp.BondedLayers([pp.Layer(thickness=thickness * 1.1, youngs_modulus=1.2e5, poissons_ratio=0.48)])
+        array = pp.AreaArray(shape=SHAPE, pitch=PITCH, depth=DEPTH, channels=channels[kind])
+        true, points = pp.Skin(pad, array), grid()
+        guess = pp.BondedLayers([pp.Layer(thickness=thickness * 1.1, youngs_modulus=1.2e5, poissons_ratio=0.5)])
         skin = pp.Skin(guess, array)
         for seed in range(repetitions):
             rng = np.random.default_rng([seed, 77])
-            force = np.resize(FORCES, 6)
-            balls = [
-                pp.solutions.hertz_point(force=f, contact_radius=a).shifted(*rng.uniform(-3e-3, 3e-3, 2))
-                for f, a in zip(force, np.resize([1.2e-3, 1.8e-3, 2.4e-3], 6))
-            ]
-            if isinstance(pad, pp.HalfSpace):
-                points = grid()
-                made = np.stack([b.fields(pad, channels, points[:, 0], points[:, 1], DEPTH) for b in balls])
-            else:
-                made = np.stack([np.asarray(true.sense(b)) for b in balls])
-            readings, noise = noisy(made.reshape(6, len(channels), *SHAPE), rng)
+            force, places = np.resize(FORCES, 6), rng.uniform(-3e-3, 3e-3, (6, 2))
+            made = []
+            for i, (f, at) in enumerate(zip(force, places)):
+                ball = pp.solutions.hertz_point(force=f, contact_radius=(1.2e-3, 1.8e-3, 2.4e-3)[i % 3])
+                if truth == "half-space":
+                    one = ball.fields(pad, channels[kind], *(points - at).T, DEPTH)
+                elif truth == "bonded":
+                    one = layer(oracles, ("h3", "h1")[i % 2], channels[kind], points - at, THICK, 1e5, f, "middle")[0]
+                else:
+                    one = np.asarray(true.sense(ball.shifted(*at)))
+                made.append(np.reshape(one, (len(channels[kind]), *SHAPE)))
+            readings, noise = noisy(np.stack(made), rng)
             asked = ["youngs_modulus", "thickness", "depth"]
             found = fit_constants(skin, readings, force, constants=asked, noise=noise, models=MODELS)
             best = found.best_model
             counts[3 if found.misfit > REJECTED else 1 if best is None else 0 if best == truth else 2] += 1
-            if seed < 2:
-                print(truth, found.evidence, round(found.misfit, 2), flush=True)
-        rows.append(
-            f"| {truth} | {'displacement' if channels == moved else 'stress'} | " + " | ".join(map(str, counts)) + " |"
-        )
+        rows.append(f"| {truth} | {kind} | " + " | ".join(map(str, counts)) + " |")
         print(rows[-1], flush=True)
+    return rows
+
+
+#: Presses that the calibration has not seen, each with a force of its own.
+ASKED = 40
+
+
+def weighed(oracles: Path, repetitions: int, only: str) -> list[str]:
+    """Error of the force of presses at places of their own, from known weights at unknown places and one frame at rest, beside regressions on the same frames."""
+    rows = [
+        "| bench | weights | palpate: mean error, of the mean force | inside 95 % | width, of the mean force | linear | quadratic | process |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for bench, (make, _) in BENCHES.items():
+        for presses in (3, 6, 20):
+            if only not in f"{bench} | {presses} |":
+                continue
+            off: dict[str, list[float]] = {m: [] for m in METHODS}
+            inside, wide = [], []
+            for seed in range(repetitions):
+                rng = np.random.default_rng([seed, presses, 5])
+                newtons = np.concatenate([np.resize(FORCES, presses), rng.uniform(0.5, 4.5, ASKED)])
+                skin, readings, force, *_ = make(rng, presses + ASKED, oracles, newtons)
+                flat = np.vstack([np.zeros(readings[0].size), readings.reshape(len(readings), -1)])
+                known, k = np.r_[0.0, force], presses + 1
+                split = Split(bench, skin, 2, flat[:k], known[:k], None, flat[k:], known[k:])
+                for name, method in METHODS.items():
+                    value, half = method(split, flat[k:])
+                    error = np.abs(value - known[k:])
+                    off[name].append(float(error.mean() / known[k:].mean()))
+                    if name == "palpate":
+                        inside.append(float((error <= half).mean()))
+                        wide.append(float(2.0 * half.mean() / known[k:].mean()))
+            mean = {m: 100.0 * float(np.mean(v)) for m, v in off.items()}
+            rows.append(
+                f"| {bench} | {presses} | {mean['palpate']:.2g} % | {np.mean(inside):.2f} | {100 * np.mean(wide):.2g} % | "
+                + " | ".join(f"{mean[m]:.2g} %" for m in ("linear", "quadratic", "process"))
+                + " |"
+            )
+            print(rows[-1], flush=True)
     return rows
 
 
@@ -219,7 +288,7 @@ def write(path: Path, rows: list[str]) -> None:
     """Rows of other benches or pads that a run left out (``--only``) stay as they are."""
 
     def key(row: str) -> str:
-        return "|".join(row.split("|")[:4]) if path.name == "constants.md" else row.split("|")[1]
+        return "|".join(row.split("|")[: {"constants.md": 4, "pads_published.md": 2}.get(path.name, 3)])
 
     fresh = {key(r): r for r in rows[2:]}
     old = path.read_text(encoding="utf-8").splitlines()[2:] if path.exists() else []
@@ -232,13 +301,14 @@ def main() -> None:
     parser.add_argument("--oracles", type=Path, required=True)
     parser.add_argument("--repetitions", type=int, default=100)
     parser.add_argument("--data", type=Path, help="published recordings: eflesh/ and melexis/")
-    parser.add_argument("--part", choices=("coverage", "models", "published"), help="only this table")
+    parser.add_argument("--part", choices=("coverage", "models", "weights", "published"), help="only this table")
     parser.add_argument("--only", default="", help='rows that hold this text, such as "taxels | 6 |" or "| stack |"')
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     tables = {
         "coverage": ("constants.md", lambda: coverage(given.oracles, given.repetitions, given.only)),
-        "models": ("pad_models.md", lambda: ranked(given.repetitions, given.only)),
+        "models": ("pad_models.md", lambda: ranked(given.oracles, given.repetitions, given.only)),
+        "weights": ("weights.md", lambda: weighed(given.oracles, given.repetitions, given.only)),
     }
     if given.data is not None:
         tables["published"] = ("pads_published.md", lambda: published(given.data))

@@ -1,6 +1,7 @@
 """`palpate ros` at the rate of a robot: messages sent by one process, answered by the node in another, and what restarts do.
 
 python benchmarks/ros.py [--rates 200 1000] [--seconds 10] [--taxels 4]
+    python benchmarks/ros.py --gel 320 240 --rates 30 [--jpeg]    (pictures of a gel with 35 dots, bgr8 or JPEG, in place of taxels)
 
 A simulated finger presses, twists and slides; each frame is a sensor_msgs/Image with best effort, as drivers send. Needs ROS 2 (palpate[ros2]). Both
 processes run on this machine, on a domain of their own. Latency is from just before a message is published to when its wrench is received, by one
@@ -46,13 +47,32 @@ noise = "200 Pa"
 topic = "/finger"
 unit = "Pa"
 """
+GEL = """
+[pad]
+kind = "bonded_layers"
+
+[[pad.layer]]
+thickness = "3.5 mm"
+youngs_modulus = "300 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "scattered"
+depth = "0.5 mm"
+channels = ["displacement_x", "displacement_y"]
+
+[camera]
+scale = "{0} mm"
+"""
 REST = 20
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
 
 class Robot:
     """Publishes frames, and keeps what comes back: from a message's stamp to when its wrench came [ns]."""
 
-    def __init__(self, frames: list[Any]) -> None:
+    def __init__(self, frames: list[Any], kind: str = IMAGE) -> None:
+        self.kind = kind
         client = ros_client()
         from rclpy.executors import SingleThreadedExecutor
 
@@ -87,9 +107,7 @@ class Robot:
     def begin(self) -> None:
         from rclpy.qos import qos_profile_sensor_data
 
-        self.driver = self.node.create_publisher(
-            message_class("sensor_msgs/msg/Image"), "/finger", qos_profile_sensor_data
-        )
+        self.driver = self.node.create_publisher(message_class(self.kind), "/finger", qos_profile_sensor_data)
 
     def leave(self) -> None:
         self.node.destroy_publisher(self.driver)
@@ -126,7 +144,7 @@ class Robot:
 
 def images(skin: pp.Skin) -> list[Any]:
     """The story as messages, after rest."""
-    kind = message_class("sensor_msgs/msg/Image")
+    kind = message_class(IMAGE)
     story = simulation.stream(
         skin, simulation.handling(force=1.0), friction=0.6, radius=15e-3, rate=200.0, rng=np.random.default_rng(0)
     )
@@ -141,10 +159,40 @@ def images(skin: pp.Skin) -> list[Any]:
     return out
 
 
-def started(folder: Path) -> subprocess.Popen[bytes]:
+def pictures(columns: int, rows: int, kind: str) -> list[Any]:
+    """A press that comes and goes, filmed; the gel is at rest first."""
+    import cv2
+
+    from palpate.camera import Dots, Scene, dot_grid
+
+    pad = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    scene = Scene(
+        pad=pad, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(columns, rows), scale=16e-3 / columns
+    )
+    press = scene.skin.sample(pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.3))
+    rng = np.random.default_rng(0)
+    out = []
+    for part in (*[0.0] * REST, *np.sin(np.linspace(0.0, np.pi, 40)[1:]) ** 2):
+        grey = scene.picture(part * press if part else None, rng=rng)
+        data = np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=-1)
+        if kind == COMPRESSED:
+            message = message_class(kind)(format="jpeg")
+            message.data = array.array("B", cv2.imencode(".jpg", data)[1].tobytes())
+        else:
+            message = message_class(kind)(height=rows, width=columns, encoding="bgr8", step=3 * columns)
+            message.data = array.array("B", data.tobytes())
+        message.header.frame_id = "gel"
+        out.append(message)
+    return out
+
+
+def started(folder: Path, kind: str) -> subprocess.Popen[bytes]:
     with (folder / "node.log").open("ab") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", "palpate", "ros", "--skin", "skin.toml", "--type", "sensor_msgs/msg/Image"],
+            [
+                *(sys.executable, "-m", "palpate", "ros", "--skin", "skin.toml"),
+                *("--topic", "/finger", "--type", kind),
+            ],
             cwd=folder, stdout=log, stderr=log,
         )  # fmt: skip
 
@@ -155,6 +203,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--send", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--taxels", type=int, default=4, help="along each side")
+    parser.add_argument("--gel", type=int, nargs=2, metavar=("COLUMNS", "ROWS"), help="pictures in place of taxels")
+    parser.add_argument("--jpeg", action="store_true", help="the pictures as CompressedImage")
     arguments = parser.parse_args()
     if arguments.send:  # a driver that will be killed
         robot = Robot(images(pp.Skin.from_file(arguments.send)))
@@ -165,12 +215,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         os.environ["ROS_LOG_DIR"] = name
-        (folder / "skin.toml").write_text(SKIN.format(arguments.taxels, 12.0 / arguments.taxels))
-        robot = Robot(images(pp.Skin.from_file(folder / "skin.toml")))
-        process = started(folder)
+        kind = COMPRESSED if arguments.jpeg else IMAGE
+        if arguments.gel:
+            (folder / "skin.toml").write_text(GEL.format(16.0 / arguments.gel[0]))
+            robot = Robot(pictures(*arguments.gel, kind), kind)
+        else:
+            (folder / "skin.toml").write_text(SKIN.format(arguments.taxels, 12.0 / arguments.taxels))
+            robot = Robot(images(pp.Skin.from_file(folder / "skin.toml")))
+        process = started(folder, robot.kind)
         try:
             measured(robot, arguments, rows, process.pid)
-            killed(robot, folder, rows)
+            if not arguments.gel:
+                killed(robot, folder, rows)
         finally:
             process.send_signal(signal.SIGINT)
             process.wait(30)
@@ -198,13 +254,19 @@ def killed(robot: Robot, folder: Path, rows: dict[str, Any]) -> None:
 
 
 def measured(robot: Robot, arguments: Any, rows: dict[str, Any], pid: int) -> None:
-    # the node is there long before its publisher
-    while "/palpate/wrench" not in dict(robot.node.get_topic_names_and_types()) or not robot.level:
+    # the node is there long before its publisher; of pictures its topics come after the gel at rest
+    while not arguments.gel and (
+        "/palpate/wrench" not in dict(robot.node.get_topic_names_and_types()) or not robot.level
+    ):
         time.sleep(0.1)
-    print(f"before there is a publisher: {robot.words!r} (level {robot.level[0]})")
+    print(f"before there is a publisher: {robot.words!r} (level {robot.level[:1]!r})")
     robot.begin()
     rows["late"] = robot.wait()
-    print(f"a late publisher: {rows['late']:.2f} s from its first message to an answer")
+    print(
+        f"{'from the start of the node' if arguments.gel else 'a late publisher: from its first message'} to an answer: {rows['late']:.2f} s"
+    )
+    while not robot.level:
+        time.sleep(0.1)
     print(
         f"\n{'frames/s':>9} {'sent':>7} {'received':>9} {'answered':>9} {'p50 [ms]':>9} {'p99 [ms]':>9} {'worst':>7} {'cpu [ms]':>9}   load {os.getloadavg()[0]:.1f}"
     )

@@ -526,6 +526,57 @@ def test_a_press_that_grows_while_the_zero_is_taken(skin: pp.Skin) -> None:
         assert not tracker.calibration.open_zero
 
 
+def test_delay_between_clocks_where_readings_outnumber_frames() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(24.0)
+    force = np.where(time < 8, 0.0, rng.uniform(0.5, 4.0, 24))
+    maps = rng.standard_normal(90)
+    readings = force[:, None] * maps + 0.01 * rng.standard_normal((24, 90))
+    clock = np.linspace(-1.0, 25.0, 500)
+    late = np.interp(clock + 0.3, time, force)
+    assert find_delay(time, readings, clock, late) == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_press_that_stands_through_the_zero_is_told_by_the_kept_zero(skin: pp.Skin) -> None:
+    readings, force, _ = bench(16, 21)
+    rng = np.random.default_rng(3)
+    noise = 0.003 * np.abs(readings).max()
+    rest = 500.0 + noise * rng.standard_normal((12, 1, 4, 4))
+    found = skin.calibrate(np.concatenate([rest, 500.0 + readings]), reference=np.r_[np.zeros(12), force])
+    press = ball(4.0, 1e-3, depth=3.4e-3) / 41.0 * (1.0 + 0.1 * np.random.default_rng(21).normal(size=(1, 4, 4)))
+    for weight, said in ((1.0, True), (0.0, False)):
+        with found.track(baseline=10) as tracker:
+            for _ in range(14):
+                frame = 500.0 + weight * press + noise * rng.standard_normal((1, 4, 4))
+                touch = tracker.step(frame)
+        words = [n for n in touch.assumptions if "differs from that of the calibration" in n]
+        assert bool(words) is said
+        if said:
+            newtons = float(words[0].split("fz = ")[1].split(" N")[0])
+            assert newtons == pytest.approx(4.0, rel=0.2)
+
+
+def test_drift_of_the_zero_while_calibrating_widens_the_intervals_of_that_zero(skin: pp.Skin) -> None:
+    readings, force, _ = bench(16, 21)
+    rng = np.random.default_rng(4)
+    noise = 0.003 * np.abs(readings).max()
+    size = 0.05 * np.abs(readings).max()
+    count = len(readings)
+    known = np.r_[np.zeros(10), force, np.zeros(10)]
+    std, wide = [], []
+    for drift in (0.0, size):
+        frames = np.concatenate([np.zeros((10, 1, 4, 4)), readings, np.zeros((10, 1, 4, 4))])
+        frames = frames + drift * np.linspace(0.0, 1.0, count + 20)[:, None, None, None]
+        frames = frames + noise * rng.standard_normal(frames.shape)
+        made = skin.calibrate(frames, reference=known).calibration
+        assert made is not None
+        std.append(float(np.median(made.zero_std)))
+        wide.append(float(made.opened().force(readings[0].reshape(1, -1))[1][0, 2]))
+    assert std[0] < 3.0 * noise
+    assert 0.5 * size < std[1] < 1.5 * size
+    assert wide[1] > wide[0]
+
+
 def test_coarse_counts_that_are_alike_by_chance_are_no_overload() -> None:
     """Five magnetometers in steps of 2.4 counts: two of one channel are often the largest. Labelled presses gave larger readings."""
     array = pp.ScatteredArray(

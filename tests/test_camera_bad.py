@@ -37,7 +37,7 @@ def test_each_bad_picture_is_said_and_nothing_else_is_lost(tmp_path: Path) -> No
     for words in (
         "picture 5: the picture is black",
         "picture 6: the picture is saturated",
-        "pictures 7, 8: of 35 dots 0 are to be seen",
+        "pictures 7, 8: of 35 dots 0 are visible",
         "cut.mkv was cut off",
     ):
         assert words in done.stderr
@@ -96,7 +96,7 @@ def test_a_folder_of_bad_pictures_gives_a_row_for_each(tmp_path: Path) -> None:
     for words in (
         "picture 6: the picture is 80 x 60, the first was 160 x 120",
         "picture 7: the picture is 320 x 240",
-        "pictures 8, 9: of 35 dots 0 are to be seen",
+        "pictures 8, 9: of 35 dots 0 are visible",
         "picture 10: 10.png cannot be decoded as a picture",
         "picture 11: 11.png cannot be decoded as a picture",
         "picture 12: 12.png cannot be decoded as a picture",

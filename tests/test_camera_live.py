@@ -153,7 +153,7 @@ def test_a_camera_that_fails_as_cameras_do(tmp_path: Path, monkeypatch: pytest.M
     for words in (
         "black",
         "saturated",
-        "of 35 dots 0 are to be seen",
+        "of 35 dots 0 are visible",
         "the picture is 80 x 60, the first was 160 x 120",
         "the camera gave no picture",
         "good again",

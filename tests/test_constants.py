@@ -172,3 +172,74 @@ def test_unknown_names_are_refused(skin: pp.Skin, options: dict[str, list[str]],
     readings, force, _, _ = gel(1, 3, pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), 2e-3)
     with pytest.raises(InvalidInput, match=words):
         skin.calibrate(readings, reference=force, **options)
+
+
+def test_gains_are_divided_out_of_what_the_pad_sees(tmp_path: Path) -> None:
+    layer = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+    skin = pp.Skin(layer, pp.AreaArray(shape=(5, 5), pitch=2e-3, depth="base", channels=["stress_zz"]))
+    rng = np.random.default_rng(0)
+    gains = np.exp(0.1 * rng.standard_normal((5, 5)))
+    places = rng.uniform(-3e-3, 3e-3, (12, 2))
+    clean = np.stack(
+        [np.asarray(skin.sense(pp.solutions.hertz_point(force=2.0, contact_radius=2e-3).shifted(*p))) for p in places]
+    )
+    noise = 0.005 * float(clean.max())
+    rest = noise * rng.standard_normal((10, *clean.shape[1:]))
+    pressed = gains * clean + noise * rng.standard_normal(clean.shape)
+    known = {"fz": np.r_[np.zeros(10), np.full(12, 2.0)], "ball_radius": np.full(22, np.nan)}
+    presses = np.concatenate([rest, pressed])
+    plain = skin.calibrate(presses, reference=known)
+    found = skin.calibrate(presses, reference=known, constants=["gain"])
+    assert found.calibration is not None
+    assert found.calibration.gains is not None
+    assert np.abs(np.log(found.calibration.gains / gains.ravel())).mean() < 0.03
+    assert found.uncertainty.gain is not None
+    assert 0.0 < found.uncertainty.gain < 0.05
+    ball = pp.solutions.hertz_point(force=1.5, contact_radius=2e-3).shifted(0.5e-3, -1e-3)
+    truth = skin.sample(ball)[2]
+    reading = gains * np.asarray(skin.sense(ball)) + noise * rng.standard_normal(clean.shape[1:])
+    off = [np.abs(np.asarray(s.reconstruct(reading).pressure) - truth).sum() for s in (plain, found)]
+    assert off[1] < 0.7 * off[0]
+
+    source, target = tmp_path / "skin.toml", tmp_path / "calibrated.toml"
+    source.write_text(
+        '[pad]\nkind = "bonded_layers"\n[[pad.layer]]\nthickness = "3 mm"\nyoungs_modulus = "100 kPa"\npoissons_ratio = 0.48\n'
+        '[[plane]]\nkind = "area"\nshape = [5, 5]\npitch = "2 mm"\ndepth = "base"\nchannels = ["stress_zz"]\n',
+        encoding="utf-8",
+    )
+    write_calibrated(target, source, found.calibration)
+    read = pp.Skin.from_file(target)
+    assert read.uncertainty == found.uncertainty
+    same = read.reconstruct(reading).pressure
+    np.testing.assert_allclose(np.asarray(same), np.asarray(found.reconstruct(reading).pressure))
+    tracked = read.track(baseline=np.zeros_like(reading)).step(reading)
+    assert np.abs(np.asarray(tracked.pressure) - truth).sum() < 0.8 * off[0]
+
+
+def test_the_pixel_scale_moves_the_places_of_the_readings_once(skin: pp.Skin) -> None:
+    truth = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+    scale = 1.1
+    rng = np.random.default_rng(8)
+    y, x = scale * array(MOVED).points.T
+    force, radius = np.resize([1.0, 2.0, 4.0], 6), np.resize([4e-3, 6e-3, 9e-3], 6)
+    made = []
+    for f, r in zip(force, radius):
+        ball = pp.solutions.hertz_point(
+            force=f, contact_radius=pp.solutions.hertz_contact_radius(truth, radius=r, force=f)
+        )
+        at = rng.uniform(-3e-3, 3e-3, 2)
+        made.append(ball.fields(truth, MOVED, x - at[0], y - at[1], 2e-3) / scale)
+    clean = np.stack(made).reshape(6, 2, *SHAPE)
+    noise = NOISE * float(np.abs(clean).max())
+    presses = np.concatenate([np.zeros((10, *clean.shape[1:])), clean])
+    presses = presses + noise * rng.standard_normal(presses.shape)
+    known = {"fz": np.r_[np.zeros(10), force], "ball_radius": np.r_[np.full(10, np.nan), radius]}
+    asked = ["youngs_modulus", "pixel_scale"]
+    found = skin.calibrate(presses, reference=known, constants=asked)
+    assert found.calibration is not None
+    assert found.calibration.constants is not None
+    np.testing.assert_allclose(found.planes[0].points, scale * skin.planes[0].points, rtol=0.03, atol=1e-12)
+    again = found.calibrate(presses, reference=known, constants=asked, again=True)
+    np.testing.assert_allclose(again.planes[0].points, scale * skin.planes[0].points, rtol=0.03, atol=1e-12)
+    kept = found.calibrate(presses, reference=known, again=True)
+    np.testing.assert_allclose(kept.planes[0].points, found.planes[0].points)

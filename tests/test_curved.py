@@ -141,6 +141,26 @@ def test_a_sphere_of_curved_elements_is_lames(ratio: float) -> None:
     assert stress == pytest.approx(-(3.0 * bulk * slope - 4.0 * shear * core / 0.75**3), rel=1e-2)
 
 
+def test_reactions_read_the_stress_that_makes_them() -> None:
+    """On the core of a dome, whose facets differ in size and shape: a wave three thicknesses long, at places anywhere on it."""
+    tip = pp.SolidPad.dome(6e-3, 3e-3, element=1e-3, **MATERIAL)
+    reactions = tip.solid.reactions
+    waves = 2.0 * np.pi / (3.0 * 3e-3) * np.array([1.0, 0.7, 0.5])
+
+    def stress(points: np.ndarray) -> np.ndarray:
+        return np.sin(points @ waves) + 2.0
+
+    values = np.einsum("fnq,fq->fn", reactions.values, reactions.weights * stress(reactions.points))
+    forces = np.zeros(reactions.count)
+    np.add.at(forces, reactions.nodes, values)
+    angle = np.random.default_rng(0).uniform(0.0, [1.2, 2.0 * np.pi], (200, 2)).T
+    way = np.stack([np.sin(angle[0]) * np.cos(angle[1]), np.sin(angle[0]) * np.sin(angle[1]), 1.0 - np.cos(angle[0])])
+    points = (3e-3 * way + np.array([[0.0], [0.0], [3e-3]])).T
+    point, node, weight = reactions.at(points)
+    found = np.bincount(point, weight * forces[node])
+    np.testing.assert_allclose(found, stress(points), atol=0.02)
+
+
 def test_a_bend_of_a_large_radius_is_a_box() -> None:
     box = pp.SolidPad.box(8e-3, 6e-3, 2e-3, element=1e-3, **MATERIAL)
     array = pp.AreaArray(shape=(3, 4), pitch=1.5e-3, depth="base", channels=STRESS)

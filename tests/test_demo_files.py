@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shlex
 import textwrap
@@ -65,3 +66,31 @@ def test_a_demo_keeps_what_was_edited(tmp_path: Path, story: str) -> None:
     assert done.returncode == 2
     assert "is kept" in done.stderr
     assert (tmp_path / name).read_text() == "mine"
+
+
+@pytest.mark.long
+def test_commands_of_the_first_cells_give_what_the_page_shows(tmp_path: Path) -> None:
+    pytest.importorskip("tifffile")
+    text = (PAGE.parent / "cells-first.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^(palpate [^`\n]*)", text, re.MULTILINE)
+    parts = [part.strip() for line in lines for part in line.split("&&")]
+    folder = tmp_path
+    for part in parts:
+        if part.startswith("cd "):
+            folder = folder / part[3:]
+            continue
+        done = run(*shlex.split(part)[1:], cwd=folder)
+        assert done.returncode == 0, done.stderr
+    tables = re.findall(r"((?:^\| \d \| \d \|.*\n)+)", text, re.MULTILINE)
+    assert len(tables) == 2
+    for table, name in zip(tables, ("film.csv", "piv.csv")):
+        found = list(csv.DictReader((folder / name).read_text().splitlines()))
+        shown = [[float(n) for n in re.findall(r"[\d.]+", line)] for line in table.splitlines()]
+        assert len(found) == len(shown) == 6
+        for row, (frame, cell, _, energy, low, high) in zip(found, shown):
+            assert (int(row["frame"]), int(row["cell"])) == (frame, cell)
+            for key, value in (("J", energy), ("low", low), ("high", high)):
+                assert 1e15 * float(row[f"strain_energy_{key}"]) == pytest.approx(value, rel=0.1, abs=0.006)
+    assert "0.29 and 0.35 fJ" in text
+    assert len((folder / "film-labels.csv").read_text().splitlines()) == 1 + 3 * 12
+    assert {p.suffix for p in folder.glob("pair.*")} == {".html", ".png", ".csv", ".nc"}

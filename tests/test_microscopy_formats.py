@@ -136,7 +136,7 @@ def test_decimal_commas_are_read(mark: str, tmp_path: Path):
     np.testing.assert_allclose(found.displacement[:, 3, 3], [0.25e-7, -0.5e-7])
 
 
-def test_a_column_w_is_said_to_be_left_out(tmp_path: Path):
+def test_a_column_w_is_said_to_be_taken_out_of_the_plane(tmp_path: Path):
     lines = ["x,y,u,v,w"] + [f"{16 * x},{16 * y},0.1,0.2,{0.3 * x}" for y in range(6) for x in range(6)]
     (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
     assert any("out of the plane" in note for note in read_field(tmp_path / "t.csv", pixel=PIXEL).notes)

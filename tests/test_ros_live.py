@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 
 import palpate as pp
+import test_ros_pictures as gels
+from palpate.calibrate import write_calibrated
 from palpate.ros import message_class, ros_client
 
 # two processes that find each other over the network's own discovery: the gate runs it, where ROS is
@@ -54,7 +56,8 @@ PATIENCE = 180.0
 class Robot:
     """A node with the publishers and subscribers of a robot, and the readings that its sensor gives."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: str = IMAGE, topic: str = "/finger") -> None:
+        self.kind, self.topic = kind, topic
         self.client = ros_client()
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -89,7 +92,7 @@ class Robot:
 
         if self.driver is not None:
             self.node.destroy_publisher(self.driver)
-        self.driver = self.node.create_publisher(message_class(IMAGE), "/finger", qos_profile_sensor_data)
+        self.driver = self.node.create_publisher(message_class(self.kind), self.topic, qos_profile_sensor_data)
 
     def send(self, readings: Any, at: float) -> None:
         """One frame [Pa] with its stamp."""
@@ -98,6 +101,16 @@ class Robot:
         message = message_class(IMAGE)(height=rows, width=columns, encoding="32FC3", step=12 * columns)
         message.data = array.array("B", values.tobytes())
         message.header.stamp.sec, message.header.stamp.nanosec = int(at), round((at - int(at)) * 1e9)
+        message.header.frame_id = "fingertip"
+        self.driver.publish(message)
+
+    def show(self, picture: Any, at: float) -> None:
+        """One picture of a gel, raw or as a PNG."""
+        message = message_class(self.kind)()
+        told = gels.image(picture, at, "mono8" if self.kind == IMAGE else "png")
+        for name in vars(told).keys() - {"header"}:
+            setattr(message, name, getattr(told, name))
+        message.header.stamp.sec, message.header.stamp.nanosec = told.header.stamp.sec, told.header.stamp.nanosec
         message.header.frame_id = "fingertip"
         self.driver.publish(message)
 
@@ -150,9 +163,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def started(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    skin = [] if "--skin" in arguments else ["--skin", "skin.toml"]
     with (folder / "node.log").open("w") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", "palpate", "ros", "--skin", "skin.toml", *arguments],
+            [sys.executable, "-m", "palpate", "ros", *skin, *arguments],
             cwd=folder, stdout=log, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
 
@@ -260,6 +274,103 @@ def story(robot: Robot, skin: pp.Skin) -> None:
     assert len(set(answered)) == len(answered)
 
 
+@pytest.mark.parametrize("kind", [IMAGE, "sensor_msgs/msg/CompressedImage"])
+def test_a_camera_gel_and_the_node(folder: Path, kind: str) -> None:
+    """Pictures of a gel in, among them those that tell nothing; the node started again finds the gel at rest anew."""
+    (folder / "gel.toml").write_text(gels.SKIN)
+    topic = "/gel/image_raw" if kind == IMAGE else "/gel/image_raw/compressed"
+    film = f"{kind.rpartition('/')[2]}.h5"
+    robot = Robot(kind, topic)
+    command = ("--skin", "gel.toml", "--topic", topic, "--budget", "60000", "--friction", "0.6")
+    process = started(folder, *command, "--record", film)
+    try:
+        watch(robot)
+        assert ended(process) == 130, (folder / "node.log").read_text()
+        for heard in robot.heard.values():
+            heard.clear()
+        process = started(folder, *command, "--type", kind)
+        watch(robot)
+        assert ended(process) == 130, (folder / "node.log").read_text()
+    finally:
+        process.kill()
+        process.wait()
+        robot.close()
+    recording = pp.recordings.read_recording(folder / film)
+    assert recording.readings.shape[1:] == (2, 35)
+    assert recording.positions is not None
+
+
+def watch(robot: Robot) -> None:
+    rest, pressed = gels.filmed()[0], gels.filmed()[4]
+    heard, now = robot.heard, [1000.0]
+
+    def show(picture: Any = pressed) -> None:
+        now[0] += 0.05
+        robot.show(picture, now[0])
+
+    def force() -> Any:
+        return heard["wrench"][-1].wrench.force if heard["wrench"] else None
+
+    # pictures are 50 ms apart by their stamps; a robot that sends them without a pause would leave out most
+    def at_rest() -> None:
+        show(rest)
+        time.sleep(0.03)
+
+    robot.until(lambda: len(heard["wrench"]) > 5 and abs(force().x) < 0.02, "rest", at_rest)
+    assert any("35 dots; the first 3 pictures are the gel at rest" in text for text in robot.events())
+    robot.until(lambda: abs(force().x - 0.45) < 0.03 and abs(force().y) < 0.03, "a press and its shear", show)
+    assert heard["wrench"][-1].header.frame_id == "fingertip"
+    robot.until(lambda: robot.set("friction", 0.5).successful, "another friction")
+    robot.until(lambda: any("the friction is 0.5" in t for t in robot.events()), "the words of it", show)
+    robot.until(lambda: abs(force().x - 0.45) < 0.03, "the same press", show)
+
+    for picture, words in (
+        (gels.BLACK, "the picture is black"),
+        (pressed[:100], "the picture is 160 x 100, the first was 160 x 120"),
+    ):
+        robot.until(lambda words=words: words in robot.events(), words, lambda picture=picture: show(picture))
+        robot.until(lambda: np.isnan(force().x), "no answer", lambda picture=picture: show(picture))
+    robot.until(lambda: abs(force().x - 0.45) < 0.03, "an answer again", show)
+    assert "the pictures are good again" in robot.events()
+
+    # a camera that is started again, with a clock that begins anew
+    robot.restart()
+    now[0] = 10.0
+    robot.until(lambda: heard["wrench"][-1].header.stamp.sec < 1000, "answers after a restart", show)
+    robot.until(lambda: abs(force().x - 0.45) < 0.03, "the same press", show)
+
+
+def test_the_zero_of_a_calibration_serves_where_none_is_taken(folder: Path) -> None:
+    """A node that starts under load, on raw readings with an offset: as palpate live does."""
+    skin = pp.Skin.from_file(folder / "skin.toml")
+    rng, shape = np.random.default_rng(0), (3, 4, 4)
+    offset = 2e4 + 2e3 * rng.standard_normal(shape)
+    force = np.linspace(0.5, 4.0, 12)
+    presses = [np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=f))) for f in force]
+    frames = offset + np.array([np.zeros(shape)] * 12 + presses) + 50.0 * rng.standard_normal((24, *shape))
+    found = skin.calibrate(frames, reference=np.r_[np.zeros(12), force])
+    write_calibrated(folder / "calibrated.toml", folder / "skin.toml", found.calibration)
+    robot = Robot()
+    process = started(folder, "--skin", "calibrated.toml", "--budget", "60000")
+    at = [1000.0]
+
+    def press() -> None:
+        at[0] += 0.02
+        robot.send(offset + presses[6], at[0])
+
+    try:
+        near = robot.until(
+            lambda: newest(robot.heard, (0.9 * force[6], 1.1 * force[6]), "wrench", "wrench_low"), "2.4 N", press
+        )
+        assert near["wrench_low"].wrench.force.z > 0.0
+        assert ended(process) == 130, (folder / "node.log").read_text()
+    finally:
+        process.kill()
+        process.wait()
+        robot.close()
+    assert "that of the calibration" in (folder / "node.log").read_text()
+
+
 def test_a_node_that_waits_says_so_and_ends(folder: Path) -> None:
     process = started(folder, "--topic", "/nobody")
     log = folder / "node.log"
@@ -273,12 +384,15 @@ def test_a_node_that_waits_says_so_and_ends(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        (["--skin", "gel.toml", "--topic", "/finger", "--type", WRENCH], "gel.toml describes pictures"),
+        (["--skin", "gel.toml"], "name it, e.g. --topic /gel/image_raw"),
         (["--ros-args", "-p", "friction:=-1.0"], "friction must be a number from 0 on"),
         (["--ros-args", "-r", "nonsense"], "ROS does not begin"),
         (["--type", "no_such_msgs/msg/Skin"], "no_such_msgs"),
     ],
 )
 def test_what_cannot_be_is_said_at_once(folder: Path, arguments: list[str], said: str) -> None:
+    (folder / "gel.toml").write_text(gels.SKIN)
     kind = [] if "--type" in arguments else ["--type", IMAGE]
     process = started(folder, *kind, *arguments)
     assert process.wait(PATIENCE) == 2

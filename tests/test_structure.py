@@ -90,6 +90,7 @@ def modules() -> dict[str, Path]:
 MODULES = modules()
 
 
+@functools.cache
 def imports(path: Path) -> set[str]:
     """Modules of palpate that a file imports: at its top, inside functions, and for type checking alone."""
     found = set()
@@ -183,8 +184,7 @@ def test_numbers_of_the_contact_method_are_in_its_policy() -> None:
         "methods.LARGEST_FRICTION",
         "noise.MEDIAN",
         "no_contact.WIDE",
-        "trace.SIGNS",
-    }  # a limit of an option; two quantiles of a Gaussian; names of signs
+    }  # a limit of an option; two quantiles of a Gaussian
     found = set()
     for path in (SOURCE / "inverse" / "contact").rglob("*.py"):
         if path.stem in ("policy", "local", "places"):

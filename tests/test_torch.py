@@ -104,6 +104,19 @@ def test_the_constrained_inverse_is_the_minimum(of: pp.Skin) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
+def test_many_frames_are_what_each_is_by_itself() -> None:
+    """Together by products of matrices, one by one by Newton's method; a frame that has no answer has none among others."""
+    of = skin()
+    layer = Reconstruct(of, parameter=PARAMETER, friction=0.5)
+    readings = np.concatenate([frames(of, 4) * size for size in (1.0, 1e-3, -1.0, 30.0, 0.0)])
+    readings[7] = np.inf
+    together = layer(torch.tensor(readings)).numpy()
+    for i, one in enumerate(readings):
+        alone = layer(torch.tensor(one)).numpy()
+        np.testing.assert_allclose(together[i], alone, rtol=0, atol=1e-8 * max(np.abs(alone).max(), 1e-30))
+    assert np.isnan(together[7]).all()
+
+
 @pytest.mark.parametrize("case", list(CASES))
 @pytest.mark.parametrize("name", ["readings", "modulus", "depth", "gains", "noise"])
 def test_gradients_of_the_inverse_agree_with_differences(of: pp.Skin, case: str, name: str) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate import solutions
 from palpate.sensing.uncertainty import EXACT
 from palpate.status import Status
@@ -151,7 +152,7 @@ def without_time(skin: pp.Skin, pressed: Any) -> tuple[float, float]:
     return float(np.mean(held)), float(np.median(widths[40:60]))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *long_runs(1, 2, 3)])
 @pytest.mark.parametrize(("part", "waited"), [(0.3, 0.5), (0.1, 0.5), (0.15, 0.0), (0.05, 0.0)])
 def test_a_tracker_that_never_has_time_says_how_far_off_it_may_be(
     skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch, part: float, waited: float, seed: int

@@ -34,6 +34,7 @@ CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("make", "contact"), CASES)
 def test_room_for_gains_is_how_far_forces_scatter(make: Callable[..., pp.Skin], contact: Contact) -> None:
     """Sixty arrays whose gains spread by 5 %. On areas forces scatter up to twice as far: the contact's cells and weights, which the room takes

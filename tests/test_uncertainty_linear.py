@@ -42,6 +42,7 @@ def test_a_pull_that_the_model_does_not_explain_may_be_a_push() -> None:
     assert ends[0.001] > 1.0
 
 
+@pytest.mark.long
 def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() -> None:
     rng = np.random.default_rng(5)
     known = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.1))

@@ -527,12 +527,12 @@ class Skin(SkinProperties):
 
     def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
         """`reconstruct` of a calibrated skin."""
-        from palpate.calibrate import calibrated_touch
+        from palpate.calibrate.answer import calibrated_touch, for_pad
 
         if self._plain is None and found.elastic:
             plain = self._uncalibrated()
             rested = self._problem.zeroed or found.rest is None
-            self._plain = plain if rested else plain.at_rest(found.unit * np.asarray(found.rest))
+            self._plain = plain if rested else plain.at_rest(for_pad(found, self._planes, [np.asarray(found.rest)])[0])
         return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:

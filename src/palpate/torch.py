@@ -21,7 +21,7 @@ import torch  # noqa: E402
 
 from palpate.inverse import differentiable  # noqa: E402
 from palpate.inverse.constrained.cone import Cone  # noqa: E402
-from palpate.inverse.constrained.implicit import minima, pulled_back  # noqa: E402
+from palpate.inverse.constrained.implicit import MANY, minima, pulled_back, together  # noqa: E402
 
 __all__ = ["Reconstruct", "Sense"]
 
@@ -42,7 +42,14 @@ def _numpy(x: Tensor) -> Any:
 
 @torch.library.custom_op("palpate::minimum", mutates_args=())
 def _minimum(hessian: torch.Tensor, linear: torch.Tensor, components: str, friction: float) -> torch.Tensor:
-    return _back(minima(_numpy(hessian), _numpy(linear), _cone(components, friction)), linear)
+    cone = _cone(components, friction)
+    if hessian.ndim == linear.ndim == 2 and len(linear) >= MANY:
+        # where the tensors are; those that are left go to the processor
+        found, solved = together(hessian.double(), linear.double(), cone)
+        if not bool(solved.all()):
+            found[~solved] = _back(minima(_numpy(hessian), _numpy(linear[~solved]), cone), found)
+        return found.to(linear.dtype)
+    return _back(minima(_numpy(hessian), _numpy(linear), cone), linear)
 
 
 @torch.library.custom_op("palpate::minimum_pulled_back", mutates_args=())

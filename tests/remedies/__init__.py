@@ -51,8 +51,8 @@ def _of(room: str, name: str = "REMEDIES") -> list[Any]:
         return []
 
 
-#: Rooms whose advised calls take long, one by one: each calibrates a skin.
-SLOW = ("calibrations",)
+#: Rooms whose advised calls take long, one by one: each solves or calibrates something.
+SLOW = ("calibrations", "cells", "colours", "designs", "measureds", "outlines", "sheets", "solids")
 
 REMEDIES: list[Remedy] = [
     dataclasses.replace(remedy, slow=remedy.slow or room in SLOW) for room in ROOMS for remedy in _of(room)

@@ -258,7 +258,7 @@ REMEDIES = [
         "calibrated.json",
         "calibrated.toml",
         given=calibrated_files,
-        room="calibrate.files",
+        room="recordings.skinnumbers",
     ),
     value(
         "names a positions_file beside it",
@@ -268,12 +268,12 @@ REMEDIES = [
         given=calibrated_files,
     ),
     Remedy(
-        "its [calibration] names {}, which is not beside it",
+        "its [{}] names {}, which is not beside it",
         lambda: copied("deep"),
         copied_with_numbers,
         given=calibrated_files,
     ),
-    Remedy("no calibration of palpate, or damaged", damaged, calibrated_again, given=calibrated_files),
+    Remedy("no file of palpate for [{}], or damaged", damaged, calibrated_again, given=calibrated_files),
     Remedy(
         "so no delay can be found",
         lambda: find_delay(np.ones(100), flat(), np.asarray(filmed().time), FILMED_FORCE),

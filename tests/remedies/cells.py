@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.microscopy import Film, frames_of_field, read_field, read_picture
+from palpate.microscopy import Field, Film, frames_of_field, read_field, read_picture
 from palpate.microscopy.layers import cell_layers
 from remedies._remedy import Remedy, command, value
 from remedies.outlines import GEL, MOVED, forces, outlined
@@ -59,6 +59,10 @@ def results() -> None:
     write_touch(forces().touch, "touch.nc")
 
 
+def three() -> None:
+    np.savez("three.npz", u=MOVED[0], v=MOVED[1], w=MOVED[0])
+
+
 def field() -> None:
     np.save("0.npy", MOVED)
 
@@ -95,6 +99,20 @@ REMEDIES = [
     value("says nothing of channels", lambda c: read_picture("one.tif", channel=c), 1, None, given=channels),
     value("give one picture of labels, or one for each frame", labelled, "3.tif", "2.tif", given=pages),
     value("Give such a name.", lambda n: forces().write_vectors(n), "v.xlsx", "v.csv", room="microscopy.written"),
+    value(
+        "normal must be",
+        lambda n: read_field("three.npz", pixel=0.1e-6, unit="px", step=8, normal=n),
+        "z",
+        "down",
+        given=three,
+        right=lambda found: found.normal is not None,
+    ),
+    value(
+        "normal must have a number for each vector",
+        lambda shape: Field(displacement=MOVED * 1e-7, normal=np.zeros(shape), start=(3.5, 3.5), step=8.0, pixel=0.1e-6),
+        (3, 3),
+        MOVED.shape[1:],
+    ),
     value("holds no vectors of a cell", cell_layers, "touch.nc", "cell.nc", given=results),
     Remedy(
         "such a file ends in",

@@ -10,7 +10,7 @@ import numpy as np
 
 import palpate as pp
 from colour_scenes import Ball, Gel, Lamps
-from palpate.camera import SlopeModel, View, feel, learn_slopes, read_slopes, write_slopes
+from palpate.camera import SlopeModel, View, feel, learn_slopes, write_slopes
 from remedies._remedy import Remedy, command, laid, value
 
 __all__ = ["REMEDIES"]
@@ -78,11 +78,6 @@ def felt(source: Any = None, **how: Any) -> Any:
     return next(iter(feel(found, skin(), **{"model": model(), "baseline": 1, **how})))
 
 
-def lost() -> Any:
-    Path("calibrated.colour.npz").rename("elsewhere.npz")
-    return read_slopes("calibrated.toml")
-
-
 def told(words: str, wrong: str, mended: str, *, room: str = "") -> Remedy:
     return Remedy(words, command(wrong), command(mended), room=room, given=saved)
 
@@ -90,21 +85,6 @@ def told(words: str, wrong: str, mended: str, *, room: str = "") -> Remedy:
 BALL = 'presses --ball-diameter "8 mm"'
 
 REMEDIES = [
-    value(
-        "a calibrated skin file ends in .toml",
-        lambda name: write_slopes(name, "gel.toml", model()),
-        "calibrated.json",
-        "calibrated.toml",
-        given=lambda: laid(gel_toml=PAD + CAMERA),
-        room="camera.colour.files",
-    ),
-    Remedy(
-        "which is not beside it. Copy it there",
-        lost,
-        lambda: (Path("elsewhere.npz").rename("calibrated.colour.npz"), read_slopes("calibrated.toml")),
-        given=calibrated,
-        room="camera.colour.files",
-    ),
     value(
         "every must be a whole number of at least 1",
         lambda n: felt(every=n),
@@ -146,5 +126,11 @@ REMEDIES = [
         "--baseline 0: the first picture shows the gel at rest",
         f"calibrate {BALL} --skin gel.toml --out c.toml --baseline 0",
         f"calibrate {BALL} --skin gel.toml --out c.toml",
+    ),
+    told(
+        "calibrate takes recordings and tables, not pictures of dots",
+        'calibrate presses --weight "200 g, 1 s to 2 s" --skin gel.toml --out c.toml',
+        f"calibrate {BALL} --skin gel.toml --out c.toml",
+        room="cli.calibrate",
     ),
 ]

@@ -241,7 +241,10 @@ def reconstruct_recording(
             raise InvalidInput(f"{target} exists. Give another name, or overwrite=True (--force) to replace it.")
         source = stack.enter_context(_opened(recording))
         count = len(source)
-        check_described(source.head, skin.planes)
+        if (
+            skin.calibration is None or skin.calibration.constants is None
+        ):  # presses told better what a recording says of itself
+            check_described(source.head, skin.planes)
         if frame is not None and not -count <= frame < count:
             raise InvalidInput(
                 f"frame {frame} is not among the {count} frames of {source.name}: give 0 to {count - 1}, or -1 for the last."
@@ -323,6 +326,8 @@ def reconstruct_recording(
         remarks += (
             f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
         )
+    standing = None if rest is None or skin.calibration is None else skin.calibration.standing(rest.zero)
+    remarks += () if standing is None else (standing,)
     touch, at = gathered.largest
     return Reconstructed(target, len(wanted), before, at, touch, gathered.numbers, remarks, gathered.notes)
 

@@ -6,9 +6,10 @@ Open first: `calibrating.py`.
 """
 
 from palpate.calibrate.answer import calibrated_touch, with_calibration
+from palpate.calibrate.applied import with_constants
 from palpate.calibrate.calibrating import calibrate, flat_readings
 from palpate.calibrate.calibration import FORCE_ONLY_NOTE, SkinCalibration
-from palpate.calibrate.constants import PadConstants, with_constants
+from palpate.calibrate.constants import PadConstants
 from palpate.calibrate.files import calibrated_text, read_calibration, write_calibrated
 from palpate.calibrate.forcemap import ForceMap
 from palpate.calibrate.labels import Weight, find_delay

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import copy
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from palpate.calibrate.calibrating import flat_readings
+from palpate._arrays import from_numpy
+from palpate.calibrate.applied import with_constants, with_force_scale
+from palpate.calibrate.calibrating import flat_readings, unflat
 from palpate.calibrate.calibration import SkinCalibration
-from palpate.calibrate.constants import with_constants
 from palpate.sensing.labels import is_labelled
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 from palpate.touch import Touch
 
-__all__ = ["at_calibrated_zero", "calibrated_touch", "with_calibration"]
+__all__ = ["at_calibrated_zero", "calibrated_touch", "for_pad", "with_calibration"]
 
 
 def calibrated_touch(
@@ -27,9 +30,16 @@ def calibrated_touch(
         found.check_options(options)
         like = readings if hasattr(readings, "dtype") and not is_labelled(readings) else np.zeros(0)
         return found.alone(flat, skin.surface, like, time=None if time is None else np.asarray(as_seconds(time)))
-    parts = [found.unit * part for part in checked_planes(readings, skin.planes)]
+    parts = for_pad(found, skin.planes, checked_planes(readings, skin.planes))
     touch: Touch = plain.reconstruct(parts[0] if len(parts) == 1 else parts, time=time, **options)
     return found.attach(touch, flat)
+
+
+def for_pad(found: SkinCalibration, planes: Sequence[Any], parts: Sequence[Any]) -> list[Any]:
+    """Readings of each plane (*batch, channel, *array) in the unit of the pad, over the gains that were found (of one plane)."""
+    if found.gains is None:
+        return [found.unit * part for part in parts]
+    return [part * from_numpy(unflat(planes, found.factors), part) for part in parts]
 
 
 def at_calibrated_zero(skin: Any) -> Any:
@@ -40,7 +50,11 @@ def at_calibrated_zero(skin: Any) -> Any:
 
 
 def with_calibration(skin: Any, found: SkinCalibration | None) -> Any:
-    """The skin with a calibration, and its pad with the fitted constants (`with_constants`); the same skin for None."""
-    out = skin if found is None else with_constants(skin, found.constants)
+    """The skin that answers by a calibration, its pad as the presses told (`with_constants`), its scale as well known as the forces of the presses; the same skin for None."""
+    if found is None:
+        return skin
+    out = with_constants(skin, found.constants)
+    if found.elastic:
+        out = with_force_scale(out, math.hypot(found.unit_std, found.elastic_error))
     out._calibration = found
     return out

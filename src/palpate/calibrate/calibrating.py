@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
+from palpate.calibrate.applied import reading_gains, with_constants
 from palpate.calibrate.calibration import FORCES, PLACES, SkinCalibration
-from palpate.calibrate.constants import labelled_constants, with_constants
+from palpate.calibrate.constants import labelled_constants
 from palpate.calibrate.findings import (
     ageing,
     best_press,
@@ -44,7 +45,7 @@ from palpate.recordings import Recording
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 
-__all__ = ["calibrate", "flat_readings"]
+__all__ = ["calibrate", "flat_readings", "unflat"]
 
 #: Part of the time of a weight that is dropped at each end, while it is laid down and taken off.
 ENDS = 0.15
@@ -167,24 +168,26 @@ def calibrate(
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
     data = _join_runs(runs, flats, known, labels)
     told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
-    skin = with_constants(skin, told)
+    skin, gains = with_constants(skin, told), reading_gains(skin, told)
     if before is not None:
         said += ageing(before, data)
-    maps = _maps(skin, data, before)
+    maps = _maps(skin, data, before, zero_known=all(z is not None for z in zeros))
     found = SkinCalibration(maps, runs[0].flat.shape[1])
     main = maps.get("fz") or next(iter(maps.values()))
     table = table_of(main)
-    unit, unit_std, error, words = elastic_check(skin, data, main)
+    true = data if gains is None else data.over(unflat(skin.planes, gains))
+    unit, unit_std, error, words = elastic_check(skin, true, main)
     said += words
     said += silent_readings(skin, data)
     said += hysteresis(main)
     if len(runs) == 1 and before is None:
         said.append(ONE_RECORDING_NOTE)
     said += best_press(skin, main)
-    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest)
+    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest, [zero_drift(r.flat, k) for r, k in zip(runs, known)])
     return replace(
         found,
         constants=told,
+        gains=gains,
         rest=data.rest,
         zero=zero,
         zero_std=zero_std,
@@ -359,18 +362,35 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
 
 
 def _kept_zero(
-    planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats
+    planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats, drifts: Sequence[Floats]
 ) -> tuple[Floats | None, Floats | None]:
-    """The zero of the last run that has one, and its standard deviation: scatter at rest, and of runs from each other."""
+    """The zero of the last run that has one, and its standard deviation: scatter at rest, of runs from each other, and drift within a run (its largest)."""
     known = [z for z in zeros if z is not None]
     if not known:
         return None, None
     scatter = flat_readings(planes, rest).std(axis=0)
     apart = np.std(known, axis=0, ddof=1) if len(known) > 1 else 0.0
-    return _unflat(planes, known[-1]), _unflat(planes, np.hypot(scatter, apart))
+    return unflat(planes, known[-1]), unflat(planes, np.hypot(np.hypot(scatter, apart), np.max(drifts, axis=0)))
 
 
-def _unflat(planes: Sequence[Any], flat: Floats) -> Floats:
+def zero_drift(flat: Floats, known: Mapping[str, Floats]) -> Floats:
+    """By how much the zero of each reading (reading,) moved from before the first press to after the last; 0 where one is not known, and what noise alone makes taken off."""
+    forces = [known[f] for f in FORCES if f in known]
+    largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
+    rest = find_rest(forces, flat)
+    pressed = np.flatnonzero(np.any([np.abs(f) > REST_FRACTION * largest for f in forces], axis=0) & ~rest)
+    if not len(pressed):
+        return np.zeros(flat.shape[1])
+    parts = [flat[: pressed[0]][rest[: pressed[0]]], flat[pressed[-1] :][rest[pressed[-1] :]]]
+    if not all(map(len, parts)):
+        return np.zeros(flat.shape[1])
+    moved = np.median(parts[1], axis=0) - np.median(parts[0], axis=0)
+    # the median of n frames has the variance pi / (2 n) of one
+    noise = sum(0.5 * math.pi * np.var(p, axis=0, ddof=1) / len(p) if len(p) > 1 else 0.0 for p in parts)
+    return np.asarray(np.sqrt(np.maximum(moved**2 - noise, 0.0)))
+
+
+def unflat(planes: Sequence[Any], flat: Floats) -> Floats:
     """Readings (channel, *array) of their flat form, NaN where a taxel is missing."""
     out, start = [], 0
     for plane in planes:
@@ -456,7 +476,7 @@ def _as_planes(run: Run, flat: Floats) -> Any:
     return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0
 
 
-def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str, ForceMap]:
+def _maps(skin: Any, data: Labelled, before: SkinCalibration | None, *, zero_known: bool) -> dict[str, ForceMap]:
     likely = likely_maps(skin.pad, skin.planes, skin.surface, np.random.default_rng(SEED))
     out = {}
     for i, name in enumerate((*FORCES, *PLACES)):
@@ -489,5 +509,7 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None) -> dict[str
             earlier = np.zeros(len(p.values), dtype=np.int64) if p.run is None else p.run
             run = np.concatenate([earlier[keep], run + earlier.max() + 1])
         physics = None if likely is None else likely[i]
-        out[name] = ForceMap.fit(Process(flat, values, std, usual_scale(flat), physics, press, seconds, run))
+        out[name] = ForceMap.fit(
+            Process(flat, values, std, usual_scale(flat), physics, press, seconds, run, zero_known=zero_known)
+        )
     return out

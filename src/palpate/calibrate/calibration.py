@@ -27,6 +27,10 @@ __all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
 #: Components of the force, and coordinates of the centre, by the names that references use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
+#: What is said where the zero of the calibration serves.
+OPEN = "the zero of the calibration serves: its scatter and the drift seen while calibrating are in the interval, drift since then is not. Take a fresh zero where nothing touches (baseline=, --baseline)"
+#: A zero that differs from that of the calibration says so from this part of the largest labelled value on (a convention), and from two of its standard deviations.
+STANDING = 0.1
 #: Part of the force that is uncertain because no label resembles the frame, above which a note says so.
 UNLIKE = 0.3
 
@@ -53,6 +57,8 @@ class SkinCalibration:
         Name, error, R^2 and coverage (or NaN) of the normal force in cross-validation, this map first.
     constants : PadConstants or None
         Posterior of the pad's constants, if requested.
+    gains : array (reading,) or None
+        What each reading is divided by besides before the elastic model sees it, if gains were requested.
     rest : array (frame, channel, *array) or None
         Readings at rest without their zero: their scatter is the noise for the elastic model.
     scale : float
@@ -60,7 +66,7 @@ class SkinCalibration:
     zero : array (channel, *array) or None
         Readings at rest of the last recording, in the sensor's own unit; None without frames at rest.
     zero_std : array (channel, *array) or None
-        Standard deviation of one frame at rest, and of the zeros of several recordings.
+        Standard deviation of one frame at rest about it, of the zeros of several recordings from each other, and the drift from the start to the end of each.
     open_zero : bool
         Whether ``zero`` was taken from the readings, instead of a zero of their own day: its error is then in every interval.
     """
@@ -78,11 +84,18 @@ class SkinCalibration:
     zero_std: Floats | None = None
     open_zero: bool = False
     constants: PadConstants | None = None
+    gains: Floats | None = None
 
     @property
     def elastic(self) -> bool:
         """Whether the elastic model fits, so that there is a pressure map."""
         return math.isfinite(self.unit)
+
+    @property
+    def factors(self) -> Floats:
+        """What each reading (reading,) is multiplied by for the elastic model, or for a tracker to watch the zero where that was rejected."""
+        gains = np.ones(self.readings) if self.gains is None else self.gains
+        return (self.unit if self.elastic else self.scale) / gains
 
     def force(self, readings: Any) -> tuple[Floats, Floats]:
         """Net force (frame, 3) [N] and its standard deviation for readings (frame, reading) without their zero; NaN for components without labels."""
@@ -102,6 +115,27 @@ class SkinCalibration:
     def is_zero(self, baseline: Any) -> bool:
         """Whether a baseline is the zero of this calibration."""
         return self.zero is not None and np.array_equal(np.asarray(baseline), self.zero, equal_nan=True)
+
+    def standing(self, zero: Any) -> str | None:
+        """What is said of a fresh zero, (channel, *array) or (reading,), that differs from that of the calibration as a press would; else None.
+
+        A press that stands still while the zero is taken is in no other way told from rest.
+        """
+        if self.zero is None:
+            return None
+        fresh, kept = np.asarray(zero, dtype=np.float64).ravel(), self.zero.ravel()
+        known = np.isfinite(kept)
+        fresh = fresh[known] if fresh.size == kept.size else fresh
+        if fresh.size != self.readings or not np.isfinite(fresh).all():
+            return None
+        off, std = self.opened().force(fresh - kept[known])
+        largest = [float(np.abs(self.maps[n].process.values).max()) if n in self.maps else math.nan for n in FORCES]
+        with np.errstate(invalid="ignore"):
+            seen = np.flatnonzero((np.abs(off[0]) > STANDING * np.array(largest)) & (np.abs(off[0]) > 2.0 * std[0]))
+        if not len(seen):
+            return None
+        what = " and ".join(f"{FORCES[i]} = {plain_number(float(off[0, i]), 2)} N" for i in seen)
+        return f"the zero differs from that of the calibration as a press of {what} would: drift since then, or something lay on the pad while the zero was taken. Take it anew with nothing on the pad, or leave baseline (--baseline) out to use that of the calibration"
 
     def opened(self) -> SkinCalibration:
         """The same for readings minus their own zero: that zero's error is in the intervals."""
@@ -150,7 +184,7 @@ class SkinCalibration:
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
         place = self.center(rows, value, std)
-        notes: tuple[str, ...] = () if self.elastic else (FORCE_ONLY_NOTE,)
+        notes: tuple[str, ...] = (() if self.elastic else (FORCE_ONLY_NOTE,)) + ((OPEN,) if self.open_zero else ())
         unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
         if unlike > UNLIKE:
             notes += (

@@ -24,7 +24,7 @@ from palpate.elastic import BondedLayers, HalfSpace, Layer
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["CONSTANTS", "PadConstants", "fit_constants", "with_constants"]
+__all__ = ["CONSTANTS", "REJECTED", "PadConstants", "fit_constants", "labelled_constants", "model_of"]
 
 #: Constants that can be requested, with the standard deviation of their logarithm before any press: a guess within a factor of 3, a ruler's 20 %, a 5 % gain, any unit.
 CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2, "unit": 5.0}
@@ -72,6 +72,8 @@ class PadConstants:
         Root mean square of the residuals over the noise; above `REJECTED` no model is best, and the standard deviations are wider by this factor.
     said : tuple of str
         What the data do not determine, in sentences.
+    span : float
+        Largest extent of the readings' places [m], as the skin said before the presses: what the pixel scale is a factor of.
     """
 
     model: str
@@ -82,6 +84,12 @@ class PadConstants:
     evidence: Mapping[str, float]
     misfit: float
     said: tuple[str, ...] = ()
+    span: float = math.nan
+
+    @property
+    def pixel_scale(self) -> float:
+        """Factor on lengths that a camera read, 1 where it was not sought."""
+        return float(self.values[self.names.index("pixel_scale")]) if "pixel_scale" in self.names else 1.0
 
     @property
     def std(self) -> Floats:
@@ -200,7 +208,7 @@ def fit_constants(
         raise InvalidInput(
             f"constants names {', '.join(map(repr, unknown)) or 'nothing'}; accepted: {', '.join(CONSTANTS)}."
         )
-    own = _model_of(skin.pad)
+    own = model_of(skin.pad)
     asked = (own,) if models is None else tuple(models)
     if bad := [m for m in asked if m not in ("half-space", "bonded", "stack", "soft base")]:
         raise InvalidInput(f"models names {bad[0]!r}; accepted: half-space, bonded, stack, soft base.")
@@ -257,51 +265,7 @@ def labelled_constants(
     )  # fmt: skip
 
 
-def with_constants(skin: Any, found: PadConstants | None) -> Any:
-    """The skin with fitted modulus, thickness and depth, and their standard deviations as its `palpate.Uncertainty`.
-
-    If the presses favour another pad model than that of the skin, or reject the model, the skin stays unchanged.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import palpate as pp
-    >>> from palpate.calibrate import PadConstants, with_constants
-    >>> found = PadConstants("half-space", ("depth",), np.array([2.2e-3]), np.array([[4e-4]]), np.array([0.2]), {"half-space": 0.0}, 1.0)
-    >>> array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"])
-    >>> skin = with_constants(pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), array), found)
-    >>> skin.planes[0].depth, skin.uncertainty.depth
-    (0.0022, 0.02)
-    """
-    if found is None or found.misfit > REJECTED or found.model != _model_of(skin.pad):
-        return skin
-    told = {n: (float(v), min(float(s), 0.99)) for n, v, s in zip(found.names, found.values, found.std)}
-    pad, plane = skin.pad, skin.planes[0]
-    top = pad.layers[0] if isinstance(pad, BondedLayers) else pad
-    stretch = told["thickness"][0] / pad.thickness if "thickness" in told and pad.thickness else 1.0
-    stiffer = told["youngs_modulus"][0] / top.youngs_modulus if "youngs_modulus" in told else 1.0
-    depth = told["depth"][0] if "depth" in told else float(plane.depth)
-    if isinstance(pad, BondedLayers):
-        if math.isclose(float(plane.depth), pad.thickness):
-            depth = pad.thickness * stretch
-        layers = [replace(one, thickness=one.thickness * stretch, youngs_modulus=one.youngs_modulus * stiffer) for one in pad.layers]  # fmt: skip
-        base = pad.base and replace(pad.base, youngs_modulus=pad.base.youngs_modulus * stiffer)
-        pad = BondedLayers(layers, base=base)
-        depth = min(depth, pad.thickness)
-    else:
-        pad = replace(pad, youngs_modulus=pad.youngs_modulus * stiffer)
-    known = {n: told[n][1] for n in ("youngs_modulus", "thickness", "depth") if n in told}
-    problem = skin._problem
-    out = type(skin)(
-        pad, [replace(plane, depth=depth)], surface=skin.surface, boundary=skin._boundary,
-        nuisance="auto" if problem.nuisance is None else problem.nuisance, uncertainty=replace(problem.uncertainty, **known),
-    )  # fmt: skip
-    out._given = out._problem.fixed = skin._given
-    out._problem.zeroed = problem.zeroed
-    return out
-
-
-def _model_of(pad: Any) -> str:
+def model_of(pad: Any) -> str:
     if isinstance(pad, HalfSpace):
         return "half-space"
     if isinstance(pad, BondedLayers) and len(pad.layers) <= 2:
@@ -360,7 +324,12 @@ class _Fit:
             self.mean, self.before = np.log(before.values), before.before
             self.root = np.linalg.cholesky(np.linalg.inv(before.covariance)).T
         span = float(np.ptp(self.points, axis=0).max())
-        self.length = span / 4.0
+        if before is not None and math.isfinite(
+            before.span
+        ):  # the places of a skin that was calibrated are scaled already
+            self.points = self.points * (before.span / span)
+            span = before.span
+        self.span, self.length = span, span / 4.0
         center = self.points.mean(axis=0)
         upright = [i for i, c in enumerate(self.channels) if CHANNEL_FIELDS[c].endswith("z")]
         square = (self.readings[:, upright or slice(None)] ** 2).sum(axis=1)
@@ -513,7 +482,7 @@ class _Fit:
         n = len(self.names)
         return PadConstants(
             self.model, tuple(self.names), np.exp(self.theta[:n]), max(self.chi2, 1.0) * self.covariance[:n, :n],
-            self.before, evidence, math.sqrt(self.chi2),
+            self.before, evidence, math.sqrt(self.chi2), span=self.span,
         )  # fmt: skip
 
     def next_press(self, index: int) -> str:

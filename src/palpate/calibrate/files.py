@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
-import tomllib
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +11,15 @@ import numpy as np
 from palpate.calibrate.calibration import SkinCalibration
 from palpate.calibrate.constants import PadConstants
 from palpate.calibrate.forcemap import ForceMap
-from palpate.errors import InvalidInput
-from palpate.recordings.files import atomically, write_arrays
-from palpate.recordings.skinfile import skin_text
+from palpate.recordings.skinnumbers import read_numbers, text_with_section, write_numbers
 
 __all__ = ["calibrated_text", "read_calibration", "write_calibrated"]
 
-#: Form of the file of numbers.
-VERSION = 1
+SECTION = "calibration"
+#: What makes a new file.
+REMEDY = "Calibrate again with palpate calibrate, or leave the section out to use the skin without its calibration"
+#: Fields that are numbers or arrays; arrays may be None.
+NUMBERS, ARRAYS = ("readings", "unit", "unit_std", "elastic_error", "scale"), ("rest", "zero", "zero_std", "gains")
 
 
 def calibrated_text(text: str, found: SkinCalibration, numbers: str) -> str:
@@ -37,9 +35,7 @@ def calibrated_text(text: str, found: SkinCalibration, numbers: str) -> str:
     file = "finger.calibration.npz"
     <BLANKLINE>
     """
-    kept = re.sub(r"(?ms)^\[calibration\]\s*$.*?(?=^\[|\Z)", "", text).rstrip()
-    comments = "".join(f"# {line}\n" for line in str(found).splitlines())
-    return f'{kept}\n\n[calibration]\n{comments}file = "{numbers}"\n'
+    return text_with_section(text, SECTION, found, numbers)
 
 
 def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibration) -> tuple[Path, Path]:
@@ -55,35 +51,14 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
     >>> from palpate.calibrate import write_calibrated
     >>> # write_calibrated("calibrated.toml", "skin.toml", skin.calibration)
     """
-    target, source = Path(path), Path(skin_file)
-    if target.suffix.lower() != ".toml":
-        raise InvalidInput(f"{target}: a calibrated skin file ends in .toml. Write {target.with_suffix('.toml').name}.")
-    text = skin_text(source)
-    if re.search(r"(?m)^\s*positions_file\s*=", text) and target.resolve().parent != source.resolve().parent:
-        raise InvalidInput(
-            f"{source} names a positions_file beside it: write {target.name} into {source.resolve().parent}."
-        )
-    numbers = target.with_name(f"{target.stem}.calibration.npz")
-    held: dict[str, Any] = {"version": np.asarray(VERSION), "readings": np.asarray(found.readings)}
-    held["unit"], held["unit_std"], held["elastic_error"] = (
-        np.asarray(v) for v in (found.unit, found.unit_std, found.elastic_error)
-    )
-    held["scale"] = np.asarray(found.scale)
+    held: dict[str, Any] = {name: np.asarray(getattr(found, name)) for name in NUMBERS}
     held["said"], held["table"] = np.asarray(json.dumps(found.said)), np.asarray(json.dumps(found.table))
     if found.constants is not None:
         held["constants"] = np.asarray(found.constants.json())
-    for key in ("rest", "zero", "zero_std"):
-        if getattr(found, key) is not None:
-            held[key] = getattr(found, key)
+    held.update({name: getattr(found, name) for name in ARRAYS if getattr(found, name) is not None})
     for name, one in found.maps.items():
         held.update({f"{name}.{key}": value for key, value in one.arrays().items()})
-
-    def fill_text(name: str) -> None:
-        Path(name).write_text(calibrated_text(text, found, numbers.name), encoding="utf-8")
-
-    write_arrays(numbers, held)
-    atomically(target, fill_text)
-    return target, numbers
+    return write_numbers(path, skin_file, SECTION, found, held)
 
 
 def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
@@ -104,31 +79,24 @@ def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
     ...     print(read_calibration(f"{folder}/skin.toml"))
     None
     """
-    source = Path(skin_file)
-    section = tomllib.loads(skin_text(source)).get("calibration")
-    if section is None:
-        return None
-    path = source.parent / str(section.get("file", ""))
-    if not path.is_file():
-        raise InvalidInput(
-            f"{source}: its [calibration] names {path.name}, which is not beside it. Copy it there, or leave the section out to use the skin without its calibration."
-        )
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            held = {k: file[k] for k in file.files}
-        names = dict.fromkeys(k.partition(".")[0] for k in held if "." in k)
-        maps = {
-            n: ForceMap.from_arrays({k.partition(".")[2]: v for k, v in held.items() if k.startswith(f"{n}.")})
-            for n in names
-        }
-        if not maps:
-            raise ValueError("holds no map")
-        table = tuple((str(a), float(b), float(c), float(d)) for a, b, c, d in json.loads(str(held["table"])))
-        return SkinCalibration(
-            maps, int(held["readings"]), float(held["unit"]), float(held["unit_std"]), float(held["elastic_error"]),
-            tuple(json.loads(str(held["said"]))), table, held.get("rest"),
-            float(held["scale"]), held.get("zero"), held.get("zero_std"),
-            constants=PadConstants.from_json(str(held["constants"])) if "constants" in held else None,
-        )  # fmt: skip
-    except (KeyError, ValueError, OSError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
-        raise InvalidInput(f"{path}: no calibration of palpate, or damaged ({error}). Calibrate again.") from error
+    return read_numbers(skin_file, SECTION, _made, remedy=REMEDY)
+
+
+def _made(held: dict[str, Any]) -> SkinCalibration:
+    names = dict.fromkeys(k.partition(".")[0] for k in held if "." in k)
+    maps = {
+        n: ForceMap.from_arrays({k.partition(".")[2]: v for k, v in held.items() if k.startswith(f"{n}.")})
+        for n in names
+    }
+    if not maps:
+        raise ValueError("holds no map")
+    numbers: dict[str, Any] = {n: held[n].item() for n in NUMBERS}
+    arrays: dict[str, Any] = {n: held.get(n) for n in ARRAYS}
+    return SkinCalibration(
+        maps,
+        **numbers,
+        **arrays,
+        said=tuple(json.loads(str(held["said"]))),
+        table=tuple((str(a), float(b), float(c), float(d)) for a, b, c, d in json.loads(str(held["table"]))),
+        constants=PadConstants.from_json(str(held["constants"])) if "constants" in held else None,
+    )

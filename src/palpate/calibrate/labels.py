@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -115,6 +115,10 @@ def find_delay(
         raise InvalidInput(
             f"all {len(time)} frames have the time {time[0]:g} s, so no delay can be found: give two frames or more with their times."
         )
+    few = int(max(10.0, 0.4 * len(time))) - 3
+    if readings.shape[1] > few:  # fewer frames than a line through all readings takes: its leading components
+        middle = readings - readings.mean(axis=0)
+        readings = middle @ np.linalg.svd(middle, full_matrices=False)[2][:few].T
     for _ in range(3):
         for delay in best + step * np.arange(-40, 41):
             force = np.interp(time, reference_time + delay, reference, left=np.nan, right=np.nan)
@@ -215,3 +219,7 @@ class Labelled:
     run: npt.NDArray[np.int64]
     press: npt.NDArray[np.int64]
     rest: Floats
+
+    def over(self, gains: Floats) -> Labelled:
+        """The same, its planes over the gain of each reading (channel, *array)."""
+        return replace(self, planes=self.planes / gains, rest=self.rest / gains)

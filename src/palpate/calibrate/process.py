@@ -45,6 +45,8 @@ PRIORS = {
     "lag": (2 * np.log(0.05), 1.5),
     "time": (np.log(5.0), 1.5),
 }
+#: The same for the zero where no frame at rest is known: taxels under a glued cap read more or less than nothing at rest.
+UNKNOWN_ZERO = (np.log(0.02), 1.5)
 NAMES = tuple(PRIORS)
 MEDIAN = np.array([p[0] for p in PRIORS.values()])
 SPREAD = np.array([p[1] for p in PRIORS.values()])
@@ -187,6 +189,8 @@ class Process:
         Of each label [s].
     run : array (label,) of int or None
         Which recording each label comes from; None: all from one.
+    zero_known : bool
+        Whether the readings' zero was taken from frames at rest; else the quantity at readings of 0 is open (`UNKNOWN_ZERO`).
     """
 
     readings: Floats
@@ -197,6 +201,7 @@ class Process:
     press: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
     time: Floats | None = None
     run: np.ndarray[tuple[int, ...], np.dtype[np.int64]] | None = None
+    zero_known: bool = True
 
     @property
     def unit(self) -> float:
@@ -231,6 +236,9 @@ class Process:
             without = (*without, "physics")
         z = self.values / self.unit
         apart = None if self.time is None else np.abs(self.time[:, None] - self.time[None])
+        median, spread = MEDIAN.copy(), SPREAD.copy()
+        if not self.zero_known:
+            median[AT["zero"]], spread[AT["zero"]] = UNKNOWN_ZERO
 
         def objective(log: Floats) -> tuple[float, Floats]:
             value, made = np.exp(log), terms(a, a, log, physics, without)
@@ -257,11 +265,11 @@ class Process:
             if apart is not None and "lag" not in without:
                 gradient[AT["lag"]] = 0.5 * np.vdot(w, lag)
                 gradient[AT["time"]] = 0.5 * np.vdot(w * lag, apart) / value[AT["time"]]
-            off = (log - MEDIAN) / SPREAD
-            return float(0.5 * z @ alpha + 0.5 * logdet + 0.5 * off @ off), gradient + off / SPREAD
+            off = (log - median) / spread
+            return float(0.5 * z @ alpha + 0.5 * logdet + 0.5 * off @ off), gradient + off / spread
 
-        bounds = list(zip(MEDIAN - REACH * SPREAD, MEDIAN + REACH * SPREAD))
-        found = minimize(objective, MEDIAN, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 100})
+        bounds = list(zip(median - REACH * spread, median + REACH * spread))
+        found = minimize(objective, median, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 100})
         if not np.isfinite(found.fun) or found.fun >= 1e10:
             raise InvalidInput("labels and readings hold numbers that no map can be fitted to: check their units.")
         return self.made(np.asarray(found.x), without)

@@ -84,6 +84,7 @@ def calibrate(
 ) -> None:
     """Learn the net force of a sensor from a few weights or a force sensor: the elastic model helps with few labels, regression takes over with many."""
     from palpate.calibrate import write_calibrated
+    from palpate.camera import is_pictures
     from palpate.recordings import read_recording
     from palpate.skin import Skin
 
@@ -133,6 +134,10 @@ def calibrate(
     for press in presses:
         if not press.exists():
             raise InvalidInput(f"{press}: no such file. Give the path of a recording that exists.")
+        if is_pictures(press):
+            raise InvalidInput(
+                f'{press}: calibrate takes recordings and tables, not pictures of dots. For a gel without dots give --ball-diameter "8 mm"; for one with dots use palpate weigh {press} --skin {skin_file} --force "2 N", which finds the modulus.'
+            )
     recordings = [read_recording(press, mapping=mapping_for(press, skin_file, columns)) for press in presses]
     skin = Skin.from_file(skin_file, recording=recordings[0])
     if again and skin.calibration is None:

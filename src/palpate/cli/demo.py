@@ -46,6 +46,7 @@ class Story(StrEnum):
     taxels = "taxels"
     markers = "markers"
     field = "field"
+    cells = "cells"
 
 
 def demo(
@@ -53,7 +54,8 @@ def demo(
         Story,
         typer.Argument(
             help="sensor: stress taxels in a pad. camera: a video of a gel with dots (needs palpate[camera]). taxels, markers, field: "
-            'the files of the page "The first hour" (raw counts, a table of markers, u.npy and v.npy).'
+            'the files of the page "The first hour" (raw counts, a table of markers, u.npy and v.npy). cells: pictures of beads below two cells, a film, labels and a PIVlab series '
+            "(needs palpate[cells])."
         ),
     ] = Story.sensor,
     out: Annotated[Path, typer.Option(help="Folder for the picture, the skin, the recording and the result.")] = Path(
@@ -76,6 +78,12 @@ def demo(
 
         _check_unedited(folder, force, FILES)
         demo_camera(folder, seed, lambda name: _store_checksums(folder, name))
+        return
+    if story is Story.cells:
+        from palpate.cli import democells
+
+        _check_unedited(folder, force, democells.FILES)
+        democells.demo_cells(folder, seed, lambda name: _store_checksums(folder, name))
         return
     if story is not Story.sensor:
         from palpate.cli import demofiles

@@ -48,7 +48,15 @@ def film(
     ] = None,
     channel: Annotated[int | None, typer.Option(min=1, help="As for palpate tfm.")] = None,
     noise: Annotated[str | None, typer.Option(help="Standard deviation of the displacements, e.g. 5 nm.")] = None,
-    method: Annotated[str, typer.Option(help="adhesions or tikhonov, as for palpate tfm.")] = "adhesions",
+    method: Annotated[str | None, typer.Option(help="adhesions or tikhonov, as for palpate tfm.")] = None,
+    normal: Annotated[str | None, typer.Option(help="As for palpate tfm.")] = None,
+    monolayer: Annotated[
+        bool,
+        typer.Option(
+            "--monolayer",
+            help="The cells are one sheet: a row for the sheet and one for each cell, with their tensions.",
+        ),
+    ] = False,
     still: Annotated[bool, typer.Option("--still", help="The pictures cannot have moved as a whole.")] = False,
     processes: Annotated[int | None, typer.Option(min=1, help="Default: one for each core.")] = None,
     out: Annotated[
@@ -99,7 +107,7 @@ def film(
         frames=[*frames], rest=rest, pad=pad, pixel=size_of_pixel, window=window, step=step, unit=unit,
         depth=parse_quantity(depth, "length", "--depth"), noise=None if noise is None else parse_quantity(noise, "length", "--noise"),
         method=method, uncertainty=uncertainty, drift=not still, cells=cells, labels=labels, up=up, v_up=v_up,
-        start=None if first is None else (first[0], first[1]), name=name, channel=channel,
+        start=None if first is None else (first[0], first[1]), name=name, channel=channel, normal=normal or "up", monolayer=monolayer,
     )  # fmt: skip
     count = len(made.jobs())
     try:

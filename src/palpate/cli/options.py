@@ -185,11 +185,16 @@ def _check_places(positions: Any, skin: Skin) -> None:
     import numpy as np
 
     at = np.asarray(positions).reshape(len(positions), -1)
+    told = None if skin.calibration is None else skin.calibration.constants
     for plane in skin.planes:
         places: Any = getattr(plane, "positions", None)
         if places is None or np.ndim(places) != at.ndim or np.shape(places) != at.shape:
             continue
-        off = np.linalg.norm(at - places, axis=1)
+        # places of a calibrated skin are scaled by what presses told of the pixels
+        off = min(
+            (np.linalg.norm(f * at - places, axis=1) for f in {1.0, 1.0 if told is None else told.pixel_scale}),
+            key=np.max,
+        )
         if off.max() > 1e-3 * np.ptp(at, axis=0).max():
             worst = int(np.argmax(off))
             raise InvalidInput(

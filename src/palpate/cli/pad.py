@@ -37,6 +37,7 @@ def pad(
     from palpate.edges import edge_error
     from palpate.measured import Measured
     from palpate.pads import expected_force, half_space_error, plot_response, plot_table, table_lines
+    from palpate.solid import SolidPad
 
     skin_file = skin_path(skin_file)
     check_picture(plot)
@@ -79,6 +80,11 @@ def pad(
         typer.echo(f"such a press is known to   {known}")
     if edges is not None:
         _print_edges(edges, skin.pad, ends)
+    if isinstance(elastic, SolidPad):
+        mesh = "not known; SolidPad.compared_with(other mesh) works it out, and [pad] takes it as accuracy"
+        typer.echo(
+            f"error by the mesh          {mesh if elastic.accuracy is None else f'{100 * elastic.accuracy:.2g} %'}"
+        )
     typer.echo(f"picture                    {plot}")
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
 from palpate.cli.files import check_output, provenance, skin_files, skin_text
 from palpate.cli.methods import TrackerCommand, tracker_options
+from palpate.cli.options import zero_of_skin
+from palpate.cli.pictures import skin_path
 from palpate.cli.progress import busy
-from palpate.errors import InvalidInput
+from palpate.errors import InvalidInput, Unsupported
 
 _KEY = "palpate.ros"
 
@@ -37,19 +39,33 @@ class RosCommand(TrackerCommand):
 def ros(
     ctx: typer.Context,
     skin_file: Annotated[
-        Path, typer.Option("--skin", help="skin.toml with the pad, its array, and a section [stream].")
+        Path,
+        typer.Option(
+            "--skin",
+            help="skin.toml with the pad, its array, and a section [stream]; or, of pictures of a gel with dots, [camera].",
+        ),
     ],
-    topic: Annotated[str | None, typer.Option(help="Topic of the readings, in place of that of [stream].")] = None,
+    topic: Annotated[
+        str | None, typer.Option(help="Topic of the readings or pictures, in place of that of [stream].")
+    ] = None,
     kind: Annotated[
         str | None,
         typer.Option(
             "--type", help="Type of its messages, e.g. sensor_msgs/msg/Image; without it what its publishers say."
         ),
     ] = None,
-    baseline: Annotated[int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches.")] = 0,
+    baseline: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Frames at the start that are the zero: nothing touches. Of pictures: how many show the gel at rest, in place of what [camera] says.",
+        ),
+    ] = 0,
     max_pressure: Annotated[str | None, typer.Option(help='Event above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Event above this normal force, e.g. "2 N".')] = None,
-    budget: Annotated[float, typer.Option(help="Milliseconds a frame may take.")] = 10.0,
+    budget: Annotated[
+        float | None, typer.Option(help="Milliseconds a frame may take (default 10; of pictures 20).")
+    ] = None,
     frame: Annotated[
         str, typer.Option(help="Frame of reference of what is published; without it that of the messages.")
     ] = "",
@@ -60,28 +76,35 @@ def ros(
         int | None, typer.Option(min=1, max=65535, help="Show the live page on this port of this machine too.")
     ] = None,
 ) -> None:
-    """Run as a node of ROS 2: readings from a topic in, forces, traction, slip and events out.
+    """Run as a node of ROS 2: readings, or pictures of a gel with dots, from a topic in; forces, traction, slip and events out.
 
     Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/slip_margin, ~/events and /diagnostics; takes ~/rezero.
     Arguments of ROS come last, e.g. --ros-args -r __ns:=/left -p friction:=0.6.
     """
     import os
+    import tomllib
 
-    from palpate.recordings import Sink, read_stream, recorder
+    from palpate.live.server import BUDGET as BUDGET_OF_PICTURES
+    from palpate.live.session import recorded
+    from palpate.recordings import TopicMapping, read_camera, read_stream, recorder
     from palpate.ros.client import message_class, ros_client
-    from palpate.ros.node import Ros, TouchNode
+    from palpate.ros.node import BUDGET, Ros, TouchNode
+    from palpate.ros.pictures import are_pictures
+    from palpate.skin import Skin
     from palpate.units import parse_quantity
 
     ros_client()
+    skin_file = skin_path(skin_file)
+    camera = read_camera(skin_file)
     mapping = read_stream(skin_file)
-    if mapping is None:
+    if topic is None and mapping is None:
         raise InvalidInput(
-            f"{skin_file} has no section [stream]: write one with the topic, where the taxels are in its messages, and the unit of their numbers, e.g. "
-            f'[stream] topic = "{topic or "/finger"}", path = "data", unit = "Pa".'
+            f"{skin_file} does not say which topic its pictures come in: name it, e.g. --topic /gel/image_raw."
+            if camera is not None
+            else _no_stream(skin_file, "/finger")
         )
-    if topic is not None:
-        mapping = replace(mapping, topic=topic)
-    if not budget > 0:
+    name = topic if topic is not None else cast(TopicMapping, mapping).topic
+    if budget is not None and not budget > 0:
         raise InvalidInput(f"--budget must be a positive number of milliseconds; got {budget:g}.")
     if kind is not None:
         message_class(kind)
@@ -92,43 +115,69 @@ def ros(
     options = tracker_options(ctx)
     connection = Ros(ctx.meta.get(_KEY, []))
     try:
-        kind = kind or _kind(connection, mapping.topic)
-        skin, rest = _skin(connection, skin_file, mapping, kind)
-        force = "force per length" if skin.surface.dimensions == 1 else "force"
-        sinks: list[Sink] = []
-        if record is not None:
-            from palpate.live.session import recorded
-
-            sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), mapping.topic)))
+        kind = kind or _kind(connection, name)
+        skin: Any = skin_file
+        read: TopicMapping | str = name
+        rest, zero = None, baseline
+        if camera is not None and are_pictures(kind):
+            if "colour" in tomllib.loads(skin_text(skin_file)):
+                raise Unsupported(
+                    f"{skin_file} is of a gel that is read by its colours: each picture takes a second or so by itself, and a node follows with a tracker. "
+                    f"Record {name} (ros2 bag record -s mcap {name}), and give palpate track the recording."
+                )
+            typer.echo("waiting for pictures of the gel at rest, in which nothing touches it (Ctrl-C ends)", err=True)
+        elif mapping is None:
+            raise InvalidInput(
+                f"{name} brings {kind}, and {skin_file} describes pictures: name a topic of sensor_msgs/msg/Image or CompressedImage."
+                if camera is not None
+                else _no_stream(skin_file, name)
+            )
+        else:
+            read = replace(mapping, topic=name)
+            skin, rest = _skin(connection, skin_file, read, kind)
+            zero = zero_of_skin(skin, baseline)
+        force = "force" if not isinstance(skin, Skin) or skin.surface.dimensions == 2 else "force per length"
         with busy("preparing the skin"):
             node = TouchNode(
                 connection,
                 skin,
-                mapping,
+                read,
                 kind=kind,
                 options=options,
-                baseline=baseline,
-                budget=1e-3 * budget,
+                baseline=zero,
+                budget=1e-3 * budget
+                if budget is not None
+                else BUDGET
+                if isinstance(skin, Skin)
+                else BUDGET_OF_PICTURES,
                 max_pressure=None
                 if max_pressure is None
                 else parse_quantity(max_pressure, "pressure", "--max-pressure"),
                 max_force=None if max_force is None else parse_quantity(max_force, force, "--max-force"),
                 rest=rest,
                 frame=frame,
-                sinks=sinks,
                 pages=page is not None,
             )
+        if record is not None:  # last, so that nothing is left where the others fail
+            node.session.add(recorder(record, **recorded(node.skin), meta=provenance(skin_text(skin_file), name)))
         for note in node.session.tracker.notes:
             typer.echo(f"note: {note}", err=True)
-        name = connection.node.get_fully_qualified_name()
+        own = connection.node.get_fully_qualified_name()
         typer.echo(
-            f"{name}: {connection.node.resolve_topic_name(mapping.topic)} ({kind}) to {name}/wrench and others    (Ctrl-C ends)"
+            f"{own}: {connection.node.resolve_topic_name(name)} ({kind}) to {own}/wrench and others    (Ctrl-C ends)"
         )
         _run(node, page)
         if node.session.lost:
             raise node.session.lost[0]
     finally:
         connection.close()
+
+
+def _no_stream(skin_file: Path, topic: str) -> str:
+    return (
+        f"{skin_file} has no section [stream]: write one with the topic, where the taxels are in its messages, and the unit of their numbers, e.g. "
+        f'[stream] topic = "{topic}", path = "data", unit = "Pa".'
+    )
 
 
 def _kind(connection: Any, topic: str) -> str:

@@ -92,6 +92,12 @@ def tfm(
     name: Annotated[
         str | None, typer.Option(help="Which field of a file that holds several, or frame of a table.")
     ] = None,
+    normal: Annotated[
+        str | None,
+        typer.Option(
+            help="Where w of a field, the displacement out of the plane, points that is positive: up (default, out of the gel), down, or ignore."
+        ),
+    ] = None,
     drop_outliers: Annotated[
         bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all about them.")
     ] = False,
@@ -208,7 +214,7 @@ def tfm(
         if first is not None and len(first) != 2:
             raise InvalidInput(f"--start takes column,row of the first vector in pixels, such as 16,16; got {start!r}.")
         field = read_field(
-            source, pixel=size_of_pixel, unit=unit, step=step, start=None if first is None else (first[0], first[1]), size=size, up=up, v_up=v_up, name=name, follow=follow, window=window, position_unit=position_unit,
+            source, pixel=size_of_pixel, unit=unit, step=step, start=None if first is None else (first[0], first[1]), size=size, up=up, v_up=v_up, name=name, follow=follow, window=window, position_unit=position_unit, normal=normal or "up",
         )  # fmt: skip
         if TURNED in field.notes and corners is not None:
             raise InvalidInput(
@@ -217,7 +223,7 @@ def tfm(
         if not still:
             field = field.without_drift()
     else:
-        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit), ("--start", start))  # fmt: skip
+        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit), ("--start", start), ("--normal", normal))  # fmt: skip
         if any(v for _, v in given):
             raise InvalidInput(
                 f"{', '.join(o for o, v in given if v)} belong to displacement fields; {source[0]} is taken as pictures of beads: leave them out."

@@ -25,8 +25,6 @@ from palpate.errors import InvalidInput
 
 #: Formats of robots for readings or pictures.
 ROBOTS = (".mcap", ".bag")
-#: Formats of readings, not of pictures.
-RECORDED = (".nc", ".h5", ".hdf5", ".npz", ".csv", ".txt", ".tsv", ".dat", ".zarr", ".db3", *ROBOTS)
 
 
 def track(
@@ -94,7 +92,7 @@ def track(
 
     from palpate.recordings import read_recording, recorder
     from palpate.recordings.files import in_place
-    from palpate.recordings.formats import file_format
+    from palpate.recordings.formats import endings, file_format
     from palpate.sensing.zero import OFFSETS, Levels
     from palpate.skin import Skin
     from palpate.touch import Forces
@@ -103,11 +101,8 @@ def track(
         raise InvalidInput("--force replaces a result: give --out too, or leave it out.")
     if not recording_file.exists():
         raise InvalidInput(f"{recording_file}: no such file.")
-    if (
-        recording_file.is_dir()
-        or recording_file.suffix.lower() not in RECORDED
-        or recording_file.suffix.lower() in ROBOTS
-    ):
+    ending = recording_file.suffix.lower()
+    if recording_file.is_dir() or ending in ROBOTS or ending not in (*endings("read"), ".db3"):
         from palpate.camera import is_pictures
         from palpate.cli.colour import feel_pictures, has_colours
         from palpate.cli.pictures import track_pictures

@@ -234,6 +234,11 @@ class Session:
 
         return end
 
+    def add(self, sink: Sink) -> None:
+        """Give what comes to one more sink."""
+        with self._lock:
+            self._sinks.append(sink)
+
     def layout(self) -> dict[str, Any]:
         """The part that is the same in all packets."""
         grid = self.skin.surface

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 import scipy.ndimage
+import scipy.sparse
 
 from palpate.elastic.pad import Floats, Pad
 from palpate.errors import Unsupported
@@ -25,7 +26,7 @@ from palpate.microscopy.sampler import MOST, Chain, Places
 from palpate.microscopy.vectors import Vectors, find_doubtful, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
-__all__ = ["Adhesions", "Sample", "sampled"]
+__all__ = ["Adhesions", "Maps", "Sample", "sampled"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -67,14 +68,24 @@ class Sample:
         if self.profiles is not None:
             places, variance, part, number = profiled(places, variance, self.profiles, side)
             forces = forces[number] * part[:, None]
-        columns, rows = painted(places, variance, x, y, side)
-        return np.stack([(rows * f[:, None]).T @ columns for f in forces.T]) / side**2
+        columns, rows = (scipy.sparse.csr_array(part) for part in painted(places, variance, x, y, side))
+        count = np.diff(columns.indptr)
+        out = np.empty((2, len(y), len(x)))
+        for component, f in zip(out, forces.T):  # a blob lies on few of the squares
+            weighted = scipy.sparse.csr_array(
+                (columns.data * np.repeat(f, count), columns.indices, columns.indptr), columns.shape
+            )
+            component[:] = (rows.T @ weighted).toarray()
+        return out / side**2
 
-    def work(self, x: Floats, y: Floats, side: float, response: Response, shift: Floats) -> Floats:
-        """Work (y, x) [J] in each square, on the displacement less a ``shift`` (2,) [m]."""
-        each = work_of(self.places, self.variance, self.forces, response) - 0.5 * self.forces @ shift
+    def work(self, response: Response, shift: Floats) -> Floats:
+        """Work of each blob (blob,) [J], on the displacement less a ``shift`` (2,) [m]."""
+        return np.asarray(work_of(self.places, self.variance, self.forces, response) - 0.5 * self.forces @ shift)
+
+    def share(self, x: Floats, y: Floats, side: float, where: Flags) -> Floats:
+        """Part of each blob (blob,) on the squares of a side that ``where`` (y, x) marks."""
         columns, rows = painted(self.places, self.variance, x, y, side)
-        return np.asarray((rows * each[:, None]).T @ columns)
+        return np.asarray(((rows @ where) * columns).sum(axis=1))
 
     def moved(self, places: Floats, variance: float, response: Response) -> Floats:
         """Displacement (2, n) [m] at places (n, 2), as means over squares of a variance."""
@@ -315,6 +326,42 @@ def _shared(left: Floats, there: Flags) -> float:
     return 1.0 + 4.0 * beside + 4.0 * max(of(1, 1), 0.0) + 2.0 * max(of(0, 2) + of(2, 0), 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """Samples on a surface: ``mean`` and ``std`` (2, y, x) [Pa], standard deviations of the sums of ``force`` [N] and ``moment`` [N m] (3,), and each sample in the field of view, ``draws`` (draw, 2, row, column)."""
+
+    mean: Floats
+    std: Floats
+    force: Floats
+    moment: Floats
+    draws: Floats
+
+    @classmethod
+    def of(cls, found: Sampled, field: Field, grid: Any) -> Maps:
+        """Each sample once, so that no more of them than the field of view is held."""
+        rows, columns = field.shape
+        first = [c - 0.5 * field.pitch * (n - 1) for c, n in zip(field.center, (columns, rows))]
+        y, x = (axis - at for axis, at in zip(grid.axes, first[::-1]))
+        view = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, field.shape))
+        turn = moment_rows(grid)[:, :2]
+        count = len(found.samples)
+        total, squares = np.zeros((2, 2, *grid.shape))
+        sums = np.empty((count, 5))
+        draws = np.empty((count, 2, rows, columns))
+        # sums are about the first sample, so that a small spread is not lost
+        origin = found.samples[0].on(x, y, float(grid.spacings[0]))
+        for k, sample in enumerate(found.samples):
+            one = sample.on(x, y, float(grid.spacings[0]))
+            total += one - origin
+            squares += (one - origin) ** 2
+            sums[k, :2] = one.sum(axis=(1, 2)) * grid.cell
+            sums[k, 2:] = np.tensordot(turn, one, ([1, 2, 3], [0, 1, 2]))
+            draws[k] = one[(slice(None), *view)]
+        variance = np.maximum(squares - total**2 / count, 0.0) / max(count - 1, 1)
+        force = np.append(sums[:, :2].std(axis=0, ddof=1), 0.0)
+        return cls(origin + total / count, np.sqrt(variance), force, sums[:, 2:].std(axis=0, ddof=1), draws)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Adhesions(Method):
     """The samples of a field as a method, so that its result is a `palpate.touch.Touch` like any other."""
@@ -325,19 +372,19 @@ class Adhesions(Method):
     error_bars: ClassVar[bool] = True
 
     found: Sampled
-    field: Field
+    maps: Maps
 
     def prepare(self, problem: Problem) -> _Prepared:
         """Check the problem; the field is prepared already."""
         self.check(problem)
-        return _Prepared(problem, self.found, self.field)
+        return _Prepared(problem, self.found, self.maps)
 
 
 class _Prepared:
     """The samples on the surface of a problem."""
 
-    def __init__(self, problem: Problem, found: Sampled, field: Field) -> None:
-        self.problem, self.found, self.field = problem, found, field
+    def __init__(self, problem: Problem, found: Sampled, maps: Maps) -> None:
+        self.problem, self.found, self.maps = problem, found, maps
         self.grid: Grid = problem.surface
         self.notes: tuple[str, ...] = ()
 
@@ -346,21 +393,12 @@ class _Prepared:
         grid: Any = self.grid
         if np.ndim(readings[0]) != 3:
             raise Unsupported("one frame was sampled, and this is a batch.")
-        rows, columns = self.field.shape
-        first = [c - 0.5 * self.field.pitch * (n - 1) for c, n in zip(self.field.center, (columns, rows))]
-        y, x = (axis - at for axis, at in zip(grid.axes, first[::-1]))
-        each = np.stack([s.on(x, y, float(grid.spacings[0])) for s in self.found.samples])
-        mean, std = each.mean(axis=0), each.std(axis=0, ddof=1)
         whole, error = np.zeros((2, 3, *grid.shape))
-        whole[:2], error[:2] = mean, std
-        moments = np.stack([np.concatenate([t, np.zeros((1, *grid.shape))]) for t in each])
-        turning = np.tensordot(moments, moment_rows(grid), ([1, 2, 3], [1, 2, 3]))
-        force = np.zeros(3)
-        force[:2] = (each.sum(axis=(2, 3)) * grid.cell).std(axis=0, ddof=1)
+        whole[:2], error[:2] = self.maps.mean, self.maps.std
         nothing = np.zeros(3)
         center = np.full(len(center_rows(grid, whole[2] + 1.0)), math.nan)
         errors = Errors(
-            traction=error, force=force, moment=turning.std(axis=0, ddof=1), center=center, peak=np.asarray(math.nan), variance_reduction=np.full(whole.shape, math.nan),
+            traction=error, force=self.maps.force, moment=self.maps.moment, center=center, peak=np.asarray(math.nan), variance_reduction=np.full(whole.shape, math.nan),
             outside_traction=np.zeros_like(whole), outside_force=nothing, outside_moment=nothing, outside_center=np.zeros(len(center)), outside_peak=np.asarray(0.0), beyond_force=nothing,
         )  # fmt: skip
         noise = np.asarray(self.found.noise)

@@ -20,6 +20,7 @@ from palpate.microscopy.doubts import doubts, reworded
 from palpate.microscopy.fields import Field
 from palpate.microscopy.inversion import Inverted, inverted, of_adhesions
 from palpate.microscopy.masks import on_grid, read_mask
+from palpate.microscopy.normal import normal_of, without_sideways
 from palpate.microscopy.spread import read
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.touch import Touch
@@ -159,6 +160,20 @@ class CellForces:
     response: Response | None = None
     done: Any = None
     known: Any = None
+
+    @property
+    def normal(self) -> tuple[Floats, Floats] | None:
+        """Normal traction (row, column) [Pa], positive where it pulls the gel up, and its standard deviation; None where the field has no displacement out of the plane.
+
+        Examples
+        --------
+        >>> traction, std = forces.normal  # doctest: +SKIP
+        """
+        found = self.done.normal
+        if found is None:
+            return None
+        common = self.touch.common_std
+        return found.traction, np.hypot(np.std(found.draws, axis=0, ddof=1), common * found.traction)
 
     def within(self, mask: Any, *, size: tuple[int, int] | None = None) -> CellForces:
         """The same traction with the numbers of another cell of the field.
@@ -365,6 +380,12 @@ def cell_forces(
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
     name = str(mask) if isinstance(mask, str | Path) else "the mask"
     inside = np.ones(field.shape, dtype=bool) if corners is None else on_grid(corners, field, size=size, name=name)
+    normal, seen = None, field
+    if field.normal is not None:
+        normal = normal_of(
+            field, pad, depth=depth, noise=noise, drift=drift, uncertainty=uncertainty, draws=draws, seed=seed
+        )
+        field = without_sideways(field, normal)
     if method == "adhesions":
         likely = None if corners is None else inside
         done = of_adhesions(
@@ -385,6 +406,7 @@ def cell_forces(
         )  # fmt: skip
     known = uncertainty or Uncertainty()
     beside = [n for n in ("thickness", "depth", "gain") if getattr(known, n)]
+    done = replace(done, normal=normal)
     numbers, principal = _numbers(done, field, inside, corners is not None, known)
     said = [
         *field.notes,
@@ -399,7 +421,7 @@ def cell_forces(
         *doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
-        field, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
+        seen, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
         done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done.response, done, known,
     )  # fmt: skip
 
@@ -408,7 +430,6 @@ def _numbers(
     done: Inverted, field: Field, inside: npt.NDArray[np.bool_], masked: bool, known: Uncertainty
 ) -> tuple[dict[str, Quantity], tuple[float, float, float]]:
     """Every number from the estimate and from each sample."""
-    t = np.concatenate([done.traction[None], done.draws])
     sampled = done.samples is not None
     cell, rows, columns = field.pitch**2, *field.shape
     x, y = np.meshgrid(
@@ -416,8 +437,8 @@ def _numbers(
     )
     middle = x[inside].mean(), y[inside].mean()
     x, y = x - middle[0], y - middle[1]
-    force = np.hypot(t[:, 0], t[:, 1]) * cell
     out = ~inside
+    beside = masked and bool(out.any())
     found: dict[str, tuple[str, str, Floats, float | None, bool, str]] = {}
 
     def put(
@@ -432,23 +453,21 @@ def _numbers(
     ) -> None:
         found[key] = (label, unit, np.asarray(values), expected, sized, why)
 
-    # what adhesions do that are finer than the vectors is in the work of the blobs alone
-    if done.work is not None:
-        work = np.concatenate([done.work[:1], done.work])
-    else:
-        u = np.concatenate([done.moved[None], done.moved_by_draws])
-        work = 0.5 * (t * (u - u.mean(axis=(2, 3), keepdims=True))).sum(axis=1) * cell
+    # one map after the other: together they fill the memory
+    maps = [*(() if sampled else [done.traction]), *done.draws]
+    # each draw has a centre of its own
+    center = None if sampled else _force_center(done.traction, x[inside], y[inside], inside)
+    each = [_sums(t, x, y, inside, out, center) for t in maps]
+    sums = {key: np.array([one[key] for one in each]) for key in each[0]}
     put(
         "strain_energy",
         "strain energy" + (" in the cell" if masked else ""),
         "J",
-        work[:, inside].sum(axis=1),
+        _work(done, field, inside),
         sized=True,
         why="half the work of the traction on the displacement that it makes",
     )
-    moments = np.array(
-        [[(a * t[:, i] * cell)[:, inside].sum(axis=1) for i in (0, 1)] for a in (x, y)]
-    )  # (position, force, draw)
+    moments = cell * np.moveaxis(sums["moments"], 0, -1)  # (position, force, draw)
     put(
         "contractile_moment",
         "net contractile moment",
@@ -456,40 +475,27 @@ def _numbers(
         -(moments[0, 0] + moments[1, 1]),
         why="trace of the first moments, positive where the cell pulls inwards (Butler et al. 2002)",
     )
-    # each draw has a centre of its own
-    centers = [_force_center(each, x, y, inside) for each in t] if sampled else [_force_center(t[0], x, y, inside)]
-    ox, oy = (np.array([c[i] for c in centers])[:, None, None] for i in (0, 1))
-    distance = np.hypot(x - ox, y - oy)
-    inward = (
-        np.where(
-            distance > 0,
-            -(t[:, 0] * (x - ox) + t[:, 1] * (y - oy)) / np.where(distance > 0, distance, 1.0),
-            0.0,
-        )
-        * cell
-    )
     put(
         "contractility",
         "contractility",
         "N",
-        inward[:, inside].sum(axis=1),
+        cell * sums["inward"],
         why="sum of the forces' parts that point to the force centre",
     )
     put(
         "force_inside",
         "sum of sizes of force" + (" in the cell" if masked else ""),
         "N",
-        force[:, inside].sum(axis=1),
+        cell * sums["sizes_inside"],
         sized=True,
         why="of every vector, noise included: it grows with noise and never cancels",
     )
-    if masked and out.any():
-        background = force[:, out].mean(axis=1)
+    if beside:
         put(
             "force_above_background",
             "the same less background",
             "N",
-            force[:, inside].sum(axis=1) - background * inside.sum(),
+            cell * (sums["sizes_inside"] - sums["sizes_outside"] * (inside.sum() / out.sum())),
             sized=True,
             why="less what as many vectors outside the cell hold",
         )
@@ -497,7 +503,7 @@ def _numbers(
             "force_outside",
             "sum of sizes of force outside",
             "N",
-            force[:, out].sum(axis=1),
+            cell * sums["sizes_outside"],
             sized=True,
             why="should be what noise makes",
         )
@@ -505,7 +511,7 @@ def _numbers(
             "energy_outside",
             "strain energy outside",
             "J",
-            work[:, out].sum(axis=1),
+            _work(done, field, out),
             sized=True,
             why="should be small beside that in the cell",
         )
@@ -513,7 +519,7 @@ def _numbers(
             "background",
             "background traction (rms)",
             "Pa",
-            np.sqrt((t[:, :, out] ** 2).sum(axis=1).mean(axis=1)),
+            sums["rms_outside"],
             sized=True,
             why="outside the cell: what is not the cell's",
         )
@@ -521,14 +527,14 @@ def _numbers(
         "traction_rms",
         "traction in the cell (rms)" if masked else "traction (rms)",
         "Pa",
-        np.sqrt((t[:, :, inside] ** 2).sum(axis=1).mean(axis=1)),
+        sums["rms_inside"],
         sized=True,
     )
     put(
         "traction_peak",
         "largest traction",
         "Pa",
-        np.hypot(t[:, 0], t[:, 1])[:, inside].max(axis=1) if sampled else _at_peak(t, inside),
+        sums["peak"] if sampled else _at_peak(np.stack(maps), inside),
         why="of the mean over a vector's square; too large where traction is even over many squares"
         if sampled
         else "at the vector where the estimate is largest",
@@ -538,7 +544,7 @@ def _numbers(
             f"net_force_{axis}",
             f"net force along {axis}" + (", cell" if masked else ""),
             "N",
-            t[:, i][:, inside].sum(axis=1) * cell,
+            cell * sums["net"][:, i],
             0.0,
             why="a cell that is wholly in view pulls itself along nothing",
         )
@@ -550,28 +556,32 @@ def _numbers(
         0.0,
         why="about the middle of the cell",
     )
-    if masked and out.any():
+    if beside:
         for i, axis in enumerate("xy"):
             put(
                 f"net_force_{axis}_view",
                 f"net force along {axis}, field of view",
                 "N",
-                t[:, i].sum(axis=(1, 2)) * cell,
+                cell * sums["net_view"][:, i],
                 0.0,
             )
+    plain = set()
+    if done.normal is not None:
+        found |= done.normal.quantities(inside, cell)
+        plain = set(done.normal.NUMBERS)
     quantities = {}
     for key, (label, unit, values, expected, sized, why) in found.items():
-        value, samples = float(values[0]), values[1:]
         # traction follows modulus and displacement, the energy the square of this
-        common = math.hypot(known.modulus, (2.0 if key == "strain_energy" else 1.0) * known.scale)
-        if sampled:
-            value, std, ends = read(key, samples, common)
+        common = math.hypot(known.modulus, (2.0 if key.startswith("strain_energy") else 1.0) * known.scale)
+        if sampled and key not in plain:
+            value, std, ends = read(key, values, common)
             quantities[key] = Quantity(label, unit, value, std, expected, why, ends)
             continue
+        value, samples = float(values[0]), values[1:]
         variance = float(np.var(samples, ddof=1)) + (common * value) ** 2
         if sized:
             variance += (float(samples.mean()) - value) ** 2
-        if key == "strain_energy":
+        if key.startswith("strain_energy"):
             value = 0.5 * (value + float(samples.mean()))
         quantities[key] = Quantity(label, unit, value, math.sqrt(variance), expected, why)
     if masked:
@@ -581,9 +591,52 @@ def _numbers(
     return quantities, (float(sizes[1]), float(sizes[0]), float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))))
 
 
+def _sums(
+    t: Floats,
+    x: Floats,
+    y: Floats,
+    inside: npt.NDArray[np.bool_],
+    out: npt.NDArray[np.bool_],
+    center: tuple[float, float] | None,
+) -> dict[str, Any]:
+    """Sums over the vectors of one traction (2, row, column), in and out of the cell; contractility is to a ``center``, or to the traction's own."""
+    size = np.hypot(*t)
+    tx, ty = t[0][inside], t[1][inside]
+    x, y = x[inside], y[inside]
+    ox, oy = _force_center(t, x, y, inside) if center is None else center
+    far = np.hypot(x - ox, y - oy)
+    inward = -(tx * (x - ox) + ty * (y - oy)) / np.where(far > 0, far, 1.0)
+    beyond = int(out.sum())
+    return {
+        "moments": [[(a * f).sum() for f in (tx, ty)] for a in (x, y)],
+        "inward": inward.sum(),
+        "sizes_inside": size[inside].sum(),
+        "sizes_outside": size[out].sum(),
+        "rms_inside": math.sqrt(float((size[inside] ** 2).mean())),
+        "rms_outside": math.sqrt(float((size[out] ** 2).mean())) if beyond else 0.0,
+        "peak": size[inside].max(),
+        "net": [tx.sum(), ty.sum()],
+        "net_view": t.sum(axis=(1, 2)),
+    }
+
+
+def _work(done: Inverted, field: Field, where: npt.NDArray[np.bool_]) -> Floats:
+    """Half the work (draw,) [J] of the traction in a part of the field of view; of the estimate first where that is not the samples' mean."""
+    if done.samples is not None and done.work is not None:
+        # what adhesions do that are finer than the vectors is in the work of the blobs alone
+        y, x = (field.pitch * np.arange(n) for n in field.shape)
+        shares = [s.share(x, y, field.pitch, where) for s in done.samples]
+        return np.array([float(share @ w) for share, w in zip(shares, done.work)])
+    pairs = zip([done.traction, *done.draws], [done.moved, *done.moved_by_draws])
+    return (
+        np.array([0.5 * float((t * (u - u.mean(axis=(1, 2), keepdims=True)))[:, where].sum()) for t, u in pairs])
+        * field.pitch**2
+    )
+
+
 def _force_center(t: Floats, x: Floats, y: Floats, inside: npt.NDArray[np.bool_]) -> tuple[float, float]:
     """The point with the least sum of squares of distances to the lines of force, weighted by the squares of the forces."""
-    tx, ty, x, y = t[0][inside], t[1][inside], x[inside], y[inside]
+    tx, ty = t[0][inside], t[1][inside]
     lever = tx * y - ty * x  # t x position; distance of a line from a point c: |t_x (y - c_y) - t_y (x - c_x)|/|t|
     matrix = np.array([[(ty**2).sum(), -(tx * ty).sum()], [-(tx * ty).sum(), (tx**2).sum()]])
     right = np.array([-(ty * lever).sum(), (tx * lever).sum()])

@@ -49,6 +49,8 @@ class Field:
         Side [m] of the square over which each vector is a mean, such as a window; 0: a point.
     notes : tuple of str
         What was assumed.
+    normal : array (row, column), optional
+        Displacement of the surface out of the gel [m], towards the cell; NaN where there is none.
     left_out : int
         How many vectors were excluded (now NaN); ``notes`` say why.
 
@@ -77,6 +79,7 @@ class Field:
     aperture: float = 0.0
     notes: tuple[str, ...] = field(default=())
     left_out: int = 0
+    normal: Any = None
 
     def __post_init__(self) -> None:
         u = as_double(self.displacement)
@@ -106,6 +109,13 @@ class Field:
                     f"std must have the shape of the displacements, {u.shape}, and no negative values; got {std.shape}."
                 )
             object.__setattr__(self, "std", std)
+        if self.normal is not None:
+            w = as_double(self.normal)
+            if w.shape != u.shape[1:] or np.isinf(w).any():
+                raise InvalidInput(
+                    f"normal must have a number for each vector, {u.shape[1:]}, and NaN where there is none; got {w.shape}."
+                )
+            object.__setattr__(self, "normal", w)
         self._sensible()
 
     def _sensible(self) -> None:
@@ -267,10 +277,12 @@ class Field:
         if not edge.any():
             edge = self.valid
         shift = np.median(self.displacement[:, edge], axis=1)
+        level = 0.0 if self.normal is None else np.nanmedian(np.where(edge, self.normal, np.nan))
         before = self.drift or (0.0, 0.0)
         return replace(
             self,
             displacement=self.displacement - shift[:, None, None],
+            normal=None if self.normal is None else self.normal - np.nan_to_num(level),
             drift=(float(before[0] + shift[0]), float(before[1] + shift[1])),
         )
 

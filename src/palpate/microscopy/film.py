@@ -19,11 +19,13 @@ import numpy as np
 from palpate.elastic.pad import Pad
 from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.beads import bead_displacements
-from palpate.microscopy.cell import cell_forces
+from palpate.microscopy.cell import CellForces, Quantity, cell_forces
 from palpate.microscopy.labels import forces_of_labels, read_labels, rows_of
+from palpate.microscopy.normal import Normal
 from palpate.microscopy.pictures import read_all
 from palpate.microscopy.readers import is_field, read_field
 from palpate.microscopy.series import frames_of_field
+from palpate.microscopy.tension import sheet_tension
 from palpate.recordings.files import atomically
 from palpate.sensing.uncertainty import Uncertainty
 
@@ -40,6 +42,10 @@ NUMBERS = (
     "torque",
     "force_inside",
 )
+
+#: And of normal traction, and of a sheet and its cells.
+NORMAL = Normal.NUMBERS
+TENSIONS = ("average_tension", "largest_tension")
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,10 @@ class Film:
     cells, labels : path, optional
         Label pictures (or ImageJ's regions): each value of ``cells`` is a cell, each of ``labels`` an adhesion. A TIFF file of as many pages as the film has frames holds the labels of
         each frame: a cell is followed by its number.
+    normal : str
+        As for `read_field`; numbers of the normal traction are added where the fields tell it.
+    monolayer : bool
+        The cells are one sheet: rows hold tensions too (`sheet_tension`), and one more row is that of the sheet. Traction is by ``method="tikhonov"`` unless ``method`` says otherwise.
 
     Raises
     ------
@@ -93,7 +103,7 @@ class Film:
     unit: str | None = None
     depth: float = 0.0
     noise: float | None = None
-    method: str = "adhesions"
+    method: str | None = None
     uncertainty: Uncertainty | None = None
     drift: bool = True
     cells: str | Path | None = None
@@ -103,6 +113,8 @@ class Film:
     start: tuple[float, float] | None = None
     name: str | None = None
     channel: int | None = None
+    normal: str = "up"
+    monolayer: bool = False
     fields: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
@@ -145,7 +157,7 @@ class Film:
             for f in (*self.frames, self.rest, self.cells, self.labels)
             if f is not None
         ]
-        said = (stamps, repr(self.pad), self.pixel, self.window, self.step, self.unit, self.depth, self.noise, self.method, repr(self.uncertainty), self.drift, self.up, self.v_up, self.start, self.name, self.channel)  # fmt: skip
+        said = (stamps, repr(self.pad), self.pixel, self.window, self.step, self.unit, self.depth, self.noise, self.method, repr(self.uncertainty), self.drift, self.up, self.v_up, self.start, self.name, self.channel, self.normal, self.monolayer)  # fmt: skip
         return hashlib.sha256(repr(said).encode()).hexdigest()
 
     def solved(self, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -158,7 +170,7 @@ class Film:
         size = None
         if self.fields:
             vectors = read_field(
-                [Path(job.file)], pixel=self.pixel, unit=self.unit, step=self.step, window=self.window, up=self.up, v_up=self.v_up, start=self.start, name=job.name,
+                [Path(job.file)], pixel=self.pixel, unit=self.unit, step=self.step, window=self.window, up=self.up, v_up=self.v_up, start=self.start, name=job.name, normal=self.normal,
             )  # fmt: skip
             vectors = vectors.without_drift() if self.drift else vectors
         else:
@@ -176,21 +188,34 @@ class Film:
         cells = None if self.cells is None else self._labels(self.cells, job, picture)
         mask = None if cells is None else np.logical_or.reduce(list(cells.values()))
         forces = cell_forces(
-            vectors, self.pad, mask=mask, size=size, depth=self.depth, noise=self.noise, method=self.method, drift=self.drift, uncertainty=self.uncertainty,
+            vectors, self.pad, mask=mask, size=size, depth=self.depth, noise=self.noise, method=self.method or ("tikhonov" if self.monolayer else "adhesions"), drift=self.drift, uncertainty=self.uncertainty,
         )  # fmt: skip
+        sheet = sheet_tension(forces, labels=cells, size=size) if self.monolayer else None
         rows = []
-        for name, one in [("", None)] if cells is None else cells.items():
-            part = forces if one is None or len(cells or {}) == 1 else forces.within(one, size=size)
+
+        def put(name: str, part: CellForces, tensions: dict[str, Quantity], notes: Sequence[str] = ()) -> None:
             row: dict[str, Any] = {"file": job.file, "frame": job.number, "page": job.frame, "cell": name}
-            for key in NUMBERS:
-                q = part.quantities[key]
-                low, high = q.interval
-                row |= {
-                    f"{key}_{q.unit.replace(' ', '')}": f"{q.value:.6g}",
-                    f"{key}_low": f"{low:.6g}",
-                    f"{key}_high": f"{high:.6g}",
-                }
-            rows.append(row | {"notes": "; ".join(part.notes)})
+            for key in (*NUMBERS, *(NORMAL if part.normal is not None else ())):
+                row |= _columns(key, part.quantities[key])
+            for key, q in tensions.items():
+                row |= _columns(key, q)
+            rows.append(row | {"notes": "; ".join((*part.notes, *notes))})
+
+        if sheet is not None:
+            of_sheet = {key: sheet[key] for key in TENSIONS}
+            put("" if cells is None else "sheet", forces, of_sheet, sheet.notes)
+        elif cells is None:
+            put("", forces, {})
+        regions = {} if sheet is None else {r.label: r for r in sheet.cells}
+        for name, one in (cells or {}).items():
+            region = regions.get(name)
+            tensions = {} if region is None else dict(zip(TENSIONS, (region.average, region.largest)))
+            try:
+                part = forces if len(cells or {}) == 1 else forces.within(one, size=size)
+            except InvalidInput as error:  # a label of few pixels does not cost the frame
+                rows.append(_unsolved(job, name, f"cell {name}: {error}"))
+            else:
+                put(name, part, tensions)
         labelled = []
         if self.labels is not None:
             labelled = rows_of(
@@ -284,6 +309,16 @@ class Film:
         return out
 
 
+def _columns(key: str, q: Quantity) -> dict[str, str]:
+    """A number of a row, with the ends of its interval."""
+    low, high = q.interval
+    return {
+        f"{key}_{q.unit.replace(' ', '')}": f"{q.value:.6g}",
+        f"{key}_low": f"{low:.6g}",
+        f"{key}_high": f"{high:.6g}",
+    }
+
+
 def _stamp(file: str | Path) -> tuple[str, float]:
     """A file, and when it was changed."""
     return str(file), os.path.getmtime(file)
@@ -310,6 +345,8 @@ def _tried(film: Film, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, A
     try:
         return film.solved(job)
     except PalpateError as error:
-        return [
-            {"file": job.file, "frame": job.number, "page": job.frame, "cell": "", "notes": f"not solved: {error}"}
-        ], []
+        return [_unsolved(job, "", str(error))], []
+
+
+def _unsolved(job: Job, cell: str, why: str) -> dict[str, Any]:
+    return {"file": job.file, "frame": job.number, "page": job.frame, "cell": cell, "notes": f"not solved: {why}"}

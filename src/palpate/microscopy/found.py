@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InvalidInput
-from palpate.microscopy.names import BOTH_STDS, POSITIONS, STDS, VECTORS, which
+from palpate.microscopy.names import BOTH_STDS, OUT_OF_PLANE, POSITIONS, STDS, VECTORS, which
 
-__all__ = ["Found", "beside", "chosen", "list_names", "stacked_pair"]
+__all__ = ["Found", "beside", "chosen", "list_names", "normal_beside", "stacked_pair"]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -23,6 +23,8 @@ class Found:
     x: Any = None
     y: Any = None
     std: tuple[Any, Any] | None = None
+    #: displacement out of the plane, of the shape and unit of u
+    w: Any = None
     bad: Any = None
     unit: str | None = None
     place: str | None = None
@@ -92,6 +94,15 @@ def beside(
         elif both.dtype.kind == "f" and len(axes) == 1 and np.moveaxis(both, axes[0], 0).shape[1:] == shape:
             std = tuple(np.moveaxis(both, axes[0], 0))
     return places, std, notes
+
+
+def normal_beside(held: dict[str, Any], shape: tuple[int, ...]) -> Any:
+    """The displacement out of the plane of vectors of a shape, among arrays by their names in lower case; None where there is none, or only zeros."""
+    for name in OUT_OF_PLANE:
+        w = np.asarray(held.get(name))
+        if w.dtype.kind in "fiu" and w.shape == shape and np.nanmax(np.abs(w), initial=0.0) > 0:
+            return w
+    return None
 
 
 def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = "fields") -> Any:

@@ -17,7 +17,7 @@ from palpate.inverse.linear.methods import Tikhonov
 from palpate.inverse.linear.posterior import LinearErrors
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.problem import Problem
-from palpate.microscopy.adhesions import Adhesions, Sample, sampled
+from palpate.microscopy.adhesions import Adhesions, Maps, Sample, sampled
 from palpate.microscopy.blobs import Response
 from palpate.microscopy.fields import Field
 from palpate.sensing.arrays import AreaArray
@@ -71,11 +71,13 @@ class Inverted:
     moved: Floats
     draws: Floats
     moved_by_draws: Floats
-    #: The samples of adhesions, and their work (draw, row, column) [J]; None from a linear method.
+    #: The samples of adhesions, and the work of each blob [J]; None from a linear method.
     samples: tuple[Sample, ...] | None = None
-    work: Floats | None = None
+    work: tuple[Floats, ...] | None = None
     notes: tuple[str, ...] = ()
     response: Response | None = None
+    #: Normal traction, where displacements out of the plane tell it.
+    normal: Any = None
 
 
 def of_adhesions(
@@ -93,24 +95,24 @@ def of_adhesions(
     """Traction of a field as adhesions make it, sampled; ``likely`` (row, column) is where they are expected."""
     found = sampled(field, pad, depth=depth, noise=noise, likely=likely, drift=drift, draws=draws, seed=seed)
     skin = Skin(pad, field.array(depth=depth, noise=field.noise if noise is None else noise), uncertainty=uncertainty)
+    maps = Maps.of(found, field, skin.surface)
     touch = skin.reconstruct(
-        np.nan_to_num(field.displacement), method=Adhesions(found=found, field=field), components=COMPONENTS
+        np.nan_to_num(field.displacement), method=Adhesions(found=found, maps=maps), components=COMPONENTS
     )
     rows, columns = field.shape
     pitch = field.pitch
     x, y = pitch * np.arange(columns), pitch * np.arange(rows)
-    each = np.stack([s.on(x, y, pitch) for s in found.samples])
     steps = [max(1, n // MEAN_SAMPLES) for n in (columns, rows)]
     some = np.stack([a.ravel() for a in np.meshgrid(x[:: steps[0]], y[:: steps[1]])], axis=1)
-    shift = np.stack([s.moved(some, pitch**2 / 12, found.response).mean(axis=1) for s in found.samples])
-    work = np.stack([s.work(x, y, pitch, found.response, m) for s, m in zip(found.samples, shift)])
+    shift = [s.moved(some, pitch**2 / 12, found.response).mean(axis=1) for s in found.samples]
+    work = tuple(s.work(found.response, m) for s, m in zip(found.samples, shift))
     nothing = np.zeros((0, 2, rows, columns))
     return Inverted(
         skin,
         touch,
-        each.mean(axis=0),
+        maps.draws.mean(axis=0),
         nothing[:0].sum(axis=0),
-        each,
+        maps.draws,
         nothing,
         tuple(found.samples),
         work,

@@ -11,7 +11,7 @@ import numpy as np
 from palpate._extras import require
 from palpate.camera.stacks import check_size
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found, beside, chosen
+from palpate.microscopy.found import Found, beside, chosen, normal_beside
 from palpate.microscopy.names import POSITIONS, UNIT_NAMES, VECTORS, unit_of, units_of, which
 from palpate.units import UNITS
 
@@ -218,13 +218,14 @@ def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
             if places is not None:
                 extra |= dict(zip("xy", places))
             extra |= {"std": std, "notes": said}
+            extra["w"] = normal_beside({n: p for n, p in parts.items() if _numbers(p)}, a.shape)
             extra["place"], extra["unit"], extra["pixel"] = _stated(tree)
             for key, by in (("unit", lower[pair[0]]), *(("place", lower[n]) for n, _ in which(lower, POSITIONS))):
                 if _words(tree.get(f"{by} {UNIT_NAMES[0]}")):
                     extra[key] = unit_of(tree[f"{by} {UNIT_NAMES[0]}"])
             name = prefix + f"{lower[pair[0]]}, {prefix}{lower[pair[1]]}" + (f"({i + 1})" if len(together) > 1 else "")
             flat = (
-                {k: v.ravel() if k in "xy" and v is not None else v for k, v in extra.items()}
+                {k: v.ravel() if k in "xyw" and v is not None else v for k, v in extra.items()}
                 | {"std": None if std is None else (std[0].ravel(), std[1].ravel())}
                 if min(a.shape) == 1
                 else extra

@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found, beside, chosen
-from palpate.microscopy.names import FLAGS, FRAMES, OUT_OF_PLANE, POSITIONS, VECTORS, plain, unit_in, which
+from palpate.microscopy.found import Found, beside, chosen, normal_beside
+from palpate.microscopy.names import FLAGS, FRAMES, POSITIONS, VECTORS, plain, unit_in, which
 from palpate.recordings.textlines import text_of, warn_of_a_cut
 
 __all__ = ["frames_of_text", "is_number", "read_matrix", "read_piv_text", "split"]
@@ -147,11 +147,7 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
     found.pixels = found.unit in (None, "px")
     _, found.std, said_of = beside({n: values[:, k] for n, k in at.items()}, (len(values),))
     found.notes += said_of
-    out = [n for n in OUT_OF_PLANE if n in at]
-    if out and np.nanmax(np.abs(values[:, at[out[0]]]), initial=0.0) > 0:
-        found.notes.append(
-            f"{names[at[out[0]]]}, the displacement out of the plane, is not used: traction along the surface is sought from u and v"
-        )
+    found.w = normal_beside({n: values[:, k] for n, k in at.items()}, (len(values),))
     bad = np.zeros(len(values), dtype=bool)
     for flag in FLAGS:
         if flag not in at:

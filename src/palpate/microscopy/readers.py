@@ -16,7 +16,7 @@ from palpate.camera.stacks import check_page, check_size
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.fields import EVEN, Field
-from palpate.microscopy.found import Found, beside, chosen, stacked_pair
+from palpate.microscopy.found import Found, beside, chosen, normal_beside, stacked_pair
 from palpate.microscopy.matfile import read_mat
 from palpate.microscopy.names import UNIT_NAMES, VECTORS, units_of, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
@@ -28,6 +28,8 @@ __all__ = ["READERS", "is_field", "read_field"]
 
 #: The error if y grows upwards without a size of the picture.
 TURNED = "y is flipped about the middle of the vectors, because no picture shows where its top is: a mask is misplaced if they do not lie in its middle (size=, --image)"
+#: Where a displacement out of the plane points that is positive.
+NORMALS = ("up", "down", "ignore")
 #: Vectors at no regular positions are put on a grid of about as many points.
 _SCATTERED = "the {count} vectors lie at no regular positions: they are interpolated to a grid of {step:.3g} px (cubic, Clough-Tocher)"
 
@@ -46,6 +48,7 @@ def read_field(
     follow: bool = False,
     window: float | None = None,
     position_unit: str | None = None,
+    normal: str = "up",
 ) -> Field:
     """A displacement field that another program made.
 
@@ -77,6 +80,8 @@ def read_field(
         Side [px] of the program's windows: each vector is then the mean over its window. None: values at points.
     position_unit : str, optional
         Of the positions of a table; default: that of the file, or that of the displacements.
+    normal : "up", "down" or "ignore"
+        Where a displacement out of the plane (w, uz, dz) of the file points that is positive: out of the gel, or into it. "ignore" leaves it out.
 
     Returns
     -------
@@ -109,6 +114,8 @@ def read_field(
     unit = None if unit is None else plain_unit(unit)
     if unit is not None and unit not in known:
         raise InvalidInput(f"unit must be one of {', '.join(known)}; got {unit!r}.")
+    if normal not in NORMALS:
+        raise InvalidInput(f"normal must be {', '.join(map(repr, NORMALS))} (--normal); got {normal!r}.")
     for option, value in (("unit", unit), ("position_unit", position_unit)):
         if value is not None and value not in known:
             raise InvalidInput(f"{option} must be one of {', '.join(known)}; got {value!r}.")
@@ -122,7 +129,7 @@ def read_field(
     if not 1 <= len(paths) <= 2:
         raise InvalidInput(f"a field is one file, or two with one component each; got {len(paths)}.")
     found = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)
-    return _field(found, paths[0], pixel, unit, step, start, size, up, v_up, follow, window, position_unit)
+    return _field(found, paths[0], pixel, unit, step, start, size, up, v_up, follow, window, position_unit, normal)
 
 
 def is_field(paths: Sequence[str | Path]) -> bool:
@@ -198,7 +205,9 @@ def _npz(path: Path, name: str | None) -> Found:
         if u.shape != v.shape or u.ndim not in (1, 2):
             continue
         found = Found(u=u, v=v)
-        places, found.std, said = beside({n: held[key] for n, key in lower.items()}, u.shape)
+        others = {n: held[key] for n, key in lower.items()}
+        places, found.std, said = beside(others, u.shape)
+        found.w = normal_beside(others, u.shape)
         found.notes += said
         if places is not None:
             found.x, found.y = places
@@ -351,6 +360,7 @@ def _field(
     follow: bool,
     window: float | None,
     position_unit: str | None,
+    normal: str,
 ) -> Field:
     notes = list(found.notes)
     if up and v_up:
@@ -381,12 +391,19 @@ def _field(
     if found.pixel is not None:
         notes += filter(None, [differing(path, pixel, PixelSize(found.pixel, found.pixel, path.name))])
     u, v = (np.array(p, dtype=np.float64) for p in (found.u, found.v))
-    if np.isinf(u).any() or np.isinf(v).any():
+    w = None if found.w is None or normal == "ignore" else np.array(found.w, dtype=np.float64)
+    if np.isinf(u).any() or np.isinf(v).any() or (w is not None and np.isinf(w).any()):
         raise InvalidInput(f"{path}: holds infinite displacements; mark vectors that are missing as NaN.")
     left_out = 0
     if found.bad is not None:
         left_out = int((found.bad & np.isfinite(u) & np.isfinite(v)).sum())
         u[found.bad] = v[found.bad] = np.nan
+    out = []
+    if w is not None:
+        out = [np.where(np.isnan(u), np.nan, -w if normal == "down" else w)]
+        notes.append(
+            f"the displacement out of the plane is taken to point {'out of' if normal == 'up' else 'into'} the gel where it is positive (normal=, --normal)"
+        )
     std: Any = None if found.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in found.std])
     if follow and found.x is None:
         raise InvalidInput(f"{path}: follow moves positions, and this file has none: leave it out.")
@@ -401,9 +418,9 @@ def _field(
                 notes.append(TURNED)
             y = (size[1] - 1 if size is not None else np.nanmax(y) + np.nanmin(y)) - y
         v = -v if up or v_up else v
-        values, std, start, step = _placed(np.stack([u, v]), std, x, y, notes)
+        values, std, start, step = _placed(np.stack([u, v, *out]), std, x, y, notes)
     else:
-        values = np.stack([u, -v if up or v_up else v])
+        values = np.stack([u, -v if up or v_up else v, *out])
         step, start = _grid(values.shape[1:], path, step, start, size, notes)
     if not (up or v_up):
         notes.append(
@@ -417,7 +434,7 @@ def _field(
                 f"{size[0]} x {size[1]} pixels: check the unit of the positions, the step, and which picture it is."
             )
     return Field(
-        displacement=values * factor, start=(float(start[0]), float(start[1])), step=float(step), pixel=float(pixel),
+        displacement=values[:2] * factor, normal=values[2] * factor if out else None, start=(float(start[0]), float(start[1])), step=float(step), pixel=float(pixel),
         std=None if std is None else std * factor, aperture=(window or 0.0) * pixel, notes=tuple(notes), left_out=left_out,
     )  # fmt: skip
 
@@ -481,7 +498,7 @@ def _placed(
     flat = [np.ravel(p) for p in (x, y)]
     if not all(np.isfinite(p).all() for p in flat):
         raise InvalidInput("the positions hold values that are not finite.")
-    values = values.reshape(2, -1)
+    values = values.reshape(len(values), -1)
     stds = None if std is None else std.reshape(2, -1)
     axes = [_levels(p) for p in flat]
     steps = [a[1] for a in axes]
@@ -501,14 +518,14 @@ def _placed(
                 raise InvalidInput(
                     "positions are there twice: the file may hold several fields, one after another. Give one."
                 )
-            out = np.full((2, rows * columns), np.nan)
+            out = np.full((len(values), rows * columns), np.nan)
             out[:, where] = values
-            deviations = None
+            deviations: Any = None
             if stds is not None:
-                deviations = np.full_like(out, np.nan)
+                deviations = np.full((2, rows * columns), np.nan)
                 deviations[:, where] = stds
                 deviations = deviations.reshape(2, rows, columns)
-            return out.reshape(2, rows, columns), deviations, start, step
+            return out.reshape(-1, rows, columns), deviations, start, step
     good = np.isfinite(values).all(axis=0)
     at = np.stack(flat, axis=1)[good]
     area = float(np.prod(np.ptp(at, axis=0)))
@@ -516,7 +533,9 @@ def _placed(
         raise InvalidInput(f"{int(good.sum())} vectors that lie in a line or at one place are no field.")
     step = float(np.sqrt(area / good.sum()))
     made = Recording(
-        readings=values[None, :, good], channels=("displacement_x", "displacement_y"), positions=at
+        readings=values[None, :, good],
+        channels=("displacement_x", "displacement_y", "displacement_z")[: len(values)],
+        positions=at,
     ).gridded(step)
     notes.append(_SCATTERED.format(count=int(good.sum()), step=step))
     if stds is not None:

@@ -17,13 +17,15 @@ SIDE = 1.96
 #: What the samples leave out: adhesions are no Gaussians, and chains are short. The standard deviation of the samples is so many times larger, and this part of the
 #: number (of its logarithm for those above) is added to it in quadrature. Fitted by `python benchmarks/cells.py --cells 0:48 --rows constants`, and rounded up.
 WIDER: dict[str, tuple[float, float]] = {
-    "strain_energy": (1.3, 0.04),
+    "strain_energy": (1.65, 0.04),
     "traction_peak": (1.0, 0.10),
     "contractile_moment": (1.6, 0.02),
     "contractility": (1.2, 0.02),
     "force": (1.6, 0.03),
 }
 OTHER_SPREAD = (1.2, 0.02)
+# Of the energy the fit says 1.3, about the shift below. The shift is a mean over cells, and a cell's own is uncertain by 0.6 of it: what is hidden, and how wide adhesions are that no window
+# resolves, is common to all adhesions of a cell. 1.65 is both; set on cells 5000 to 5030 with 5 % noise (27 of 31 held with 1.3).
 #: Forces that no vector tells are missing from the samples, and wide blobs stand for several adhesions: the number is larger by so many standard deviations of its logarithm,
 #: by the same cells, and by no more than the next.
 SHIFT: dict[str, float] = {"strain_energy": 1.7, "traction_peak": 0.2}

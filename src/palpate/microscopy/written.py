@@ -40,6 +40,9 @@ def write_vectors(forces: Any, path: str | Path) -> None:
         "std_traction_y [Pa]": forces.std[1],
         "inside": forces.inside.astype(int),
     }
+    if forces.normal is not None:
+        up = dict(zip(("traction_normal [Pa]", "std_traction_normal [Pa]"), forces.normal))
+        parts |= {"w [px]": field.normal / field.pixel} | up
     lines = [",".join(parts)]
     for row in zip(*(np.ravel(p) for p in parts.values())):
         lines.append(",".join("" if np.isnan(value) else f"{value:.7g}" for value in row))
@@ -106,6 +109,13 @@ def write_netcdf(forces: Any, path: str | Path, *, provenance: Mapping[str, str]
         "field_std": (both, forces.std, {"units": "Pa", "long_name": "standard deviation of field_traction"}),
         "inside": (where, forces.inside.astype(np.int8), {"long_name": "1 where the cell is"}),
     }
+    if forces.normal is not None:
+        traction, std = forces.normal
+        held |= {
+            "displacement_normal": (where, field.normal, {**metres, "long_name": "displacement out of the gel"}),
+            "field_traction_normal": (where, traction, {"units": "Pa", "long_name": "normal traction at the vectors, positive out of the gel"}),
+            "field_std_normal": (where, std, {"units": "Pa", "long_name": "standard deviation of field_traction_normal"}),
+        }  # fmt: skip
     if field.std is not None:
         held["displacement_std"] = (both, field.std, {**metres, "long_name": "standard deviation of the displacement"})
     beside = xarray.Dataset(

@@ -23,7 +23,7 @@ EVENTS = 100
 class FrameSource:
     """Frames of live senders, one sender at a time: what `FrameListener`, `ZenohListener` and the node for ROS 2 have in common.
 
-    A subclass gives the bytes that it receives to `_take`, or messages of another form to ``_admission`` and what that takes to `_put`; ``report`` and ``zero`` are as in `FrameListener`.
+    A subclass gives the bytes that it receives to `_take`, or messages of another form to ``_admission`` and what that takes to `_put`; ``report`` and ``zero`` are as in `FrameListener`, and at most ``waiting`` frames wait.
     """
 
     def __init__(
@@ -33,6 +33,7 @@ class FrameSource:
         limits: Limits | None = None,
         report: Callable[[str], None] | None = None,
         zero: Callable[[int], None] | None = None,
+        waiting: int = WAITING,
     ) -> None:
         self.events: deque[str] = deque(maxlen=EVENTS)
         self.report, self.zero = report, zero
@@ -40,7 +41,7 @@ class FrameSource:
         self.shape = tuple(self._admission.shape)
         self.counts = self._admission.counts
         self.counts["dropped"] = 0
-        self._frames: deque[tuple[int, float, Any]] = deque(maxlen=WAITING)
+        self._frames: deque[tuple[int, float, Any]] = deque(maxlen=waiting)
         self._ready = threading.Condition()
         self._open = True
 
@@ -96,7 +97,7 @@ class FrameSource:
         if frames:
             with self._ready:
                 for frame in frames:
-                    if len(self._frames) == WAITING:
+                    if len(self._frames) == self._frames.maxlen:
                         self.counts["dropped"] += 1
                     self._frames.append(frame)
                 self._ready.notify()

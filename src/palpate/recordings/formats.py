@@ -66,6 +66,14 @@ ENTRY_POINTS = "palpate.formats"
 class Format:
     """One file format. A subclass sets the class variables and overrides what the format can do; the rest is refused by name.
 
+    | override | to |
+    |---|---|
+    | `recognises` | find such a file by its first bytes where its ending says nothing |
+    | `read`, `write` | read and write recordings of palpate: channels, times and units are in the file |
+    | `columns`, `read_mapped` | read tables of other programs with ``--map``; `own` then tells a recording of palpate from such a table |
+    | `opened` | read a long recording piece by piece |
+    | `read_touch`, `write_touch`, `touch_stream`, `recorder` | read and write results, whole or frame by frame |
+
     ``read`` and ``read_touch`` get a path that exists and looks like this format. They raise `palpate.InvalidInput` for anything that
     cannot be read, and never return numbers that may be wrong. The writing methods get a fresh name in the right folder: what they
     leave there is moved into place when it is complete.
@@ -90,7 +98,7 @@ class Format:
     libraries: ClassVar[tuple[str, ...]] = ()
     #: a recording is a folder
     folder: ClassVar[bool] = False
-    #: text, as which any other text may pass
+    #: it is text: its contents do not tell it from other text, so only its ending does
     text: ClassVar[bool] = False
 
     def recognises(self, path: Path) -> bool:
@@ -98,7 +106,7 @@ class Format:
         return False
 
     def own(self, path: Path) -> bool:
-        """Whether a file of a format that tables of other programs may have is a recording of ours."""
+        """Whether this file is a recording of palpate, not a table of another program; for formats that hold either."""
         return False
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:

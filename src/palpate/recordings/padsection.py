@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,6 +23,7 @@ __all__ = [
     "Length",
     "Lengths",
     "MeasuredTable",
+    "Part",
     "Pressure",
     "SolidBend",
     "SolidBox",
@@ -28,6 +31,7 @@ __all__ = [
     "SolidMesh",
     "Strict",
     "Time",
+    "percent",
     "solid_pad",
 ]
 
@@ -60,6 +64,17 @@ def _modulus(value: Any) -> float:
 Pressure = Annotated[float, BeforeValidator(_modulus)]
 
 
+def percent(value: Any) -> float:
+    """ "10 %" -> 0.1."""
+    match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", value) if isinstance(value, str) else None
+    if match is None:
+        raise InvalidInput(f'an uncertainty must be a part such as "10 %"; got {value!r}.')
+    return float(match[1]) / 100.0
+
+
+Part = Annotated[float, BeforeValidator(percent)]
+
+
 def _named(value: Any) -> Any:
     if isinstance(value, str) and value.strip().lower() == UNKNOWN:
         raise InvalidInput("this name is unknown: the comment beside it says what to make, and its name goes here")
@@ -76,7 +91,7 @@ class Strict(BaseModel):
 
 
 class SolidBox(Strict):
-    """`palpate.SolidPad.box`."""
+    """`palpate.SolidPad.box`; ``responses`` is a file of `palpate.SolidPad.save` beside the skin.toml."""
 
     kind: Literal["solid_box"]
     prony: list[tuple[float, Time]] | None = None
@@ -85,6 +100,8 @@ class SolidBox(Strict):
     thickness: Length
     youngs_modulus: Pressure
     poissons_ratio: float
+    accuracy: Part | None = None
+    responses: Named | None = None
     sides: Literal["free", "bonded"] = "free"
     element: Length | None = None
 
@@ -99,6 +116,8 @@ class SolidDome(Strict):
     height: Length | None = None
     youngs_modulus: Pressure
     poissons_ratio: float
+    accuracy: Part | None = None
+    responses: Named | None = None
     sides: Literal["free", "bonded"] = "free"
     element: Length | None = None
     readings_along: Literal["surface", "pad"] = "surface"
@@ -115,6 +134,8 @@ class SolidBend(Strict):
     thickness: Length
     youngs_modulus: Pressure
     poissons_ratio: float
+    accuracy: Part | None = None
+    responses: Named | None = None
     sides: Literal["free", "bonded"] = "free"
     element: Length | None = None
     readings_along: Literal["surface", "pad"] = "surface"
@@ -130,6 +151,8 @@ class SolidMesh(Strict):
     contact: Named
     youngs_modulus: Pressure
     poissons_ratio: float
+    accuracy: Part | None = None
+    responses: Named | None = None
     scale: float = 1.0
     turned: bool = False
     readings_along: Literal["surface", "pad"] = "surface"
@@ -147,12 +170,15 @@ class MeasuredTable(Strict):
 
 def solid_pad(section: SolidBox | SolidDome | SolidBend | SolidMesh, folder: Path) -> SolidPad:
     """The pad that a section describes; files lie in ``folder``."""
-    given = section.model_dump(exclude={"kind", "prony", "file"})
-    if isinstance(section, SolidMesh):
-        return SolidPad.from_mesh(folder / section.file, **given)
+    given = section.model_dump(exclude={"kind", "prony", "file", "accuracy", "responses"})
     make: dict[str, Callable[..., SolidPad]] = {
         "solid_box": SolidPad.box,
         "solid_dome": SolidPad.dome,
         "solid_bend": SolidPad.bend,
     }
-    return make[section.kind](**given)
+    if isinstance(section, SolidMesh):
+        pad = SolidPad.from_mesh(folder / section.file, **given)
+    else:
+        pad = make[section.kind](**given)
+    pad = replace(pad, accuracy=section.accuracy)
+    return pad if section.responses is None else pad.load(folder / section.responses)

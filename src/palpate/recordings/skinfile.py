@@ -69,6 +69,7 @@ from palpate.recordings.padsection import (
     Length,
     Lengths,
     MeasuredTable,
+    Part,
     Pressure,
     SolidBend,
     SolidBox,
@@ -76,6 +77,7 @@ from palpate.recordings.padsection import (
     SolidMesh,
     Strict,
     Time,
+    percent,
     solid_pad,
 )
 from palpate.recordings.recording import Recording
@@ -86,7 +88,7 @@ from palpate.sensing.uncertainty import SCALE
 from palpate.units import KIND_OF_SI, parse_quantity
 
 try:
-    from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
+    from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 except ImportError as error:
     raise missing("skin files", error) from error
 
@@ -207,17 +209,6 @@ class _Camera(Strict):
     stage: bool = False
 
 
-def _percent(value: Any) -> float:
-    """ "10 %" -> 0.1."""
-    match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", value) if isinstance(value, str) else None
-    if match is None:
-        raise InvalidInput(f'an uncertainty must be a part such as "10 %"; got {value!r}.')
-    return float(match[1]) / 100.0
-
-
-Part = Annotated[float, BeforeValidator(_percent)]
-
-
 class _Uncertainty(Strict):
     youngs_modulus: Part | None = None
     thickness: Part | None = None
@@ -318,7 +309,7 @@ def _value_with_std(data: Any, name: str) -> dict[str, Any]:
             )
         size = abs(parse_quantity(parts[0].strip(), kind, key))
         if "%" in parts[1]:
-            share = _percent(parts[1])
+            share = percent(parts[1])
         else:
             share = parse_quantity(parts[1].strip(), kind, key) / size if size else 0.0
         found[key] = max(found.get(key, 0.0), share)

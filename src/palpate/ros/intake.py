@@ -17,7 +17,7 @@ from typing import Any
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.network.admission import Limits
-from palpate.network.waiting import FrameSource
+from palpate.network.waiting import WAITING, FrameSource
 from palpate.recordings import TopicMapping
 from palpate.recordings.clock import LiveClock
 from palpate.sensing.times import LATEST
@@ -76,6 +76,8 @@ class Intake(FrameSource):
         Names of the publishers that there are, by their identifiers in hexadecimal digits.
     limits : Limits, optional
         How long a publisher may be silent until another is served.
+    waiting : int
+        Messages that wait to be read, at most.
 
     Attributes
     ----------
@@ -94,8 +96,9 @@ class Intake(FrameSource):
         rest: Floats | None = None,
         publishers: Callable[[], dict[str, str]] | None = None,
         limits: Limits | None = None,
+        waiting: int = WAITING,
     ) -> None:
-        super().__init__(shape, limits=limits)
+        super().__init__(shape, limits=limits, waiting=waiting)
         self.counts.update(messages=0, lost=0)
         self.header = Header(0, "", 0)
         self._mapping, self._now, self._rest = mapping, now, rest

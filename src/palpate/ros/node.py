@@ -7,7 +7,8 @@ import math
 import threading
 import time as clock
 from collections.abc import Callable, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,8 +22,10 @@ from palpate.recordings import Sink, TopicMapping
 from palpate.ros.client import message_class, ros_client
 from palpate.ros.intake import Intake
 from palpate.ros.outlet import TOPICS, Outlet
+from palpate.ros.pictures import PictureIntake
 from palpate.skin import Skin
-from palpate.tracking import FRAMES_OF_ZERO
+from palpate.touch import Touch
+from palpate.tracking import FRAMES_OF_ZERO, Tracker
 
 __all__ = ["BUDGET", "Ros", "TouchNode", "diagnosed"]
 
@@ -125,21 +128,23 @@ class Ros:
 
 
 class TouchNode:
-    """What touches a skin, from a topic of readings.
+    """What touches a skin, from a topic of readings, or of pictures of a gel with dots.
 
     Publishes below the node's name what `palpate.ros.outlet` describes, ``/diagnostics``, and takes ``~/rezero`` (std_srvs/Trigger).
 
     Parameters
     ----------
     ros : Ros
-    skin : Skin
-    mapping : TopicMapping
+    skin : Skin, str or Path
+        Of pictures: a skin.toml with a section [camera]; the node then waits here for the gel at rest.
+    mapping : TopicMapping or str
+        What is where in a message; of pictures the name of their topic.
     kind : str
         Type of the messages.
     options : dict
         For `Skin.track`: friction and others.
-    baseline : int
-        Frames at the start that are the zero.
+    baseline : int or array
+        Frames at the start that are the zero, or readings that are. Of pictures: how many show the gel at rest; 0: as [camera] says.
     budget : float, optional
         What a frame may take [s].
     max_pressure, max_force : float, optional
@@ -159,17 +164,24 @@ class TouchNode:
     ----------
     session : Session
     intake : Intake
+    skin : Skin
+        Of pictures with the dots where they were found.
+
+    Raises
+    ------
+    InvalidInput
+        A skin whose planes have several shapes, a parameter out of its range; pictures as `PictureIntake.begin` says.
     """
 
     def __init__(
         self,
         ros: Ros,
-        skin: Skin,
-        mapping: TopicMapping,
+        skin: Skin | str | Path,
+        mapping: TopicMapping | str,
         *,
         kind: str,
         options: dict[str, Any] | None = None,
-        baseline: int = 0,
+        baseline: Any = 0,
         budget: float | None = BUDGET,
         max_pressure: float | None = None,
         max_force: float | None = None,
@@ -179,28 +191,23 @@ class TouchNode:
         report: Callable[[str], None] | None = None,
         pages: bool = False,
     ) -> None:
-        shapes = {p.shape for p in skin.planes}
-        if len(shapes) != 1:
-            raise InvalidInput("messages hold planes of one shape; this skin has several.")
-        self._node, self._skin, self._budget, self._report = ros.node, skin, budget, report
+        self._node, self._budget, self._report = ros.node, budget, report
         self._options = dict(options or {})
         self._settings = self._declared(max_pressure, max_force, frame)
         self._options["friction"] = self._settings["friction"] or None
-        self._topic = self._node.resolve_topic_name(mapping.topic)
-        shape = (sum(len(p.channels) for p in skin.planes), *shapes.pop())
-        node = self._node
-        self.intake = Intake(
-            mapping, shape, now=lambda: int(node.get_clock().now().nanoseconds), rest=rest, publishers=self._publishers
-        )
+        #: That of a calibration, whose scatter is in the intervals; another is handed on by the tracker that took it.
+        self._zero = 0 if isinstance(baseline, int) else baseline
+        self._topic = self._node.resolve_topic_name(mapping if isinstance(mapping, str) else mapping.topic)
+        self.intake: Intake
+        self.skin, tracker = self._begun(skin, mapping, kind, baseline, rest)
         monitor = GraspMonitor(
             friction=self._options["friction"],
             max_pressure=self._settings["max_pressure"] or None,
             max_force=self._settings["max_force"] or None,
         )
-        tracker = skin.track(**self._options, baseline=baseline, budget=budget)
         self._outlet = self._made_outlet(monitor)
         self.session = Session(
-            skin,
+            self.skin,
             lambda: self.intake,
             tracker,
             monitor,
@@ -209,12 +216,49 @@ class TouchNode:
             end=self.intake.close,
             sinks=[self._outlet, *sinks],
             report=self._failed,
+            step=self._pictured if isinstance(self.intake, PictureIntake) else None,
             pages=pages,
         )
         self._said = 0
         self._before: dict[str, int] = {}
         self._end_of_words = self.session.listen(self._say_new)
-        self._serve(kind)
+        self._serve()
+        if isinstance(self.intake, PictureIntake):
+            readings = self.intake.touches.readings
+            self.session.note(
+                f"{len(readings.positions)} dots; the first {readings.reference} pictures are the gel at rest: nothing may touch it in them"
+            )
+        else:
+            self._subscribe(kind)
+
+    def _begun(
+        self, skin: Skin | str | Path, mapping: TopicMapping | str, kind: str, baseline: Any, rest: Any
+    ) -> tuple[Skin, Tracker]:
+        """The skin and its tracker; the intake is there then."""
+        node = self._node
+
+        def now() -> int:
+            return int(node.get_clock().now().nanoseconds)
+
+        if isinstance(mapping, str):
+            self.intake = pictures = PictureIntake(mapping, now=now, publishers=self._publishers)
+            self._subscribe(kind)
+            given = {**self._options, "budget": self._budget}
+            touches = pictures.begin(skin, reference=baseline or None, options=given)
+            return touches.skin, cast(Tracker, touches.tracker)
+        whole = skin if isinstance(skin, Skin) else Skin.from_file(skin)
+        shapes = {p.shape for p in whole.planes}
+        if len(shapes) != 1:
+            raise InvalidInput("messages hold planes of one shape; this skin has several.")
+        shape = (sum(len(p.channels) for p in whole.planes), *shapes.pop())
+        self.intake = Intake(mapping, shape, now=now, rest=rest, publishers=self._publishers)
+        return whole, whole.track(**self._options, baseline=baseline, budget=self._budget)
+
+    def _pictured(self, values: Any, time: float) -> Touch:
+        """The touch of a picture by the tracker of now: see `_with_friction`."""
+        touches = cast(PictureIntake, self.intake).touches
+        touches.tracker = self.session.tracker
+        return touches.step(values, time, std=cast(PictureIntake, self.intake).std)
 
     def _declared(self, max_pressure: float | None, max_force: float | None, frame: str) -> dict[str, Any]:
         """Values of the parameters: those of the launch file before those of the command line."""
@@ -269,27 +313,28 @@ class TouchNode:
             cloud_rate=self._settings["cloud_rate"],
         )
 
-    def _serve(self, kind: str) -> None:
-        from diagnostic_msgs.msg import DiagnosticArray
-        from rclpy.clock import Clock, ClockType
+    def _subscribe(self, kind: str) -> None:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rclpy.qos_overriding_options import QoSOverridingOptions
-        from std_srvs.srv import Trigger
-
-        node = self._node
-        # best effort takes what publishers of either kind send; late messages are of no use
-        profile = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
         def came(message: Any, info: Any) -> None:
             self.intake.take(message, info)
 
-        node.create_subscription(
+        self._node.create_subscription(
             message_class(kind),
             self._topic,
             came,
-            profile,
+            # best effort takes what publishers of either kind send; late messages are of no use
+            QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+
+    def _serve(self) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.clock import Clock, ClockType
+        from std_srvs.srv import Trigger
+
+        node = self._node
         node.create_service(Trigger, "~/rezero", self._rezero)
         node.add_on_set_parameters_callback(self._changed)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -354,7 +399,7 @@ class TouchNode:
                 return SetParametersResult(successful=False, reason=why)
         friction = wanted.get("friction", self._settings["friction"])
         changed = float(friction) != self._settings["friction"]
-        if changed and isinstance(self._skin.pad, Viscoelastic):
+        if changed and isinstance(self.skin.pad, Viscoelastic):
             why = "a pad that creeps is followed with the friction of its start: start the node again with -p friction:=..."
             return SetParametersResult(successful=False, reason=why)
         self._settings.update({n: float(v) if n in NUMBERS else v for n, v in wanted.items()})
@@ -370,7 +415,7 @@ class TouchNode:
         """Continue with another friction and the same zero; other state is found again within some frames."""
         options = {**self._options, "friction": friction}
         try:
-            tracker = self._skin.track(**options, budget=self._budget)
+            tracker = self.skin.track(**options, baseline=self._zero, budget=self._budget)
         except PalpateError as error:
             self._failed(f"the friction stays as it was: {error}")
             return

@@ -203,7 +203,8 @@ class Uncertainty:
         """
         own = getattr(pad, "uncertainty", None)
         if isinstance(own, Uncertainty):
-            stated = [n for n in ("youngs_modulus", "thickness", "depth") if getattr(self, n) != getattr(own, n)]
+            fixed = [n for n in ("youngs_modulus", "thickness", "depth") if getattr(own, n) is not None]
+            stated = [n for n in fixed if getattr(self, n) != getattr(own, n)]
             if stated:
                 raise Unsupported(
                     f"uncertainty: {', '.join(stated)} does not enter a {type(pad).__name__}, whose response is that of its table. State scale (how well the force "

@@ -17,6 +17,7 @@ from palpate._extras import missing
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.solid.places import Places, monomials, polynomials
+from palpate.solid.reactions import Reactions
 
 try:
     import scipy.sparse
@@ -125,41 +126,22 @@ class Solid:
         return out
 
     @cached_property
-    def _held_mass(self) -> Any:
-        """Factorised matrix of the products of the functions of the held nodes on their facets."""
+    def reactions(self) -> Reactions:
+        """What reads the stress on what is held."""
         basis = FacetBasis(self.mesh, self.element, facets=self.held_facets, intorder=6)
-        place = np.full(self.basis.N, -1, dtype=np.intp)
-        place[self.held] = np.arange(len(self.held))
-        nodes = place[np.asarray(basis.element_dofs)]  # (local, facet): -1 of those that are not on it
-        values = np.stack([np.broadcast_to(np.asarray(f[0]), basis.dx.shape) for f in basis.basis])
-        entries = np.einsum("ifq,jfq,fq->ijf", values, values, basis.dx, optimize=True)
-        rows, columns = np.broadcast_arrays(nodes[:, None], nodes[None])
-        there = (rows >= 0) & (columns >= 0)
-        shape = (len(self.held),) * 2
-        return splu(scipy.sparse.coo_array((entries[there], (rows[there], columns[there])), shape).tocsc())
+        return Reactions(basis, self.held, self.basis.N)
 
     def at_held(self, points: Floats, along: Floats) -> Floats:
-        """Prescribed displacements of the held nodes, by which sums over points (axis, sum, n) of the reactions' density ``along`` (axis, sum, n) are
-        read (node of `held`, axis, sum).
+        """Prescribed displacements of the held nodes, by which sums over points (axis, sum, n) of the stress there ``along`` (axis, sum, n) are read (node of
+        `held`, axis, sum).
 
-        The density t of the reactions R, M t = R with M the products of the nodes' functions, is the consistent flux, which converges faster than the
-        stress of elements (T. J. R. Hughes et al., J. Comput. Phys. 163, 467, 2000). Its value at a point is g'R with M g = N(point), and g'R is
-        the work of the loads where what is held is moved by -g.
+        A sum of the reactions R times g is the work of the loads where what is held is moved by -g.
         """
-        sums = points.shape[1]
-        cells, local, _ = self.places.find(points.reshape(3, -1))
-        values = monomials(local)[0] @ polynomials(self.element, len(self.dofs))  # (point, local)
-        place = np.full(self.basis.N, -1, dtype=np.intp)
-        place[self.held] = np.arange(len(self.held))
-        nodes = place[self.dofs[:, cells]].T
-        right = np.zeros((3, len(self.held) * sums))
-        column = np.repeat(np.arange(sums), points.shape[2])
-        there = nodes >= 0
-        flat = (nodes * sums + column[:, None])[there]
-        for axis, weights in enumerate(along.reshape(3, -1)):
-            right[axis] = np.bincount(flat, (values * weights[:, None])[there], right.shape[1])
-        right = right.reshape(3, len(self.held), sums).transpose(1, 0, 2)
-        return np.asarray(self._held_mass.solve(right.reshape(len(self.held), -1)).reshape(right.shape))
+        sums, each = points.shape[1:]
+        point, node, weight = self.reactions.at(points.reshape(3, -1).T)
+        flat, size = node * sums + point // each, len(self.held) * sums
+        right = [np.bincount(flat, weight * a[point], size) for a in along.reshape(3, -1)]
+        return np.asarray(np.stack(right, dtype=np.float64).reshape(3, len(self.held), sums).transpose(1, 0, 2))
 
     @cached_property
     def places(self) -> Places:

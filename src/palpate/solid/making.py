@@ -18,7 +18,7 @@ from palpate.sensing.grids import check_length
 from palpate.solid.charts import fitted_chart
 from palpate.solid.shapes import disc, laid_on, rectangle
 
-__all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "dome", "from_file"]
+__all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "dome", "from_file", "is_flush"]
 
 Index = npt.NDArray[np.intp]
 Made = dict[str, Any]
@@ -173,3 +173,19 @@ def _check_inwards(vertices: Floats, elements: Index, contact: Index, chart: Cha
         raise InvalidInput(
             "the pad must lie below the surface that is touched, where z > 0: z grows into the pad. Of a mesh whose z points out of it give turned=True."
         )
+
+
+def is_flush(pad: Any) -> bool:
+    """Whether all that is held lies a thickness below the surface, along its normals: pressure and shear on it are those of the surface's axes."""
+    if pad.chart is not None and pad.readings_along == "pad":
+        return False
+    corners = pad.vertices[pad.base]
+    slack = 1e-3 * pad.thickness
+    if pad.chart is None:
+        return bool(np.abs(corners[..., 2] - pad.thickness).max() < slack)
+    if isinstance(pad.chart, SphereChart):
+        middle = np.array(pad.chart.center) + np.array([0.0, 0.0, pad.chart.radius])
+        away = np.linalg.norm(pad.vertices[np.unique(pad.base)] - middle, axis=1)
+        return bool(np.abs(away - (pad.chart.radius - pad.thickness)).max() < slack)
+    top = cKDTree(pad.vertices[np.unique(pad.contact)])
+    return bool(np.abs(top.query(pad.vertices[np.unique(pad.base)])[0] - pad.thickness).max() < slack)

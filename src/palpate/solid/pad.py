@@ -16,19 +16,19 @@ from scipy.spatial import cKDTree
 
 from palpate._extras import require as require_library
 from palpate._memory import require
-from palpate._recall import Recall, digest, read, write
 from palpate._threads import cached_property
 from palpate.elastic.channels import find_channel
 from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Complexes, Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import AreaArray, Array, ScatteredArray
-from palpate.sensing.curved import Chart, CurvedGrid, SphereChart
+from palpate.sensing.curved import Chart, CurvedGrid
 from palpate.sensing.grids import AreaGrid, Grid, check_length
 from palpate.sensing.kernels import aperture_rule
 from palpate.sensing.maps import LinearMap, MatrixMap
 from palpate.sensing.surface import default_surface
-from palpate.solid import accuracy, making
+from palpate.sensing.uncertainty import Uncertainty
+from palpate.solid import accuracy, files, making
 from palpate.solid.charts import PlaneChart
 from palpate.solid.making import FLAT, LARGEST, THROUGH
 
@@ -45,9 +45,6 @@ LARGEST_RATIO = 0.4999
 OUTSIDE = 0.1
 #: Components of traction that channels on a rigid base are.
 ON_BASE = {"stress_xz": 0, "stress_yz": 1, "stress_zz": 2}
-#: The density of the base's reactions alternates by 5 % between corners and middles of elements half a thickness wide (benchmarks/solid.py). A
-#: reading is the sum over places around it (in elements) with weights that cancel the alternation, and keep polynomials up to third degree.
-EVENED = ((-1.0, -1 / 16), (-0.5, 1 / 4), (0.0, 5 / 8), (0.5, 1 / 4), (1.0, -1 / 16))
 #: Largest size of cached fields at the surface [bytes].
 CACHE_BYTES = 2_000_000_000
 #: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
@@ -85,6 +82,8 @@ class SolidPad:
         Whether vertices hold the quadratic nodes of curved elements, in scikit-fem's order (MeshHex2, MeshTet2).
     readings_along : "surface" or "pad"
         Axes of the channels: on a curved pad ``displacement_x`` is along the tangent there, or with "pad" along the pad's own x axis, as a camera sees it.
+    accuracy : float, optional
+        What the mesh leaves readings off by, in parts of them (`compared_with`): the gain's uncertainty of skins that state none.
 
     Raises
     ------
@@ -131,8 +130,10 @@ class SolidPad:
     chart: Chart | None = None
     curved: bool = False
     readings_along: Literal["surface", "pad"] = "surface"
+    accuracy: float | None = None
 
     def __post_init__(self) -> None:
+        Uncertainty(gain=self.accuracy)
         require_library("solid pads", "skfem")
         if self.readings_along not in ("surface", "pad"):
             raise InvalidInput(f'readings_along must be "surface" or "pad"; got {self.readings_along!r}.')
@@ -454,15 +455,43 @@ class SolidPad:
         Examples
         --------
         >>> import palpate as pp
-        >>> pad, finer = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (1e-3, 0.7e-3))
+        >>> pad, finer = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (0.7e-3, 0.6e-3))
         >>> array = pp.AreaArray(shape=(2, 2), pitch=2e-3, depth="base", channels=["stress_zz"], noise=20.0)
         >>> 0.0 < pad.mesh_error(finer, array) < 0.1
         True
         """
         return accuracy.mesh_error(self, other, array, radius)
 
+    def compared_with(self, other: SolidPad, array: Array, *, radius: float | None = None) -> SolidPad:
+        """This pad with the `accuracy` that `mesh_error` finds, for intervals that hold it; maps that are worked out are kept.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad, coarser = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (0.7e-3, 1e-3))
+        >>> array = pp.AreaArray(shape=(2, 2), pitch=2e-3, depth="base", channels=["stress_zz"], noise=20.0)
+        >>> pad = pad.compared_with(coarser, array)
+        >>> pad.uncertainty.gain == pad.accuracy > 0.0
+        True
+        """
+        known: SolidPad = files.known_to(self, self.mesh_error(other, array, radius=radius))
+        return known
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """What holds where a skin states nothing: the `accuracy`.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
+        >>> tip.accuracy, tip.uncertainty.gain
+        (None, None)
+        """
+        return Uncertainty(gain=self.accuracy)
+
     def save(self, path: str | Path) -> None:
-        """Save the maps computed so far for sensors in this pad, for `load` in another run.
+        """Save the maps computed so far for sensors in this pad, and its `accuracy`, for `load` in another run.
 
         Examples
         --------
@@ -471,38 +500,28 @@ class SolidPad:
         >>> pad = pp.SolidPad.box(8e-3, 8e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     pad.save(f"{folder}/gel.npz")
-        ...     pad.load(f"{folder}/gel.npz")
+        ...     pad = pad.load(f"{folder}/gel.npz")
         """
-        keys = list(self._kept)
-        places = np.array([k[:3] for k in keys]).reshape(-1, 3)
-        widths = np.array([k[4:] for k in keys]).reshape(-1, 2)
-        names = np.array([k[3].encode() for k in keys], dtype="S64")
-        fields = np.array(list(self._kept.values())).reshape(len(keys), 3, len(self._top))
-        write(str(path), {"fields": (places, names, widths, fields)}, {"pad": self._digest})
+        files.save(self, path)
 
-    def load(self, path: str | Path) -> None:
-        """Take what `save` wrote for this very pad; `InvalidInput` if it is of another, or damaged.
+    def load(self, path: str | Path) -> SolidPad:
+        """Take what `save` wrote for this very pad; returns the pad with the `accuracy` of the file, if it states none itself.
+
+        `InvalidInput` where the file is of another pad, or damaged.
 
         Examples
         --------
         >>> import tempfile
+        >>> from dataclasses import replace
         >>> import palpate as pp
         >>> pad = pp.SolidPad.box(8e-3, 8e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     pad.save(f"{folder}/gel.npz")
-        ...     pad.load(f"{folder}/gel.npz")
+        ...     replace(pad, accuracy=0.02).save(f"{folder}/gel.npz")
+        ...     pad.load(f"{folder}/gel.npz").accuracy
+        0.02
         """
-
-        def check(about: Any) -> None:
-            if about.get("pad") != self._digest:
-                raise InvalidInput(
-                    f"{path} was worked out for another solid pad: its shape, mesh or material differs. Work it out again (SolidPad.save)."
-                )
-
-        found: Recall = read(path, check)
-        places, names, widths, fields = found.entries["fields"]
-        for place, name, width, field in zip(places, names, widths, fields):
-            self._kept[(*map(float, place), bytes(name).decode(), *map(float, width))] = np.asarray(field)
+        loaded: SolidPad = files.load(self, path)
+        return loaded
 
     # -- how -----------------------------------------------------------------------------------------------------------
 
@@ -535,10 +554,6 @@ class SolidPad:
         return positions, frames.axes if self.readings_along == "surface" else np.broadcast_to(
             np.eye(3), frames.axes.shape
         )
-
-    @cached_property
-    def _digest(self) -> str:
-        return digest(self) or ""
 
     @cached_property
     def solid(self) -> Solid:
@@ -584,19 +599,7 @@ class SolidPad:
 
     @cached_property
     def _flush(self) -> bool:
-        """Whether all that is held lies a thickness below the surface, along its normals: pressure and shear on it are those of the surface's axes."""
-        if self.chart is not None and self.readings_along == "pad":
-            return False
-        corners = self.vertices[self.base]
-        slack = 1e-3 * self.thickness
-        if self.chart is None:
-            return bool(np.abs(corners[..., 2] - self.thickness).max() < slack)
-        if isinstance(self.chart, SphereChart):
-            middle = np.array(self.chart.center) + np.array([0.0, 0.0, self.chart.radius])
-            away = np.linalg.norm(self.vertices[np.unique(self.base)] - middle, axis=1)
-            return bool(np.abs(away - (self.chart.radius - self.thickness)).max() < slack)
-        top = cKDTree(self.vertices[np.unique(self.contact)])
-        return bool(np.abs(top.query(self.vertices[np.unique(self.base)])[0] - self.thickness).max() < slack)
+        return making.is_flush(self)
 
     @cached_property
     def _beside(self) -> float:
@@ -623,11 +626,10 @@ class SolidPad:
                 columns = np.array([i for i, k in enumerate(some) if k[3] == name])
                 middles = np.array([some[i][:3] for i in columns])
                 flush = self._flush and name in ON_BASE and middles[0, 2] > self.thickness * (1.0 - FLAT)
-                if flush and moved_base is not None:  # pressure and shear on the base: the density of its reactions
-                    evened = [(d * self._element, w) for d, w in EVENED]
-                    spots = list(itertools.product(zip(*rules[0]), zip(*rules[1]), evened, evened))
-                    parts = np.array([math.prod(w for _, w in spot) for spot in spots])
-                    steps = np.array([[b + e, a + d] for (a, _), (b, _), (d, _), (e, _) in spots])
+                if flush and moved_base is not None:  # pressure and shear on the base: from its reactions
+                    spots = list(itertools.product(zip(*rules[0]), zip(*rules[1])))
+                    parts = np.array([v * w for (_, v), (_, w) in spots])
+                    steps = np.array([[b, a] for (a, _), (b, _) in spots])
                     x, y = (middles[:, None, :2] + steps).reshape(-1, 2).T
                     positions, axes = self._at(x, y, np.full_like(x, self.thickness))
                     shape = (3, len(columns), len(spots))

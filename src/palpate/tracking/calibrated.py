@@ -20,19 +20,14 @@ from palpate.tracking.zero import Zero
 __all__ = ["CalibratedTracker"]
 
 #: What is said where frames that moved were to be the zero.
-NO_ZERO = (
-    "the readings moved while the zero was taken, by more than their noise: the zero of the calibration serves instead, its scatter is in the interval, drift since then "
-    "is not. Give fewer frames (baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
-)
+NO_ZERO = "the readings moved while the zero was taken, by more than their noise: the zero of the calibration serves instead. Give fewer frames (baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
 
 
 class CalibrationLike(Protocol):
     """What a tracker asks of a calibration."""
 
     @property
-    def unit(self) -> float: ...
-    @property
-    def scale(self) -> float: ...
+    def factors(self) -> Floats: ...
     @property
     def readings(self) -> int: ...
     @property
@@ -45,6 +40,7 @@ class CalibrationLike(Protocol):
     def largest(self) -> Floats: ...
     def is_zero(self, baseline: Any) -> bool: ...
     def opened(self) -> CalibrationLike: ...
+    def standing(self, zero: Any) -> str | None: ...
     def attach(self, touch: Touch, flat: Floats) -> Touch: ...
     def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch: ...
 
@@ -72,6 +68,7 @@ class CalibratedTracker(Tracker):
         self._calibrated = calibration
         self.calibration = calibration.opened() if calibration.is_zero(options.get("baseline", 0)) else calibration
         self._no_zero = False  # whether frames that moved were to be the zero
+        self._zero_note: str | None = None  # what is said of a zero that differs from that of the calibration
         self._actual: Floats | None = None
         super().__init__(*args, **options)
         if len(self._std) != calibration.readings:
@@ -86,16 +83,16 @@ class CalibratedTracker(Tracker):
         self._ranged = any(p.limits is not None for p in self.estimator.operator.planes_of)
 
     @property
-    def _unit(self) -> float:
-        """What readings are multiplied by for the elastic model."""
-        return self.calibration.unit if self.calibration.elastic else self.calibration.scale
+    def _unit(self) -> Floats:
+        """What each reading is multiplied by for the elastic model."""
+        return self.calibration.factors
 
     def _flat(self, reading: Any) -> tuple[Floats, Any]:
         flat, like = super()._flat(reading)
         return self._unit * flat, like
 
-    def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
-        touch = super()._answer(status, now, converged, like, note)
+    def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
+        touch = super()._answer(status, converged, now=now, like=like, note=note)
         actual = self._actual
         if status is Status.CAPTURING_ZERO or actual is None:
             return touch
@@ -117,8 +114,12 @@ class CalibratedTracker(Tracker):
         found = super()._step(flat, elapsed, started, self._noise_at_rest if known is None else known)
         if capturing and not self._zero.capturing:
             self.calibration, self._no_zero = self._calibrated, self._zero.moved and self._calibrated.zero is not None
+            fresh = self._zero.baseline
+            self._zero_note = None if fresh is None else self._calibrated.standing(fresh * self._std / self._unit)
             if self._no_zero:
                 self._go_back_to_zero()
+        if self._zero_note is not None and not self._no_zero:
+            self._said.append(self._zero_note)
         if self._no_zero:
             self._said = [s for s in self._said if s != MOVED] + [NO_ZERO]
         return found
@@ -147,5 +148,5 @@ class CalibratedTracker(Tracker):
         >>> CalibratedTracker.reset.__name__
         'reset'
         """
-        self._actual, self._no_zero = None, False
+        self._actual, self._no_zero, self._zero_note = None, False, None
         super().reset()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -345,9 +346,7 @@ class Tracker:
             self._offsets.clear()
             status, converged = Status.FAILED, False
 
-        def answer(status: Status, converged: bool) -> Touch:
-            return self._answer(status, frame.now, converged, like, note)
-
+        answer = partial(self._answer, now=frame.now, like=like, note=note)
         touch = answer(status, converged)
         if self._touching and status.known:
             touch = self._compare(touch, answer)
@@ -635,7 +634,7 @@ class Tracker:
 
     # -- the answer ----------------------------------------------------------------------------------------------------
 
-    def _answer(self, status: Status, now: float, converged: bool, like: Any, note: str | None) -> Touch:
+    def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
         estimator, learning, contact = self.estimator, self._learning, self._contact
         grid, noise = estimator.surface, learning.noise
         values: Floats = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))

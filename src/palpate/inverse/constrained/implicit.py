@@ -6,10 +6,17 @@ eigenvectors W of its derivative that are kept (eigenvalue m > 0), which span th
     dx = W (W'HW + diag((1 - m)/(m d)))^-1 W' (dh - dH x),
 
 the second term being the curvature of the cone (`palpate.inverse.constrained.faces`). The map is symmetric: what pulls gradients back is the same.
+
+Many problems of one Hessian are solved together by the alternating direction method of multipliers (Boyd et al., Foundations and Trends in Machine Learning 3,
+2011, section 5.2), whose steps are products of matrices; what it does not solve is left to Newton's method, one by one.
 """
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
+import array_api_compat
 import numpy as np
 import numpy.typing as npt
 
@@ -19,7 +26,19 @@ from palpate.inverse.constrained.cone import Cone, minimise
 from palpate.inverse.constrained.faces import Face
 from palpate.inverse.constrained.quadratic import Formed
 
-__all__ = ["minima", "pulled_back"]
+__all__ = ["minima", "pulled_back", "together"]
+
+#: Problems of one Hessian from which on they are solved together: its eigenvectors cost as much as some Newton steps.
+MANY = 16
+#: Steps of the alternating direction method at most, and between two looks at what is solved. With the square root of the extreme eigenvalues' product for a weight it
+#: gains a digit in some 0.7 sqrt(condition) steps: 100 where the condition is 50, and beyond 2000 Newton's method is faster.
+MOST, LOOK = 400, 20
+#: Over-relaxation (Boyd et al., section 3.4.3: 1.5 to 1.8).
+RELAXED = 1.7
+#: Problems at a time: 150 MB of work for 432 unknowns.
+PIECE = 4096
+#: Residual, as that of `cone.minimise`, which is solved: far enough below `cone.TOLERANCE` that both methods agree to 1e-8.
+SOLVED = 1e-12
 
 
 def minima(hessian: npt.ArrayLike, linear: npt.ArrayLike, cone: Cone) -> Floats:
@@ -37,13 +56,77 @@ def minima(hessian: npt.ArrayLike, linear: npt.ArrayLike, cone: Cone) -> Floats:
     with few_threads(h.shape[-1]):
         for matrix, where in _shared(hessian, h):
             quadratic = Formed(matrix)
-            for i in where:
-                if not np.isfinite(h[i]).all() or not np.isfinite(matrix).all():
+            good = np.isfinite(matrix).all()
+            left = where
+            if good and len(where) >= MANY:
+                index = tuple(np.transpose(where))
+                out[index], solved = together(matrix, h[index], cone)
+                left = [i for i, done in zip(where, solved) if not done]
+            for i in left:
+                if not good or not np.isfinite(h[i]).all():
                     out[i] = np.nan
                     continue
                 found = minimise(quadratic, h[i].reshape(c, -1), cone)
                 out[i] = found.traction.ravel() if found.converged else np.nan
     return out
+
+
+def together(hessian: Any, linear: Any, cone: Cone) -> tuple[Any, Any]:
+    """Minimisers (problem, component * cell) of many problems of one Hessian, and whether each was solved to `SOLVED` (problem,).
+
+    Parameters
+    ----------
+    hessian : array (n, n)
+        Symmetric, positive definite, in double precision; of NumPy or PyTorch, on any device.
+    linear : array (problem, n)
+    """
+    xp = array_api_compat.array_namespace(linear)
+    c = len(cone.components)
+    scale = xp.asarray(np.repeat(cone.scales, linear.shape[1] // c), device=array_api_compat.device(linear))
+    matrix, h = hessian * scale * scale[:, None], linear * scale
+    values, vectors = xp.linalg.eigh(matrix)
+    weight = float(values[0] * values[-1]) ** 0.5 if float(values[0]) > 0 else math.nan
+    inverse = (vectors / (values + weight)) @ vectors.T
+    diagonal = xp.reshape(xp.linalg.diagonal(matrix), (c, -1))
+    step = xp.reshape(xp.zeros_like(diagonal) + c / xp.sum(diagonal, axis=0), (-1,))
+
+    parts = [_alternating(h[i : i + PIECE], matrix, inverse, weight, step, cone) for i in range(0, h.shape[0], PIECE)]
+    return xp.concat([x for x, _ in parts], axis=0) * scale, xp.concat([solved for _, solved in parts], axis=0)
+
+
+def _alternating(h: Any, matrix: Any, inverse: Any, weight: float, step: Any, cone: Cone) -> tuple[Any, Any]:
+    """`together` in the scaled variables, of as many problems as memory is for."""
+    xp = array_api_compat.array_namespace(h)
+    shape = (h.shape[0], len(cone.components), -1)
+
+    def project(v: Any) -> Any:
+        return xp.reshape(_projected(xp, xp.reshape(v, shape), cone), h.shape)
+
+    x, u = xp.zeros_like(h), xp.zeros_like(h)
+    for count in range(1, MOST + 1):
+        pulled = RELAXED * ((h + weight * (x - u)) @ inverse) + (1.0 - RELAXED) * x + u
+        x = project(pulled)
+        u = pulled - x
+        if count % LOOK == 0 or count == MOST:
+            off = xp.max(xp.abs(x - project(x - step * (x @ matrix - h))), axis=1)
+            solved = off <= SOLVED * xp.max(xp.abs(x), axis=1)
+            if bool(xp.all(solved)):
+                break
+    return x, solved
+
+
+def _projected(xp: Any, v: Any, cone: Cone) -> Any:
+    """`Cone.project` of (problem, component, cell)."""
+    if cone.free:
+        return v
+    shear, p = v[:, :-1], v[:, -1:]
+    if not cone.coupled:
+        return xp.concat([shear, xp.where(p > 0, p, 0.0 * p)], axis=1)
+    size = xp.sqrt(xp.sum(shear**2, axis=1, keepdims=True))
+    inside, half = size <= p, 0.5 * (p + size)
+    top = xp.where(inside, p, xp.where(half > 0, half, 0.0 * half))
+    kept = xp.where(inside, 1.0 + 0.0 * size, top / xp.where(size > 0, size, 1.0 + 0.0 * size))
+    return xp.concat([shear * kept, top], axis=1)
 
 
 def pulled_back(

@@ -12,31 +12,29 @@ import logging
 from collections.abc import Iterable, Sequence
 
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.policy import Policy
-from palpate.inverse.contact.score import worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["chosen", "decided", "explanations", "named"]
 
 _log = logging.getLogger("palpate.contact")
-SIGNS = {1: "push", -1: "pull", 0: "push and pull (linear model)"}
 
 
 def named(h: Explanation, terms: Sequence[Nuisance]) -> str:
     """An explanation in words: "push, offset of stress_zz 267 Pa"."""
+    kinds = ("push and pull (linear model)", "push", "pull")  # of signs 0, 1 and -1
     parts = [f"{t.label} {s:.4g} {t.unit}" for t, s, here in zip(terms, h.sizes, h.present) if here]
-    return ", ".join([SIGNS[h.sign], *parts])
+    return ", ".join([kinds[h.sign], *parts])
 
 
-def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance], policy: Policy) -> None:
+def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance]) -> None:
     """What a proposal came to."""
     if not _log.isEnabledFor(logging.DEBUG):
         return
     every = list(found)
     for h in every:
         _log.debug(
-            "%s: %s: worth %.1f (gain %.1f), noise left %.4g, edge loaded %.2f",
-            proposal, named(h, terms), worth_of(h, policy), h.rough.gain, h.rough.left, h.rough.ring,
+            "%s: %s: gain %.1f, noise left %.4g, edge loaded %.2f",
+            proposal, named(h, terms), h.rough.gain, h.rough.left, h.rough.ring,
         )  # fmt: skip
     if not every:
         _log.debug("%s: nothing", proposal)

@@ -1,0 +1,174 @@
+"""Violations of `palpate bench trust` on pads that end and bend: two boxes and a dome.
+
+    pip install "palpate[solid]" && python benchmarks/solid_trust.py [--frames 10] [--seed 0] [--write]
+
+Presses, faults and the judge are those of `palpate bench trust` (`palpate.bench.trust`), in rows that need no other sensor. Readings are those of a finer mesh than the
+model's, whose error is worked out with a third one and stated. Nobody states the noise. `--write` writes
+docs/_generated/solid_trust.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import palpate as pp
+from palpate.bench.trust.judge import Verdict, verdict
+from palpate.bench.trust.presses import Load
+from palpate.bench.trust.rows import ROWS, USUAL, Frame, _Draft
+from palpate.bench.trust.sensors import Sensor
+
+PAGE = Path(__file__).parents[1] / "docs" / "_generated" / "solid_trust.md"
+CHOSEN = ["clean", "pulling", "offset", "ramp", "clipped", "stuck", "dead", "gains", "correlated noise", "heavy tails"]
+MODULUS, RATIO = 2e5, 0.48
+MATERIAL = {"youngs_modulus": MODULUS, "poissons_ratio": RATIO}
+CHANNELS = ("stress_xz", "stress_yz", "stress_zz")
+#: Cells of the readings along the shorter side.
+FINE = 56
+#: Makers by name: of the readings, of the model, and what it is compared with.
+PADS = {
+    "box 16 x 16 x 4 mm": [(pp.SolidPad.box, (16e-3, 16e-3, 4e-3), e) for e in (1.0e-3, 4e-3 / 3, 1.2e-3)],
+    "box 20 x 12 x 3 mm": [(pp.SolidPad.box, (20e-3, 12e-3, 3e-3), e) for e in (0.75e-3, 1.0e-3, 0.9e-3)],
+    "dome, radius 10 mm, 4 mm thick": [(pp.SolidPad.dome, (10e-3, 4e-3), e) for e in (1.15e-3, 4e-3 / 3, 1.5e-3)],
+}
+
+
+class OnSolid(Load):
+    """A load on cells of a solid pad; its force is along the pad's axes."""
+
+    @property
+    def force(self) -> np.ndarray:
+        return np.asarray(self.grid.total_force(self.traction))
+
+
+class Bench:
+    """One pad: what makes readings, and what a user has."""
+
+    def __init__(self, name: str) -> None:
+        truth, model, other = (make(*sizes, element=e, **MATERIAL) for make, sizes, e in PADS[name])
+        (x0, x1), (y0, y1) = truth.outline
+        #: Part of the pad under taxels: of the dome what a flat sensor sees of it.
+        part = 0.55 if truth.chart is not None else 0.8
+        shape = (4, 5)
+        pitch = (part * (y1 - y0) / shape[0], part * (x1 - x0) / shape[1])
+        array = pp.AreaArray(shape=shape, pitch=pitch, depth="base", channels=CHANNELS)
+        self.error = model.mesh_error(other, array)
+        self.skin = pp.Skin(model, array, uncertainty=pp.Uncertainty(gain=self.error))
+        step = min(x1 - x0, y1 - y0) / FINE
+        shape_of_cells = (round((y1 - y0) / step), round((x1 - x0) / step))
+        self.fine = truth.grid(shape=shape_of_cells, spacing=step)
+        self.maker = pp.Skin(truth, array, surface=self.fine)
+        self.reach = (0.5 * part * (x1 - x0), 0.5 * part * (y1 - y0))
+        self.sensor = Sensor("area", shape, min(pitch), truth.thickness, 0.0, CHANNELS, MODULUS, RATIO)
+
+    def load(self, rng: np.random.Generator) -> OnSolid:
+        """A ball or two anywhere over the taxels, sliding or not."""
+        total, words = np.zeros((3, *self.fine.shape)), []
+        for _ in range(1 if rng.random() < 0.7 else 2):
+            radius = float(rng.uniform(1.2e-3, 2.5e-3))
+            x, y = (float(rng.uniform(-r, r)) for r in self.reach)
+            force, friction, way = (
+                float(rng.uniform(0.3, 2.0)),
+                float(rng.uniform(0.0, 0.6)),
+                float(rng.uniform(0, 6.28)),
+            )
+            ball = pp.solutions.hertz_point(contact_radius=radius, force=force)
+            pressure = np.asarray(self.maker.sample(ball.shifted(x, y)))[2]
+            total += pressure * np.array([friction * np.cos(way), friction * np.sin(way), 1.0])[:, None, None]
+            words.append(f"{force:.2f} N, radius {1e3 * radius:.1f} mm at ({1e3 * x:.1f}, {1e3 * y:.1f}) mm")
+        # what lies beside the pad presses nothing
+        return OnSolid(self.fine, total * (self.fine.areas > 0.0), " and ".join(words))
+
+    def frame(self, row: str, index: int, seed: int) -> Frame:
+        this = ROWS[row]
+        rng = np.random.default_rng([seed, zlib.crc32(row.encode()), index])
+        load = self.load(rng)
+        if this.load == "pull":
+            load = replace(load, traction=-load.traction)
+        readings = np.array(self.maker.sense(load.traction))
+        level = float(np.exp(rng.uniform(*np.log(this.noise if row != "clean" else USUAL))))
+        noise = level * float(np.abs(readings).max()) * rng.standard_normal(readings.shape)
+        draft = _Draft(self.sensor, load, readings, noise, rng)
+        draft.say(f"noise {level:.2g} of the largest reading")
+        if this.change is not None:
+            this.change(draft)
+        ball = pp.solutions.hertz_point(contact_radius=1.8e-3, force=1.0)
+        clean = np.array(self.maker.sense(self.maker.sample(ball)))
+        clean = clean + level * float(np.abs(clean).max()) * rng.standard_normal(clean.shape)
+        return Frame(
+            row, index, self.sensor, self.sensor, {}, None, None, draft.readings + draft.noise, load, load, clean, ", ".join(draft.words)
+        )  # fmt: skip
+
+    def judged(self, frame: Frame) -> Verdict:
+        reference = self.skin.reconstruct(frame.reference)
+        start = time.process_time()
+        touch = self.skin.reconstruct(frame.readings)
+        return verdict(frame, touch, reference, time.process_time() - start)
+
+
+def table(frames: int, seed: int, rows: Sequence[str], pads: Sequence[str]) -> list[str]:
+    lines = [
+        "| pad (error of its mesh) | row | frames | wrong | wrong without a word | outside of the interval | components inside |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    every: list[Verdict] = []
+    cases = []
+    for name in pads:
+        bench = Bench(name)
+        here: list[Verdict] = []
+        for row in rows:
+            found = [bench.judged(bench.frame(row, i, seed)) for i in range(frames)]
+            here += found
+            lines.append(_line(f"{name} ({100 * bench.error:.1f} %)", row, found))
+            print(lines[-1], flush=True)
+        cases += [f"- {name}: {v.frame}. Found {_numbers(v.found)} N, true {_numbers(v.true)}, interval {_numbers(v.low)} to {_numbers(v.high)}." for v in here if v.betrays]  # fmt: skip
+        lines.append(_line(f"{name} ({100 * bench.error:.1f} %)", "**all**", here))
+        every += here
+    lines.append(_line("all pads", "**all**", every))
+    return [*lines, "", "Wrong without a word, each:", "", *(cases or ["none"])]
+
+
+def _line(pad: str, row: str, found: Sequence[Verdict]) -> str:
+    inside = np.nanmean([v.inside["force"] for v in found])
+    return (
+        f"| {pad} | {row} | {len(found)} | {sum(v.wrong for v in found)} | {sum(v.betrays for v in found)} | {sum(v.far for v in found)} | "
+        f"{inside:.2f} |"
+    )
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{v:.2f}" for v in values) + ")"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--frames", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rows", nargs="*", default=CHOSEN, choices=list(ROWS))
+    parser.add_argument("--pads", nargs="*", default=list(PADS), choices=list(PADS))
+    parser.add_argument("--write", action="store_true")
+    chosen = parser.parse_args()
+    out = [
+        f"Made by `python benchmarks/solid_trust.py --frames {chosen.frames} --seed {chosen.seed} --write`.",
+        "",
+        "Balls of 1.2 to 2.5 mm radius and 0.3 to 2 N, one or two, sliding with up to 0.6 of that, anywhere over 4 x 5 x 3 taxels on the base. Readings of a finer mesh; the error of the "
+        "model's mesh is worked out with a third one and stated; noise is not. What is done to readings, and what counts as wrong, as a word and as far outside is said by "
+        "`palpate bench trust` (net force off by more than 30 % of the load; outside of its 95 % interval by more than half its half-width).",
+        "",
+        *table(chosen.frames, chosen.seed, chosen.rows, chosen.pads),
+        "",
+    ]
+    text = "\n".join(out)
+    if chosen.write:
+        PAGE.write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
