@@ -46,11 +46,13 @@ def with_rivals(
             if rival.sign != h.sign:
                 continue
             # at best it explains the frame as well as any
-            if share_of(rival_odds(h, frame.fit, rival, 1.0)) < policy.explanations.least_weight:
+            if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
                 continue
             second = solve(estimator, rival, plain)
             other = framed(estimator, second, observed, rng)
-            weight = share_of(rival_odds(h, frame.fit, rival, other.fit)) if other.fit > policy.fit.accepted else 0.0
+            weight = (
+                share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if other.fit > policy.fit.accepted else 0.0
+            )
             if other.contact and weight > policy.explanations.least_weight:
                 return (
                     other

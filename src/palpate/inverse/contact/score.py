@@ -2,11 +2,12 @@
 
 | score | what it is | compares |
 |---|---|---|
-| `gain_of` | free log(total/left): log likelihood of Gaussian noise of an unknown size, over what remains of its degrees of freedom | rough explanations, readings left out, contact in a few cells; of one frame: `best_of`, `rivals_of`, `least_to_beat` |
+| `gain_of` | free log(total/left): log likelihood of Gaussian noise of an unknown size, over what remains of its degrees of freedom | rough explanations, readings left out, contact in a few cells |
+| `worth_of` | `gain_of`, less what each nuisance and another sign must bring | explanations of one frame: `best_of`, `rivals_of`, `least_to_beat` |
 | `more_than_noise` | log evidence of the linear model over noise alone, that of uneven noise taken off | contact and no contact |
 | `weights_by_evidence`, `shares_by_evidence` | exp(log evidence), normalised | penalties of one explanation; ways of sliding |
 | `share_of` | 1/(1 + exp(-log odds)) | discs and fields; an explanation and its rival |
-| `rival_odds` | difference of gains, plus log of the ratio of misfit probabilities | an explanation that is doubted and its rival |
+| `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | an explanation that is doubted and its rival |
 | `gain_without_cone` | log likelihood gained, less the degrees of freedom that it took (H. Akaike, IEEE Trans. Automatic Control 19, 1974, 716-723) | a push and the same contact with traction of either sign |
 
 All are natural logarithms of odds but for two conventions: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
@@ -40,6 +41,7 @@ __all__ = [
     "share_of",
     "shares_by_evidence",
     "weights_by_evidence",
+    "worth_of",
 ]
 
 K = TypeVar("K")
@@ -54,22 +56,27 @@ def gain_of(free: float, total: float, left: float, floor: float = 0.0) -> float
     return free * math.log(total / max(left, floor, 1e-300))
 
 
+def worth_of(h: Explanation, policy: Policy) -> float:
+    """The gain of an explanation, less what it needs."""
+    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1))
+
+
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
     plain = [h for h in tried if h.sign != 0 and not h.present.any()]
-    simple, best = (max(some, key=lambda h: h.rough.gain) for some in (plain, tried))
-    return best if best.rough.gain - simple.rough.gain > policy.detection.evidence else simple
+    simple, best = (max(some, key=lambda h: worth_of(h, policy)) for some in (plain, tried))
+    return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple
 
 
-def rivals_of(best: Explanation, tried: Sequence[Explanation]) -> tuple[Explanation, ...]:
+def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
     """The other explanations with nuisances that leave readings to noise, the best first."""
     others = [h for h in tried if h.present.any() and h is not best and h.rough.free >= MIN_DEGREES]
-    return tuple(sorted(others, key=lambda h: -h.rough.gain))
+    return tuple(sorted(others, key=lambda h: -worth_of(h, policy)))
 
 
-def least_to_beat(tried: Sequence[Explanation]) -> float:
+def least_to_beat(tried: Sequence[Explanation], policy: Policy) -> float:
     """What another explanation must reach. Those that bend to every reading set no such mark: they are refuted too often to leave others for them."""
-    return max((h.rough.gain for h in tried if h.rough.free >= MIN_DEGREES), default=-math.inf)
+    return max((worth_of(h, policy) for h in tried if h.rough.free >= MIN_DEGREES), default=-math.inf)
 
 
 def likelier_signs(tried: Sequence[Explanation], without: Sequence[int]) -> list[int]:
@@ -115,9 +122,9 @@ def share_of(log_odds: float) -> float:
     return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
 
 
-def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float) -> float:
+def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float, policy: Policy) -> float:
     """Log odds of a rival against an explanation, with the misfit probability of each once they are solved."""
-    return rival.rough.gain - h.rough.gain + math.log(max(rival_fit, 1e-300) / fit)
+    return worth_of(rival, policy) - worth_of(h, policy) + math.log(max(rival_fit, 1e-300) / fit)
 
 
 def gain_without_cone(readings: float, push: float, free: float, more: float, *, known: bool) -> float:

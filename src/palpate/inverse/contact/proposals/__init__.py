@@ -62,7 +62,7 @@ def explanation_of(
         before = list(search.tried)
         search.add(propose(search))
         proposal = propose.__module__.rpartition(".")[2]
-        trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms)
+        trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, policy)
     best = best_of(search.tried, policy)
     trace.chosen("best of these", best, terms)
     free = next((h for h in search.tried if h.sign == 0), None)
@@ -73,5 +73,5 @@ def explanation_of(
             "probability that noise has the order which one sign leaves", chance, policy.explanations.structured_chance
         )
         best = free if chance < policy.explanations.structured_chance else best
-    best = replace(best, rivals=rivals_of(best, search.tried))
+    best = replace(best, rivals=rivals_of(best, search.tried, policy))
     return best if noise is None else replace(best, noise=noise)

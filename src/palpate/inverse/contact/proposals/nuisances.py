@@ -24,7 +24,7 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
     """Contact of one sign with those of the nuisances ``sought`` that are there; None where there are none, or it cannot be better than what was tried."""
     estimator, rules = search.estimator, search.estimator.policy.explanations
     terms = [term for term, here in zip(search.terms, sought) if here]
-    solved = _in_turn(search, terms, sign, start[sought], least_to_beat(search.tried))
+    solved = _in_turn(search, terms, sign, start[sought], least_to_beat(search.tried, estimator.policy))
     if solved is None:
         return None
     found, sizes = solved
