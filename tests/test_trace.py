@@ -21,7 +21,7 @@ def test_the_log_tells_what_was_tried_and_by_which_numbers(caplog: pytest.LogCap
     log = caplog.text
     for words in (
         "contact over noise alone",
-        "push: push: gain",
+        "push: push: worth",
         "offsets: push, offset of stress_zz",
         "best of these",
         "misfit",

@@ -12,6 +12,8 @@ import logging
 from collections.abc import Iterable, Sequence
 
 from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.score import worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["chosen", "decided", "explanations", "named"]
@@ -26,15 +28,15 @@ def named(h: Explanation, terms: Sequence[Nuisance]) -> str:
     return ", ".join([kinds[h.sign], *parts])
 
 
-def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance]) -> None:
+def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance], policy: Policy) -> None:
     """What a proposal came to."""
     if not _log.isEnabledFor(logging.DEBUG):
         return
     every = list(found)
     for h in every:
         _log.debug(
-            "%s: %s: gain %.1f, noise left %.4g, edge loaded %.2f",
-            proposal, named(h, terms), h.rough.gain, h.rough.left, h.rough.ring,
+            "%s: %s: worth %.1f, noise left %.4g, edge loaded %.2f",
+            proposal, named(h, terms), worth_of(h, policy), h.rough.left, h.rough.ring,
         )  # fmt: skip
     if not every:
         _log.debug("%s: nothing", proposal)

@@ -62,7 +62,7 @@ def explanation_of(
         before = list(search.tried)
         search.add(propose(search))
         proposal = propose.__module__.rpartition(".")[2]
-        trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms)
+        trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, policy)
     best = best_of(search.tried, policy)
     trace.chosen("best of these", best, terms)
     free = next((h for h in search.tried if h.sign == 0), None)
