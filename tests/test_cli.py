@@ -101,7 +101,7 @@ def test_simulate_and_reconstruct(folder: Path, tmp_path: Path) -> None:
     assert out.returncode == 0, out.stderr
     assert "slip margin" in out.stdout
     data = read_touch(tmp_path / "touch.nc")
-    np.testing.assert_allclose(data["force"].values[:, 2], [0.2, 0.4], atol=0.005)
+    np.testing.assert_allclose(data["force"].values[:, 2], [0.2, 0.4], rtol=0.05)
     np.testing.assert_allclose(data["force"].values[:, 0], [0.06, 0.12], atol=0.005)
     assert data.attrs["skin"] == SKIN
     assert "reconstruct" in data.attrs["command"]

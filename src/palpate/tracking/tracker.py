@@ -334,8 +334,7 @@ class Tracker:
     def _stepped(self, reading: Any, time: float | None, std: Any) -> Touch:
         """`step`, before which work beside the stream gives way."""
         started = clock.perf_counter()
-        flat, like = self._flat(reading)
-        known = None if std is None else self._typical(std)
+        (flat, like), known = self._flat(reading), None if std is None else self._typical(std)
         frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
         try:

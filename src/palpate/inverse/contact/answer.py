@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from palpate.inverse.contact.notes import single_taxel_share, smallness
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.screening import shallow
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
@@ -36,7 +38,9 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
     each = np.full(prepared.noise.count, run.scale) if run.levels is None else run.levels
     if not run.members:
         rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
-        nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out)
+        # a reading that stands alone may be a small contact right over a shallow taxel
+        alone = np.where(shallow(prepared.operator.planes_of, prepared.policy), observed.data, 0.0)
+        nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
         fit = misfit_of(prepared, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
         errors, unknown = detection_limit(prepared, run, fit, nothing.known)
         result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
@@ -123,13 +127,15 @@ def combined(
     )
 
 
-def _nothing(prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags) -> Frame:
-    """No contact."""
+def _nothing(
+    prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
+) -> Frame:
+    """No contact; ``alone`` is what readings that are left out may yet say of it."""
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
     # from the readings themselves: the residual is all noise
     rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
-    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, 0.0, data))
+    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
     noise = np.full(prepared.noise.count, scale)
     return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)

@@ -150,6 +150,8 @@ def discs(
     if data.at_size or small > rules.taxels[grid.dimensions - 1] or free < c + 2 or n > rules.cells:
         return None
     matrix = np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2).reshape(n, -1)
+    detail = 0.0 if estimator.noise_known else (rules.detail * float(np.abs(white).max())) ** 2
+    floor = detail * len(white)
 
     def columns(shapes: Sparse) -> Floats:
         return np.asarray(shapes @ matrix).reshape(-1, c, len(white))
@@ -166,7 +168,7 @@ def discs(
         found = np.linalg.solve(gram, right[..., None])[..., 0]
         found = estimator.cone.nearest(found.T).T
         rest = total - 2.0 * (found * right).sum(axis=1) + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)
-        return _Tried(columns, found, np.maximum(rest, 1e-300))
+        return _Tried(columns, found, np.maximum(rest, 0.0) + floor)
 
     places = _Neighbours(data.cells, grid.shape, radii, rules.steps)
     some = np.argsort(tried(columns(places.of(np.arange(n), radii[2]))).left, kind="stable")[: rules.places]
@@ -228,7 +230,7 @@ def discs(
         volume.append(np.full(len(one.left), grid.dimensions * math.log(2.0 * step * rules.steps)))
     left_by, found_by = np.concatenate([f.left for f in fine]), np.concatenate([f.traction for f in fine])
     theirs = max(len(white) - taken, 1.0)
-    if float(left_by.min()) / free > rules.worse**2 * max(left / theirs, 1.0):
+    if (float(left_by.min()) - floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
         return None
     # any radius up to the largest is as likely
     size_by = np.array([size for *_, size, _ in shapes])
@@ -241,7 +243,7 @@ def discs(
     anywhere = max(possible * data.level.ratio**grid.dimensions, n)
     chance = float(weight.sum()) / (anywhere * count * usual / len(best))
     mine = top + 0.5 * free * math.log(free * total) + math.log(chance)
-    other = -0.5 * theirs * math.log(left / theirs / total)
+    other = -0.5 * theirs * math.log((left + floor) / theirs / total)
     share_of_all = share_of(mine - other)
     if share_of_all < rules.least:
         return None

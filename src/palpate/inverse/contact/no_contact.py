@@ -11,6 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
+from palpate.inverse.contact.few_cells import heavy_tails
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
@@ -18,7 +19,7 @@ from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise"]
+__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
 
 #: Half of an interval of 95 % in standard deviations.
 WIDE = 1.96
@@ -62,6 +63,23 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     return Explanation(1, nothing, np.where(present, none, 0.0), present)
 
 
+def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:
+    """Whether "no contact" hides what may be contact: noise explains the readings ill (``fit``), or nobody gave it and it has tails
+    that Gaussian noise has not, as contact that few taxels feel leaves.
+    """
+    if fit < PROVEN or estimator.noise_known:
+        return fit < PROVEN
+    data, channel = (run.data / estimator.readings.std)[run.observed], estimator.noise.index[run.observed]
+    count = np.maximum(np.bincount(channel, None, estimator.noise.count), 1)
+    level = np.sqrt(np.bincount(channel, data**2, estimator.noise.count) / count)[channel]
+    relative = np.divide(data, level, out=np.zeros_like(data), where=level > 0)
+    return bool(
+        len(data)
+        and relative.any()
+        and heavy_tails(relative, channel, len(data), estimator.policy) > estimator.policy.detection.heavy_tails
+    )
+
+
 def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
     """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
     is none.
@@ -96,10 +114,10 @@ def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
 
 
 def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
-    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where noise explains the readings ill, 2 where
-    `short_line_load` does."""
+    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where
+    `short_line_load`."""
     why = 0
-    if fit < PROVEN:
+    if unproven(estimator, run, fit):
         # as large as the largest reading says
         why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
         errors = estimator.undetected(largest, run.data)

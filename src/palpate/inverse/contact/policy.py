@@ -94,6 +94,9 @@ class Detection:
     )
     unexplained_signal: float = number(0.03, "and this part of the signal, a convention")
     most_left: float = number(0.5, "a contact that leaves most of the readings tells nothing of them")
+    heavy_tails: float = number(
+        4.0, "log likelihood of heavy tails from which a few readings stand out: none of 40 Gaussian frames has 3"
+    )
     student: float = number(
         2.0, "degrees of freedom of Student's distribution: as heavy as noise that still has a scale"
     )
@@ -333,6 +336,7 @@ class Discs:
         (3.0, 6.0), "taxels pressed half as hard as the peak on which a contact is small, line and area"
     )
     drawn: int = number(8, "discs that become models")
+    detail: float = number(0.015, "part of the largest reading that discs leave: their edges are not those of contact")
     least: float = number(
         0.02, "weight below which they are not worth solving: of 60 plain frames 40 have none and 16 all"
     )

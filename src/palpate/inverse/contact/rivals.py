@@ -35,8 +35,10 @@ def with_rivals(
     policy = estimator.policy
     h, rivals = run.explanation, run.explanation.rivals
     plain = replace(observed, filled=observed.data)
-    if frame.fit < POOR_FIT:
-        for rival in rivals[: policy.explanations.followed]:
+    # load all round with an offset against it leaves the rest free, and explains anything
+    anything = h.present.any() and h.rough.ring > policy.explanations.ring
+    if frame.fit < POOR_FIT or anything:
+        for rival in rivals[: 1 if anything else policy.explanations.followed]:
             # what is refuted, or refutes nothing, gives way to what is not
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:

@@ -32,6 +32,7 @@ __all__ = [
     "gain_of",
     "gain_without_cone",
     "hopeless_signs",
+    "is_compact",
     "least_to_beat",
     "likelier_signs",
     "more_than_noise",
@@ -61,6 +62,14 @@ def worth_of(h: Explanation, policy: Policy) -> float:
     return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1))
 
 
+def is_compact(h: Explanation, policy: Policy) -> bool:
+    """Whether an explanation is one of compact contact.
+
+    One that bends to every reading explains any; so does load all round with an offset against it, which leaves the rest free to push and to pull.
+    """
+    return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
+
+
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
     plain = [h for h in tried if h.sign != 0 and not h.present.any()]
@@ -70,13 +79,13 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
     """The other explanations with nuisances that leave readings to noise, the best first."""
-    others = [h for h in tried if h.present.any() and h is not best and h.rough.free >= MIN_DEGREES]
+    others = [h for h in tried if h.present.any() and h is not best and is_compact(h, policy)]
     return tuple(sorted(others, key=lambda h: -worth_of(h, policy)))
 
 
 def least_to_beat(tried: Sequence[Explanation], policy: Policy) -> float:
     """What another explanation must reach. Those that bend to every reading set no such mark: they are refuted too often to leave others for them."""
-    return max((worth_of(h, policy) for h in tried if h.rough.free >= MIN_DEGREES), default=-math.inf)
+    return max((worth_of(h, policy) for h in tried if is_compact(h, policy)), default=-math.inf)
 
 
 def likelier_signs(tried: Sequence[Explanation], without: Sequence[int]) -> list[int]:
