@@ -61,7 +61,7 @@ def seconds(run: Callable[[], Any]) -> float:
 def mujoco_rows() -> list[str]:
     from palpate.mujoco import Taxels
 
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "interop"))
     import test_mujoco as scenes
 
     skin = pp.Skin(PAD, pp.AreaArray(shape=(16, 16), pitch=1.5e-3, depth=2e-3, channels=CHANNELS, noise=50.0))

@@ -546,8 +546,9 @@ def section_force() -> None:
 
 
 def section_adjoint() -> None:
-    """Largest |<A t, r> - <t, A' r>| / (eps |A t| |r|) over the layouts of tests/test_operator.py (limit 50)."""
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+    """Largest |<A t, r> - <t, A' r>| / (eps |A t| |r|) over the layouts of tests/sensing/test_operator.py (limit 50)."""
+    tests = Path(__file__).resolve().parents[1] / "tests"
+    sys.path[:0] = [str(tests), str(tests / "sensing")]
     from test_operator import CASES, LAYOUTS, PADS, dot_test, operator
 
     rng = np.random.default_rng(0)

@@ -3,7 +3,7 @@
     python docs/_outputs.py docs/tutorial.md ...      runs the pages (all without names) and says what differs
     python docs/_outputs.py --write ...               writes what was printed into the pages
 
-tests/test_docs.py does the first. Numbers may differ in what another build of a linear algebra gives; `...` in a page stands for anything.
+tests/contracts/test_docs.py does the first. Numbers may differ in what another build of a linear algebra gives; `...` in a page stands for anything.
 """
 
 from __future__ import annotations

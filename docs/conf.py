@@ -126,7 +126,7 @@ _WRITTEN = {
 }
 
 
-#: Rooms whose `__all__` is public: each name has a page of its own (tests/test_docs.py compares).
+#: Rooms whose `__all__` is public: each name has a page of its own (tests/contracts/test_docs.py compares).
 ROOMS = (
     *("palpate", "palpate.solutions", "palpate.elastic", "palpate.sensing", "palpate.inverse", "palpate.recordings"),
     *(

@@ -4,6 +4,7 @@ import gc
 import importlib.util
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")
 
 DATA = Path(__file__).parent / "data"
+# tests take from each other by name, whichever file is run: no name of a file is there twice
+sys.path += [str(folder) for folder in sorted(DATA.parent.iterdir()) if any(folder.glob("test_*.py"))]
 
 #: What whole files of tests are about, where that is an extra. A core without extras is tested by the others.
 COMMANDS, FILES, BAGS = (
@@ -71,7 +74,7 @@ LEFT_OUT = {
     for name, libraries in NEEDS.items()
     if (missing := [one for one in libraries if importlib.util.find_spec(one) is None])
 }
-collect_ignore = list(LEFT_OUT)
+collect_ignore_glob = [f"*/{name}" for name in LEFT_OUT]
 
 
 #: Optional libraries that are not here; where all are, the tests are run as they stand.

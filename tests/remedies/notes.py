@@ -1,6 +1,6 @@
 """Notes that tell what to do, brought about through the public surface; what they advise, done on the same readings, and the note is gone or the answer right.
 
-benchmarks/notes.py lists which notes are here, and tests/test_remedies.py tries them.
+benchmarks/notes.py lists which notes are here, and tests/contracts/test_remedies.py tries them.
 """
 
 from __future__ import annotations

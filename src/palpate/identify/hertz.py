@@ -20,7 +20,7 @@ from palpate.elastic.pad import Floats, Pad, isotropic_constants
 
 __all__ = ["WIDEST", "layer_terms", "plane_strain_modulus"]
 
-#: Contact radius over thickness up to which the pressure has nearly the shape that it has on a half-space: radii are then within 3 % (tests/test_identify.py).
+#: Contact radius over thickness up to which the pressure has nearly the shape that it has on a half-space: radii are then within 3 % (tests/identify/test_identify.py).
 WIDEST = 0.5
 #: Wavenumbers of the integrals, up to so many over the thickness: the rest is below exp(-2 LAST).
 COUNT, LAST = 400, 12.0

@@ -45,7 +45,7 @@ MOST, SHARE = 4, 0.15
 LEVEL = 0.95
 #: How often contact and wave are fitted in turn.
 ROUNDS = 6
-#: Error of the fitted contacts' readings over the largest one (tests/test_identify.py): no noise is taken to be less.
+#: Error of the fitted contacts' readings over the largest one (tests/identify/test_identify.py): no noise is taken to be less.
 MODEL = 3e-4
 #: The reason in a frame without contact.
 NOTHING = "nothing touches"

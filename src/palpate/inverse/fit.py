@@ -16,7 +16,7 @@ __all__ = ["DISCREPANCY", "MIN_DEGREES", "MODEL_DETAIL", "POOR_FIT", "PROVEN", "
 Pairs = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
 #: Cells of a finite size and a penalty leave this part of the largest reading, alike from taxel to taxel, on a contact that is all as the
-#: model says (the largest seen on lines and areas without noise; tests/test_fit.py): less than it is no misfit.
+#: model says (the largest seen on lines and areas without noise; tests/inverse/test_fit.py): less than it is no misfit.
 MODEL_DETAIL = 2e-3
 #: Below this misfit probability a frame says that the model does not explain it: one good frame in a hundred does.
 POOR_FIT = 0.01

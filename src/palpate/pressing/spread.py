@@ -37,7 +37,7 @@ __all__ = ["Pressed", "Surface"]
 
 Index = npt.NDArray[np.intp]
 #: Cells are at least this many times finer than the depth of the taxels: a load on cells of depth/5 reads within 0.5 % of its exact readings
-#: (tests/test_pressing.py); and at most this many times finer than the skin's own.
+#: (tests/pressing/test_pressing.py); and at most this many times finer than the skin's own.
 FINER, FINEST = 5.0, 9
 #: Forces that lean further from the normal than acos(this) press from the side.
 LEANING = 0.25

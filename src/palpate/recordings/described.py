@@ -20,8 +20,8 @@ def metres_of(text: str) -> Any:
 
     Examples
     --------
-    >>> from palpate.recordings.described import metres_said
-    >>> metres_said("2 mm"), metres_said("0.002, 0.001"), metres_said("narrow")
+    >>> from palpate.recordings.described import metres_of
+    >>> metres_of("2 mm"), metres_of("0.002, 0.001"), metres_of("narrow")
     (0.002, (0.002, 0.001), None)
     """
     found = []

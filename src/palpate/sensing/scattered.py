@@ -24,7 +24,7 @@ from palpate.sensing.kernels import aperture_rule, influence
 __all__ = ["NEAR", "STENCIL", "Lattice", "near_memory"]
 
 #: Positions are interpolated from so many lattice points along each axis, and cells up to so many away are exact. The relative error of the influence
-#: of further cells is 1e-4, and that of a reading of a contact about 1e-5 (tests/test_scattered.py).
+#: of further cells is 1e-4, and that of a reading of a contact about 1e-5 (tests/sensing/test_scattered.py).
 STENCIL, NEAR = 8, 5
 
 

@@ -71,8 +71,8 @@ def for_one_frame(note: str) -> str:
 
     Examples
     --------
-    >>> from palpate.touch.counted import of_one
-    >>> of_one("small contact in 1 of 1 frames: few taxels feel it"), of_one("drift in 2 of 8 frames")
+    >>> from palpate.touch.counted import for_one_frame
+    >>> for_one_frame("small contact in 1 of 1 frames: few taxels feel it"), for_one_frame("drift in 2 of 8 frames")
     ('small contact: few taxels feel it', 'drift in 2 of 8 frames')
     """
     count = _COUNT.search(note)

@@ -34,11 +34,11 @@ def format_interval(
 
     Examples
     --------
-    >>> from palpate.touch.rounding import said
-    >>> said(1.00234, 0.98911, 1.01432, unit="N")
+    >>> from palpate.touch.rounding import format_interval
+    >>> format_interval(1.00234, 0.98911, 1.01432, unit="N")
     '1.002 N (0.989 to 1.014)'
 
-    >>> said(18550.0, 17800.0, 19100.0, factor=1e-3, unit="kPa"), said(0.30756, unit="N"), said(float("nan"))
+    >>> format_interval(18550.0, 17800.0, 19100.0, factor=1e-3, unit="kPa"), format_interval(0.30756, unit="N"), format_interval(float("nan"))
     ('18.55 kPa (17.80 to 19.10)', '0.3076 N', 'not known')
     """
     after = f" {unit}" if unit else ""

@@ -33,7 +33,7 @@ __all__ = [
     "numbers",
 ]
 
-#: The constants of the error bars of force and traction multiply the model's standard deviations by this at least (tests/test_real_readings.py):
+#: The constants of the error bars of force and traction multiply the model's standard deviations by this at least (tests/regressions/test_real_readings.py):
 #: what is stated by the user or assumed is divided by it, so that no constant makes it smaller.
 STATED = 0.5
 

@@ -1,0 +1,65 @@
+"""Films of sheets of cells, and of fields with displacements out of the plane."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.microscopy import Film
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+
+def test_a_film_of_a_sheet_has_its_tension_and_that_of_its_cells(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    pytest.importorskip("skfem")
+    from cells_sheet import MODULUS, sheet_of
+
+    known = sheet_of(2002)
+    field = known["field"]
+    np.save(tmp_path / "film.npy", np.stack([field.displacement, 0.5 * field.displacement]) / field.pixel)
+    tifffile.imwrite(tmp_path / "cells.tif", known["cells"].astype(np.uint8))
+    film = Film(
+        frames=[tmp_path / "film.npy"], pad=pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=0.48), pixel=field.pixel, unit="px", step=field.step,
+        start=field.start, window=int(field.step), cells=tmp_path / "cells.tif", monolayer=True,
+    )  # fmt: skip
+    rows, _ = film.run(tmp_path / "part.jsonl", processes=1)
+    n, mask = known["tension"], known["mask"]
+    truth = 0.5 * float((n[0] + n[1])[mask].mean())
+    whole = [r for r in rows if r["cell"] == "sheet"]
+    assert [r["frame"] for r in whole] == [0, 1]
+    for row, part in zip(whole, (1.0, 0.5)):
+        assert float(row["average_tension_low"]) < part * truth < float(row["average_tension_high"])
+        assert "elastic" in row["notes"]
+    small = [r for r in rows if r["frame"] == 0 and "not solved" in r["notes"]]
+    assert "15" in {r["cell"] for r in small}  # of one pixel
+    cells = [r for r in rows if r["frame"] == 0 and r["cell"] != "sheet" and r not in small]
+    assert len(cells) > 10
+    held = []
+    for row in cells:
+        one = known["cells"] == int(row["cell"])
+        true = 0.5 * float((n[0] + n[1])[one].mean())
+        held.append(float(row["average_tension_low"]) < true < float(row["average_tension_high"]))
+    assert np.mean(held) > 0.75
+    assert replace(film, monolayer=False).key() != film.key()
+
+
+def test_a_film_of_three_displacements_has_normal_forces(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    u = 0.02 * rng.standard_normal((3, 20, 24))
+    u[2, 8:12, 10:14] += 1.0
+    np.savez(tmp_path / "field.npz", u=u[0], v=u[1], w=u[2])
+    film = Film(
+        frames=[tmp_path / "field.npz"], pad=pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48), pixel=1e-7, unit="px", step=16.0, method="tikhonov"
+    )  # fmt: skip
+    (row,), _ = film.solved(film.jobs()[0])
+    assert float(row["normal_peak_low"]) > 0
+    ((down,), _) = replace(film, normal="down").solved(film.jobs()[0])
+    assert float(down["normal_peak_high"]) < 0
+    ((flat,), _) = replace(film, normal="ignore").solved(film.jobs()[0])
+    assert "normal_peak_Pa" not in flat
