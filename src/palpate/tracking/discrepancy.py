@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.answer import hidden, nothing_known
 from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -112,12 +113,18 @@ def widened(stated: Stated | None, traction: Floats, grid: Grid, share: float) -
 
 def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Floats) -> Touch:
     """A touch whose ``readings`` (in units of their deviations, NaN where none came) nothing explains, as a frame by itself tells it: no number, and a
-    bound. The stream goes on with the numbers that it has.
+    bound, as wide as the interval that the numbers had at least. The stream goes on with them.
     """
     if touch.errors is None:
         bound, errors = None, None
     else:
-        bound, errors = hidden(estimator, np.nan_to_num(readings) * estimator.readings.std), nothing_known(touch.errors)
+        hides, known = (
+            hidden(estimator, np.nan_to_num(readings) * estimator.readings.std),
+            touch.interval(0.95, "force"),
+        )
+        low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in known)
+        bound = np.stack([np.fmin(hides[:, 0], low), np.fmax(hides[:, 1], high)], axis=-1)
+        errors = nothing_known(touch.errors)
     return replace(
         touch,
         values=math.nan * touch.values,
