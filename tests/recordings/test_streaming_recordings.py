@@ -191,7 +191,7 @@ def test_creep_goes_through_all_pieces(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_memory_does_not_grow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is allocated at the peak is a part of what is written, and would be several times that."""
-    for limit in ("netcdfstream.HELD", "checked.BLOCK", "opened.BLOCK"):  # as small as the recording is
+    for limit in ("netcdfstream.BLOCK", "checked.BLOCK", "opened.BLOCK"):  # as small as the recording is
         monkeypatch.setattr(f"palpate.recordings.{limit}", 100_000)
     array = pp.LineArray(count=600, pitch=1e-3, depth=1e-3, channels=CHANNELS, noise=5.0)
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
