@@ -146,6 +146,10 @@ class Explanations:
     sure: float = number(
         2.0, "standard errors, 1/sqrt(2 n), by which a root mean square exceeds the noise that was given"
     )
+    bends: float = number(
+        0.6,
+        "a push that leaves less than this part of the readings free bends to them: pushes that took up an offset of 1 to 10 % left 0.30 to 0.55, wide balls without one 0.69 and more",
+    )
     same: float = number(0.1, "sizes of nuisances that differ by less than this part are the same")
     followed: int = number(2, "so many rivals take the place of an explanation that is refuted")
     least_weight: float = number(0.05, "of two weighed explanations one with less is left out")

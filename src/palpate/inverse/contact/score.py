@@ -73,7 +73,13 @@ def is_compact(h: Explanation, policy: Policy) -> bool:
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
     plain = [h for h in tried if h.sign != 0 and not h.present.any()]
-    simple, best = (max(some, key=lambda h: worth_of(h, policy)) for some in (plain, tried))
+    simple = max(plain, key=lambda h: worth_of(h, policy))
+    # a push that is loaded at the edge, or bends to most readings, leaves little in any case; beside any other, nuisances that leave more to noise gain only by
+    # making the contact smoother
+    rules, rough = policy.explanations, simple.rough
+    bends = rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained)
+    there = [h for h in tried if bends or not h.present.any() or h.rough.left <= rough.left]
+    best = max(there, key=lambda h: worth_of(h, policy))
     return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple
 
 
