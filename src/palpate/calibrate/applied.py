@@ -116,5 +116,8 @@ def _restated(skin: Any, pad: Any, planes: Sequence[Any], known: dict[str, float
     )  # fmt: skip
     out._given = out._problem.fixed = skin._given
     out._problem.zeroed = problem.zeroed
-    out._whole = skin._whole if same_places else out._planes
+    # the places of the whole array, at the depth that was found
+    out._whole = (
+        [replace(w, depth=p.depth) for w, p in zip(skin._whole, planes, strict=True)] if same_places else out._planes
+    )
     return out

@@ -70,22 +70,31 @@ def is_compact(h: Explanation, policy: Policy) -> bool:
     return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
 
 
+def _simplest(tried: Sequence[Explanation], policy: Policy) -> Explanation:
+    return max((h for h in tried if h.sign != 0 and not h.present.any()), key=lambda h: worth_of(h, policy))
+
+
+def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
+    """Those without nuisances, and those whose nuisances leave no more to noise than contact alone: others gain only by making the contact smoother.
+
+    Contact that is loaded at the edge, or bends to most readings, leaves little in any case, and rules none out.
+    """
+    rules, rough = policy.explanations, _simplest(tried, policy).rough
+    if rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained):
+        return list(tried)
+    return [h for h in tried if not h.present.any() or h.rough.left <= rough.left]
+
+
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
-    plain = [h for h in tried if h.sign != 0 and not h.present.any()]
-    simple = max(plain, key=lambda h: worth_of(h, policy))
-    # a push that is loaded at the edge, or bends to most readings, leaves little in any case; beside any other, nuisances that leave more to noise gain only by
-    # making the contact smoother
-    rules, rough = policy.explanations, simple.rough
-    bends = rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained)
-    there = [h for h in tried if bends or not h.present.any() or h.rough.left <= rough.left]
-    best = max(there, key=lambda h: worth_of(h, policy))
+    simple = _simplest(tried, policy)
+    best = max(_credible(tried, policy), key=lambda h: worth_of(h, policy))
     return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple
 
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
-    """The other explanations with nuisances that leave readings to noise, the best first."""
-    others = [h for h in tried if h.present.any() and h is not best and is_compact(h, policy)]
+    """The other credible, compact explanations with nuisances, the best first."""
+    others = [h for h in _credible(tried, policy) if h.present.any() and h is not best and is_compact(h, policy)]
     return tuple(sorted(others, key=lambda h: -worth_of(h, policy)))
 
 
