@@ -96,7 +96,7 @@ def products_only() -> None:
     """No matrix, however small."""
     path.LARGEST_DENSE_BLOCK = path.LARGEST_MATRIX = operators.LARGEST_MATRIX = 0
     products.MIN_ITERATIVE_UNKNOWNS, products.PRODUCTS, products.PRODUCTS_ONCE, products.MANY = 10, 0.0, 0.0, 0
-    products.FEWEST_SLIDING, products.PRODUCTS_SLIDING = 10, 0.0
+    products.FEWEST_SLIDING, products.PRODUCTS_SLIDING, products.FEW_READINGS = 10, 0.0, 0
     # the least error of a large contact's force is a bound, not what products leave
     methods.Policy = lambda: changed(Policy(), "errors.force_at_size", Policy().errors.force)  # type: ignore[misc,assignment]
 

@@ -55,8 +55,8 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
     for name in ("MIN_ITERATIVE_UNKNOWNS", "FEWEST_SLIDING"):
         monkeypatch.setattr(products, name, 10)
-    for name in ("PRODUCTS", "PRODUCTS_SLIDING"):
-        monkeypatch.setattr(products, name, 0.0)
+    for name in ("PRODUCTS", "PRODUCTS_SLIDING", "FEW_READINGS"):
+        monkeypatch.setattr(products, name, 0)
 
 
 @pytest.mark.parametrize("ratio", [1, 2])

@@ -21,6 +21,7 @@ def skin(monkeypatch: pytest.MonkeyPatch) -> pp.Skin:
     """A skin whose contacts are solved by products whatever their size."""
     monkeypatch.setattr(products, "MIN_ITERATIVE_UNKNOWNS", 10)
     monkeypatch.setattr(products, "PRODUCTS", 0.0)
+    monkeypatch.setattr(products, "FEW_READINGS", 0)
     array = pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=2e-3, channels=["stress_zz"])
     return pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
 

@@ -57,7 +57,7 @@ class Alike:
         self.possible = (
             len(self.grid) == 2
             and len(readings.std) >= FEWEST
-            and readings.each_alone
+            and readings.independent
             and all(isinstance(p, Convolution) and set(p.ratios) == {1} for p in planes)
             and all(a.mask is None for a in operator.planes_of)
         )

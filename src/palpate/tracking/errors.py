@@ -226,7 +226,7 @@ class ErrorBars:
         shared = readings.white(columns[used] / std, used)
         scale = readings.std * std
         gram = self._equations.known(cells, unused)
-        if gram is None or not readings.each_alone:
+        if gram is None or not readings.independent:
             data = level.normal(cells, y / std, scale, used)
             if gram is not None:
                 data = replace(data, known=gram / std**2)

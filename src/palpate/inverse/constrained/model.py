@@ -185,7 +185,7 @@ class Columns:
         gone = self.observed & ~observed
         if (observed & ~self.observed).any() or gone.sum() > MAX_DOWNDATES or 4 * gone.sum() > self.observed.sum():
             return None
-        if not self.level.readings.each_alone:
+        if not self.level.readings.independent:
             return None
         return np.flatnonzero(gone[self.observed])
 

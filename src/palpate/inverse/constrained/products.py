@@ -51,6 +51,9 @@ FEW_NEAR, FEW_MISSING = 0.01, 8
 SKETCH = 32
 #: Solve smaller systems with a matrix: exactly, so that mirror images have mirror solutions.
 MIN_ITERATIVE_UNKNOWNS = 600
+#: Of so few readings exact factors are small. Frames whose contact covers the array took with products, of the time with a matrix: 8 x 8 x 3 3.3 to 7.3,
+#: 10 x 10 x 3 2.8 to 3.8, 12 x 12 x 3 1.6, 16 x 16 x 3 0.5.
+FEW_READINGS = 500
 #: Total count of products for solving, local weights and error bars, and the cost of one entry of a padded transform over one multiplication of a
 #: matrix product. Of the time that round contacts take with a matrix they take with products, on 16 x 16 x 3 to 64 x 64 x 3, where the work
 #: is so many entries: at 1.5e3 1.0 to 1.1 of it (0.5 where friction is given), at 3e3 0.4 (0.1), at 1.4e4 0.1, at 4e4 0.04.
@@ -79,7 +82,7 @@ def by_products(
     # of so many readings not even the columns of a few cells are quickly made
     once = once and readings > MANY
     fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (MIN_ITERATIVE_UNKNOWNS, PRODUCTS)
-    if unknowns < (FEWEST_OF_MANY if once else fewest) or not can_be_applied(operator):
+    if readings <= FEW_READINGS or unknowns < (FEWEST_OF_MANY if once else fewest) or not can_be_applied(operator):
         return False
     box = box_of(cells, operator.surface.shape)
     row = min(b.stop - b.start for b in box) if len(box) > 1 else 1

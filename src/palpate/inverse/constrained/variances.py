@@ -16,6 +16,7 @@ from palpate.inverse.constrained.quadratic import Formed
 from palpate.inverse.constrained.rows import Rows
 
 __all__ = [
+    "UNTOLD",
     "carried",
     "covariance_of",
     "face_of",
@@ -24,9 +25,14 @@ __all__ = [
     "taken_by",
     "taken_of_each",
     "told_by_each",
+    "told_of",
     "variance_of",
     "variance_of_sums",
 ]
+
+
+#: Unknowns beside contact are not told where the readings tell this part of the best told.
+UNTOLD = 1e-6
 
 
 def carried(solution: Solution, rows: Floats) -> Floats:
@@ -49,6 +55,11 @@ def told_by_each(model: ContactModel, rows: Floats, white: Floats) -> Floats:
     """
     told = seen_of(model, carried(model.solution, rows))
     return np.asarray(told * white[:, None])
+
+
+def told_of(model: ContactModel, rows: Floats) -> Floats:
+    """S = B'B - B'A H^-1 A'B, what readings tell of unknowns that do ``rows`` B (reading, unknown), whitened, to them, besides contact on its face."""
+    return np.asarray(rows.T @ rows - covariance_of(model.solution, rows.T @ model.data.matrix))
 
 
 def seen_of(model: ContactModel, moved: Floats) -> Floats:

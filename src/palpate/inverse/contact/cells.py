@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import TOLERANCE
-from palpate.inverse.constrained.model import dilated
+from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.constrained.products import FIRST_AT_SIZE
 from palpate.inverse.contact.prepared import Prepared
 
@@ -24,11 +24,13 @@ def solved(
     observed: npt.NDArray[np.bool_],
     weight: float,
     near: Floats | None = None,
-) -> tuple[Floats, Floats]:
-    """The constrained solution on the surface grid (component, cell), and the readings that it explains.
+    *,
+    keep_face: bool = False,
+) -> tuple[Floats, Floats, ContactModel]:
+    """The constrained solution on the surface grid (component, cell), the readings that it explains, and the model it is of.
 
     It is solved over cells where pressure is likely; cells are added until none is missing. ``near`` is the solution of a problem that
-    differs little, where there is one: it saves steps and changes nothing else.
+    differs little, where there is one: it saves steps and changes nothing else. ``keep_face`` is that of `minimise`.
     """
     policy = estimator.policy
     level, components = estimator.level(1), len(estimator.columns)
@@ -50,7 +52,7 @@ def solved(
             tolerance = FIRST_AT_SIZE
         else:
             estimator.check_size(len(cells) * components)
-        member = estimator.model(data, precisions, start[:, cells], tolerance=tolerance)
+        member = estimator.model(data, precisions, start[:, cells], keep_face=keep_face, tolerance=tolerance)
         traction = np.zeros((components, math.prod(grid.shape)))
         traction[:, cells] = member.solution.traction
         explained = estimator.explained_by(traction)
@@ -68,4 +70,4 @@ def solved(
         # where Newton's method cycles all of the surface is soon in contact: of a large one, one hard problem instead of one a round
         region |= missing | (data.at_size and member.solution.hard)
         start = traction
-    return traction, explained
+    return traction, explained, member

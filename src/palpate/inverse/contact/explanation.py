@@ -18,7 +18,9 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Rough:
-    """A rough solution: its gain, the noise that it leaves, degrees of freedom left, traction (component, cell), loaded part of the ring."""
+    """A rough solution: its gain, the noise that it leaves, degrees of freedom left, traction (component, cell), loaded part of the ring, and how the sizes of
+    its nuisances change when contact and they are solved together.
+    """
 
     gain: float
     left: float
@@ -26,6 +28,7 @@ class Rough:
     traction: Floats
     explained: Floats
     ring: float
+    change: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ class LocalEstimator:
     def _broken(self, frame: Frame | None, data: Data) -> Flags:
         """Readings that are left so far off that no noise explains it, where they are few; of independent readings."""
         none = np.zeros(len(data.y), dtype=bool)
-        if frame is None or not self.readings.each_alone:
+        if frame is None or not self.readings.independent:
             return none
         usual = 1.4826 * float(np.median(np.abs(frame.left[data.observed])))
         largest = float(np.quantile(np.abs(data.y), 1.0 - MOST_BROKEN))

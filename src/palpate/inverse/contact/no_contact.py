@@ -103,7 +103,7 @@ def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
     grid = estimator.operator.surface
     out = np.zeros(len(grid.components))
     for sign in (1, -1) if -1 in estimator.signs else (1,):
-        found = rough(estimator, sign * run.data, run.observed, total, 0, policy.detection.short_line_noise * total)
+        found = rough(estimator, sign * run.data, run.observed, total, None, policy.detection.short_line_noise * total)
         left = white - sign * estimator.readings.white(
             (found.explained / estimator.readings.std)[run.observed], run.observed
         )

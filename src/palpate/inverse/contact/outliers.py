@@ -45,7 +45,7 @@ def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed
         fewer = counted.copy()
         fewer[worst] = False
         filled = np.where(fewer, clean, best.explained)
-        found = rough(estimator, filled, fewer, total, int(h.present.sum()), h.noise, best.traction)
+        found = rough(estimator, filled, fewer, total, estimator.shifts[:, h.present], h.noise, best.traction)
         floor = max(found.left, estimator.least_noise(data))
         if not (
             gain_of(found.free, max(best.left, floor), floor) > policy.screening.broken + math.log(n)

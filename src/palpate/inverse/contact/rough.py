@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.variances import UNTOLD, told_of
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
@@ -24,14 +25,14 @@ def rough(
     data: Floats,
     observed: Flags,
     total: float,
-    used: int = 0,
+    patterns: Floats | None = None,
     noise_at_first: float | None = None,
     near: Floats | None = None,
     beat: float = -math.inf,
 ) -> Rough:
-    """A rough solution of readings that push: the largest noise that explains itself, and is no more than ``noise_at_first``; ``used``
-    degrees of freedom have gone to nuisances; ``near`` is that of `cells.solved`. Less noise is not tried where that gains
-    less, and less than ``beat``.
+    """A rough solution of readings that push: the largest noise that explains itself, and is no more than ``noise_at_first``. ``patterns`` (reading, nuisance) are
+    nuisances that were taken off, each of which has taken a degree of freedom; ``near`` is that of `cells.solved`. Less noise is not tried where that
+    gains less, and less than ``beat``.
     """
     policy = estimator.policy
     readings, certain = estimator.readings, estimator.noise_known
@@ -42,12 +43,14 @@ def rough(
     cells = estimator.operator.surface.shape
     first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
     explained = np.zeros_like(data)
+    used = 0 if patterns is None else patterns.shape[1]
     left, free, gain = total, float(observed.sum() - used), -math.inf
     for turn in range(policy.screening.rounds):
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
-        first, explained = solved(
-            estimator, found.traction, data / noise, noise, observed, found.parameter / found.scale**2, near
+        weight = found.parameter / found.scale**2
+        first, explained, model = solved(
+            estimator, found.traction, data / noise, noise, observed, weight, near, keep_face=used > 0
         )
         near = first
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
@@ -65,7 +68,12 @@ def rough(
             break
         known = max(left, floor, 1.0 if certain else 0.0)
     gain = gain_of(free, total, left, floor) if total > 0 else 0.0
-    return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]))
+    change = np.zeros(0)
+    if patterns is not None and used:
+        rows = readings.white((patterns / noise[:, None])[observed], observed)
+        left_over = readings.white(((data - explained) / noise)[observed], observed)
+        change = np.linalg.lstsq(told_of(model, rows), rows.T @ left_over, rcond=UNTOLD)[0]
+    return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change)
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:

@@ -151,7 +151,7 @@ class _Solving:
         found, y = self.evidence[1], self.data / self.noise
         weight = found.parameter / found.scale**2
         fitted = solved(self.estimator, found.traction, y, self.noise, self.observed, weight, self.near)
-        self.first, self.explained = fitted
+        self.first, self.explained, _ = fitted
         self.near = self.first
 
     # -- what contact leaves

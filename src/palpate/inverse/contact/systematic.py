@@ -14,11 +14,12 @@ from palpate.inverse.constrained.iterative import Iterative
 from palpate.inverse.constrained.model import ContactModel, scattered
 from palpate.inverse.constrained.products import Applied
 from palpate.inverse.constrained.variances import (
+    UNTOLD,
     carried,
-    covariance_of,
     face_of,
     seen_of,
     shared_errors,
+    told_of,
     variance_of_sums,
 )
 from palpate.inverse.contact.explanation import Explanation, Solved
@@ -43,7 +44,7 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
     if run.members and h.present.any():
         rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
-        deviation[h.present] = _deviations(_told(run.members[0], rows))
+        deviation[h.present] = _deviations(told_of(run.members[0], rows))
     if run.members and h.rough.ring > policy.explanations.ring:
         reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
         offsets = np.array([t.kind == "offset" for t in estimator.terms])
@@ -70,23 +71,18 @@ def change_of_nuisances(
     rows = estimator.readings.white(columns, observed)
     misfit = estimator.readings.white((data / noise)[observed], observed)
     misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
-    precision = _told(model, rows)
-    step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=1e-6)[0]
+    precision = told_of(model, rows)
+    step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=UNTOLD)[0]
     deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
     least = policy.explanations.nuisance * _deviations(precision) if sure else 0.5 * deviation
     out[h.present] = np.where(np.abs(step) > least, step, 0.0)
     return out
 
 
-def _told(model: ContactModel, rows: Floats) -> Floats:
-    """S = B'B - B'A H^-1 A'B, what readings tell of unknowns that do ``rows`` B (reading, unknown), whitened, to them, besides contact on its face."""
-    return np.asarray(rows.T @ rows - covariance_of(model.solution, rows.T @ model.data.matrix))
-
-
 def _deviations(precision: Floats) -> Floats:
-    """Square roots of the diagonal of S^-1; directions that the readings do not tell are as wide as a millionth of what they tell."""
+    """Square roots of the diagonal of S^-1 (`told_of`); directions that the readings do not tell are as wide as `UNTOLD` of what they tell."""
     values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-    values = np.maximum(values, 1e-6 * max(float(values.max(initial=0.0)), 1e-300))
+    values = np.maximum(values, UNTOLD * max(float(values.max(initial=0.0)), 1e-300))
     return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from functools import reduce
 
@@ -51,24 +50,6 @@ class Readings:
         self.independent = not any(a.noise_correlation for a in self.arrays)
         self._roots: dict[tuple[int, bytes], Floats] = {}
 
-        #: Patterns (reading, nuisance) over the readings, divided by their noise, that may have any size.
-        self.patterns: Floats | None = None
-        self._spans: dict[bytes, Floats] = {}
-
-    def allowing(self, patterns: Floats | None) -> Readings:
-        """The same with ``patterns`` (reading, nuisance), in the unit of the channels, marginalised: the part that they explain has no weight."""
-        out = copy.copy(self)
-        out.patterns = None if patterns is None else patterns / self.std[:, None]
-        out._spans = {}
-        return out
-
-    def sizes_of(self, scaled: Floats, observed: Flags) -> Floats:
-        """Sizes (nuisance,) of the patterns in readings that are divided by ``std``, by least squares."""
-        if self.patterns is None:
-            return np.zeros(0)
-        white = self._uncorrelated(self.patterns[observed], observed)
-        return np.asarray(np.linalg.lstsq(white, self._uncorrelated(scaled[observed], observed), rcond=1e-10)[0])
-
     def flat(self, rows: Sequence[Floats]) -> Floats:
         """One vector from one array (channel, *array) per plane."""
         return np.concatenate(
@@ -87,34 +68,8 @@ class Readings:
             start += size
         return out
 
-    @property
-    def each_alone(self) -> bool:
-        """Whether whitening leaves every reading unchanged."""
-        return self.independent and self.patterns is None
-
     def white(self, scaled: Floats, observed: Flags) -> Floats:
-        """R^{-1/2} of the readings that are ``observed``, applied to rows (observed reading, ...) already divided by their noise, without
-        what the patterns explain.
-        """
-        out = self._uncorrelated(scaled, observed)
-        if self.patterns is None:
-            return out
-        span = self._span(observed)
-        return np.asarray(out - span @ (span.T @ out))
-
-    def _span(self, observed: Flags) -> Floats:
-        """Orthonormal columns (observed reading, nuisance) that span the patterns."""
-        key = observed.tobytes()
-        if key not in self._spans:
-            if len(self._spans) >= CACHE_SIZE:
-                self._spans.clear()
-            white = self._uncorrelated(np.asarray(self.patterns)[observed], observed)
-            size = np.sqrt((white**2).sum(axis=0))
-            u, s, _ = np.linalg.svd(white / np.where(size > 0, size, 1.0), full_matrices=False)
-            self._spans[key] = u[:, s > 1e-6]
-        return self._spans[key]
-
-    def _uncorrelated(self, scaled: Floats, observed: Flags) -> Floats:
+        """R^{-1/2} of the readings that are ``observed``, applied to rows (observed reading, ...) already divided by their noise."""
         if self.independent:
             return scaled
         out = np.array(scaled)

@@ -45,40 +45,44 @@ def _in_turn(
     """The rough solution with the nuisances that are there, and their sizes; None where it is as good as certain that its gain stays below ``beat``: rounds
     that go on as the best of them so far do not bring it there.
 
-    Sizes and contact are found in turn: the sizes from what the contact leaves, by least squares.
+    Sizes and contact are found in turn, the sizes with the contact on its face free to move.
     """
     estimator, data, observed = search.estimator, search.data, search.observed
-    policy = estimator.policy
-    readings = estimator.readings
+    rules = estimator.policy.explanations
     columns = np.stack([term.rows for term in terms], axis=1)
+    readings = estimator.readings
     unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
-    deviation = np.zeros(len(terms))
     near: Floats | None = None
     step = 0.0
-    for turn in range(policy.explanations.nuisance_rounds):
+    for turn in range(rules.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
-        found = rough(estimator, clean, observed, search.total, int(present.sum()), search.noise, near, beat)
+        found = rough(estimator, clean, observed, search.total, columns[:, present], search.noise, near, beat)
         near = found.traction
-        deviation = np.maximum(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
         if best is not None:
             if found.gain < best.gain:
-                break
+                if turn > 1:
+                    break
+                # the first step may go too far: few readings follow a wide contact at any offset, and leave no freedom
+                sizes = 0.5 * (kept + sizes)
+                present = sizes != 0.0
+                continue
             step = max(step, found.gain - best.gain)
-            if found.gain + (policy.explanations.nuisance_rounds - 1 - turn) * step < beat:
+            if found.gain + (rules.nuisance_rounds - 1 - turn) * step < beat:
                 return None
         best, kept = found, sizes.copy()
-        left = sign * (clean - found.explained) / readings.std
-        allowed = readings.allowing(columns[:, present])
+        deviation = max(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
         change = np.zeros(len(terms))
-        change[present] = allowed.sizes_of(left, observed)
+        change[present] = sign * found.change
         sizes = sizes + change
-        present = np.abs(sizes) > policy.explanations.nuisance * deviation
+        present = np.abs(sizes) > rules.nuisance * deviation
         sizes = np.where(present, sizes, 0.0)
-        if not present.any() or (np.abs(change) < 0.3 * deviation).all():
+        if not present.any():
+            return None
+        if (np.abs(change) < 0.3 * deviation).all():
             break
     if best is None:
         raise RuntimeError("no round of nuisances was made")
-    present = np.abs(kept) > policy.explanations.nuisance * deviation
+    present = np.abs(kept) > rules.nuisance * deviation
     return best, np.where(present, kept, 0.0)

@@ -15,5 +15,5 @@ def propose(search: Search) -> Iterator[Explanation]:
     """A pull where a push leaves much, or displacement is felt far away: what pulls in the middle looks much like what pushes all round."""
     if -1 not in search.signs or not (search.estimator.far or search.worth_more(search.tried[0])):
         return
-    found = rough(search.estimator, -search.data, search.observed, search.total, 0, search.noise)
+    found = rough(search.estimator, -search.data, search.observed, search.total, None, search.noise)
     yield Explanation(-1, found, search.none, search.none > 0)

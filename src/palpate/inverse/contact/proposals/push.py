@@ -13,5 +13,5 @@ __all__ = ["propose"]
 
 def propose(search: Search) -> Iterator[Explanation]:
     """Pressure without any nuisance."""
-    found = rough(search.estimator, search.data, search.observed, search.total, 0, search.noise)
+    found = rough(search.estimator, search.data, search.observed, search.total, None, search.noise)
     yield Explanation(1, found, search.none, search.none > 0)
