@@ -72,7 +72,10 @@ def rough(
     if patterns is not None and used:
         rows = readings.white((patterns / noise[:, None])[observed], observed)
         left_over = readings.white(((data - explained) / noise)[observed], observed)
-        change = np.linalg.lstsq(told_of(model, rows), rows.T @ left_over, rcond=UNTOLD)[0]
+        # few readings follow a wide contact at any offset, and leave no freedom: small steps find offsets before that
+        few = observed.sum() <= policy.detection.few_readings
+        told = rows.T @ rows if few else told_of(model, rows)
+        change = np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0]
     return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change)
 
 

@@ -52,6 +52,7 @@ def _in_turn(
     columns = np.stack([term.rows for term in terms], axis=1)
     readings = estimator.readings
     unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
+    few = observed.sum() <= estimator.policy.detection.few_readings
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
     near: Floats | None = None
@@ -62,12 +63,7 @@ def _in_turn(
         near = found.traction
         if best is not None:
             if found.gain < best.gain:
-                if turn > 1:
-                    break
-                # the first step may go too far: few readings follow a wide contact at any offset, and leave no freedom
-                sizes = 0.5 * (kept + sizes)
-                present = sizes != 0.0
-                continue
+                break
             step = max(step, found.gain - best.gain)
             if found.gain + (rules.nuisance_rounds - 1 - turn) * step < beat:
                 return None
@@ -76,10 +72,11 @@ def _in_turn(
         change = np.zeros(len(terms))
         change[present] = sign * found.change
         sizes = sizes + change
-        present = np.abs(sizes) > rules.nuisance * deviation
-        sizes = np.where(present, sizes, 0.0)
-        if not present.any():
+        there = np.abs(sizes) > rules.nuisance * deviation
+        if not there.any():
             return None
+        if turn > 0 or few:  # the first step of both together, from far, tells only whether there are any
+            present, sizes = there, np.where(there, sizes, 0.0)
         if (np.abs(change) < 0.3 * deviation).all():
             break
     if best is None:
