@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
@@ -282,7 +283,7 @@ class AreaGrid(_Flat):
         """2."""
         return 2
 
-    @property
+    @cached_property
     def spacings(self) -> tuple[float, ...]:
         """(dy, dx) [m]."""
         return pair("spacing", self.spacing)

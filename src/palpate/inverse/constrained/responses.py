@@ -14,7 +14,7 @@ from palpate.sensing.operator import Operator
 __all__ = ["Responses"]
 
 #: Largest number of entries of an operator as a matrix: above, transforms are as fast.
-SMALL = 200_000
+SMALL = 500_000
 
 
 class Responses:

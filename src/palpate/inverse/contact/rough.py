@@ -68,7 +68,7 @@ def rough(
             break
         known = max(left, floor, 1.0 if certain else 0.0)
     gain = gain_of(free, total, left, floor) if total > 0 else 0.0
-    change = np.zeros(0)
+    change: Floats = np.zeros(0)
     if patterns is not None and used:
         rows = readings.white((patterns / noise[:, None])[observed], observed)
         left_over = readings.white(((data - explained) / noise)[observed], observed)
