@@ -19,6 +19,7 @@ __all__ = [
     "UNTOLD",
     "carried",
     "covariance_of",
+    "deviations_of",
     "face_of",
     "seen_of",
     "shared_errors",
@@ -60,6 +61,13 @@ def told_by_each(model: ContactModel, rows: Floats, white: Floats) -> Floats:
 def told_of(model: ContactModel, rows: Floats) -> Floats:
     """S = B'B - B'A H^-1 A'B, what readings tell of unknowns that do ``rows`` B (reading, unknown), whitened, to them, besides contact on its face."""
     return np.asarray(rows.T @ rows - covariance_of(model.solution, rows.T @ model.data.matrix))
+
+
+def deviations_of(precision: Floats) -> Floats:
+    """Square roots of the diagonal of S^-1 (`told_of`); directions that the readings do not tell are as wide as `UNTOLD` of what they tell."""
+    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
+    values = np.maximum(values, UNTOLD * max(float(values.max(initial=0.0)), 1e-300))
+    return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 
 def seen_of(model: ContactModel, moved: Floats) -> Floats:

@@ -19,7 +19,8 @@ Flags = npt.NDArray[np.bool_]
 @dataclass(frozen=True)
 class Rough:
     """A rough solution: its gain, the noise that it leaves, degrees of freedom left, traction (component, cell), loaded part of the ring, and how the sizes of
-    its nuisances change when contact and they are solved together.
+    its nuisances change when contact and they are solved together, with
+    their standard deviations.
     """
 
     gain: float
@@ -29,6 +30,7 @@ class Rough:
     explained: Floats
     ring: float
     change: Floats = field(default_factory=lambda: np.zeros(0))
+    deviation: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.variances import UNTOLD, told_of
+from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
@@ -69,14 +69,16 @@ def rough(
         known = max(left, floor, 1.0 if certain else 0.0)
     gain = gain_of(free, total, left, floor) if total > 0 else 0.0
     change: Floats = np.zeros(0)
+    deviation: Floats = np.zeros(0)
     if patterns is not None and used:
         rows = readings.white((patterns / noise[:, None])[observed], observed)
         left_over = readings.white(((data - explained) / noise)[observed], observed)
         # few readings follow a wide contact at any offset, and leave no freedom: small steps find offsets before that
         few = observed.sum() <= policy.detection.few_readings
         told = rows.T @ rows if few else told_of(model, rows)
-        change = np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0]
-    return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change)
+        change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0])
+        deviation = deviations_of(told) * (max(left, floor) / known)
+    return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change, deviation)
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:

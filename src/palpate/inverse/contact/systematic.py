@@ -16,6 +16,7 @@ from palpate.inverse.constrained.products import Applied
 from palpate.inverse.constrained.variances import (
     UNTOLD,
     carried,
+    deviations_of,
     face_of,
     seen_of,
     shared_errors,
@@ -44,7 +45,7 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
     if run.members and h.present.any():
         rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
-        deviation[h.present] = _deviations(told_of(run.members[0], rows))
+        deviation[h.present] = deviations_of(told_of(run.members[0], rows))
     if run.members and h.rough.ring > policy.explanations.ring:
         reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
         offsets = np.array([t.kind == "offset" for t in estimator.terms])
@@ -74,16 +75,9 @@ def change_of_nuisances(
     precision = told_of(model, rows)
     step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=UNTOLD)[0]
     deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
-    least = policy.explanations.nuisance * _deviations(precision) if sure else 0.5 * deviation
+    least = policy.explanations.nuisance * deviations_of(precision) if sure else 0.5 * deviation
     out[h.present] = np.where(np.abs(step) > least, step, 0.0)
     return out
-
-
-def _deviations(precision: Floats) -> Floats:
-    """Square roots of the diagonal of S^-1 (`told_of`); directions that the readings do not tell are as wide as `UNTOLD` of what they tell."""
-    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-    values = np.maximum(values, UNTOLD * max(float(values.max(initial=0.0)), 1e-300))
-    return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 
 def doubtful(estimator: Prepared, run: Solved) -> tuple[Floats, Floats]:

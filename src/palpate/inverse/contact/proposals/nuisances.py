@@ -72,10 +72,12 @@ def _in_turn(
         change = np.zeros(len(terms))
         change[present] = sign * found.change
         sizes = sizes + change
-        there = np.abs(sizes) > rules.nuisance * deviation
+        # the first step of both together, from far, tells whether there are any, and not yet which
+        first = turn == 0 and not few
+        there = np.abs(sizes) > rules.nuisance * (found.deviation if first else deviation)
         if not there.any():
             return None
-        if turn > 0 or few:  # the first step of both together, from far, tells only whether there are any
+        if not first:
             present, sizes = there, np.where(there, sizes, 0.0)
         if (np.abs(change) < 0.3 * deviation).all():
             break
