@@ -8,8 +8,9 @@ default reconstruction, one frame and one frame of a batch of 64. --large adds 6
 --transforms: forward and adjoint, all three components loaded or one, against the zero-padded FFTs that they cannot do without, of the
 library that is in use (ducc0 where it is installed); with --write into docs/_generated/transforms.md.
 
---frames: processor time of one frame by the automatic method on N x N x 3, small contacts and large, with friction given and without; with
---against, in turn with another copy of the library (the folder that holds its "palpate"), each in a process of its own.
+--frames: processor time of one frame by the automatic method on N x N x 3, small contacts and large, with offsets, and with friction
+given; with --against, in turn with another copy of the library (the folder that holds its "palpate"), each in a process of its own, and
+--write into docs/_generated/speed_frames.md.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ import scipy.fft
 import palpate as pp
 
 TRANSFORMS = Path(__file__).parent.parent / "docs" / "_generated" / "transforms.md"
+FRAMES = TRANSFORMS.with_name("speed_frames.md")
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 THREE = ["stress_xz", "stress_yz", "stress_zz"]
 
@@ -219,19 +221,22 @@ def methods(n: int, only: str | None = None) -> None:
         print(f"{name:<24}{first:>10.2f}{single:>10.4f}{batch:>10.4f}", flush=True)
 
 
-#: Frames of a size: part of the array's width that the contact's radius is, friction, and whether the pad is a bonded layer.
-CASES: dict[str, tuple[float, float | None, bool]] = {
-    "small": (0.12, None, False),
-    "small, friction": (0.12, 0.5, False),
-    "large": (0.42, None, False),
-    "large, friction": (0.42, 0.5, False),
-    "large, layer": (0.42, None, True),
+#: Frames of a size: part of the array's width that the contact's radius is, friction, whether the pad is a bonded layer, and the offset of normal stress in
+#: parts of the largest reading, with 0.3 and -0.5 of it of the shear stresses.
+CASES: dict[str, tuple[float, float | None, bool, float]] = {
+    "small": (0.12, None, False, 0.0),
+    "small, offsets": (0.12, None, False, 0.1),
+    "small, friction": (0.12, 0.5, False, 0.0),
+    "large": (0.42, None, False, 0.0),
+    "large, offsets": (0.42, None, False, 0.3),
+    "large, friction": (0.42, 0.5, False, 0.0),
+    "large, layer": (0.42, None, True, 0.0),
 }
 
 
 def frame_of(n: int, case: str) -> tuple[pp.Skin, Any, dict[str, Any]]:
     """A skin, a frame of a round contact under 1 % noise, and the options. 4 x 4 is a robot's skin: 4.7 mm between taxels 3 mm deep."""
-    part, friction, layer = CASES[case]
+    part, friction, layer, offset = CASES[case]
     pitch, depth = (4.7e-3, 3e-3) if n == 4 else (1e-3, 2e-3)
     pad = pp.BondedLayers([pp.Layer(thickness=2 * depth, youngs_modulus=2e5, poissons_ratio=0.48)]) if layer else PAD
     skin = pp.Skin(pad, pp.AreaArray(shape=(n, n), pitch=pitch, depth=depth, channels=THREE))
@@ -241,6 +246,7 @@ def frame_of(n: int, case: str) -> tuple[pp.Skin, Any, dict[str, Any]]:
     pressure = 2e4 * np.sqrt(np.maximum(1.0 - ((x - off) ** 2 + (y + off) ** 2) / radius**2, 0.0))
     clean = skin.sense(np.stack([0.3 * pressure, -0.1 * pressure, pressure]))
     noise = 0.01 * np.abs(clean).max() * np.random.default_rng(n).standard_normal(clean.shape)
+    noise += offset * np.abs(clean).max() * np.array([0.3, -0.5, 1.0]).reshape(3, 1, 1)
     return skin, clean + noise, {} if friction is None else {"friction": friction}
 
 
@@ -254,8 +260,9 @@ def worker(n: int) -> None:
         print(time.process_time() - start, *force.tolist(), flush=True)
 
 
-def frames(sizes: list[int], against: str | None, repeats: int = 3) -> None:
+def frames(sizes: list[int], against: str | None, write: bool, repeats: int = 3) -> None:
     """Least processor time of a frame in a few runs, of this copy and of another one in turn."""
+    table = ["| array | contact | before [ms] | now [ms] | ratio | forces differ by |", "|---|---|---|---|---|---|"]
     sources = [*([against] if against else []), str(Path(pp.__file__).parents[1])]
     titles = ("before ms", "now ms", "ratio", "same to") if against else ("ms",)
     print(f"{'array':<14}{'contact':<18}" + "".join(f"{t:>12}" for t in titles))
@@ -288,16 +295,25 @@ def frames(sizes: list[int], against: str | None, repeats: int = 3) -> None:
             if against:
                 off = np.abs(forces[0] - forces[1]).max() / np.abs(forces[0]).max()
                 line += f"{spent_each[0] / spent_each[1]:>12.1f}{off:>12.0e}"
+                table.append(
+                    f"| {n} x {n} x 3 | {case} | {spent_each[0]:.0f} | {spent_each[1]:.0f} | {spent_each[0] / spent_each[1]:.1f} | {100 * off:.2g} % |"
+                )
             print(line, flush=True)
         for copy in copies:
             copy.communicate()
+    if write:
+        FRAMES.write_text("\n".join(table) + "\n", encoding="utf-8")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--large", action="store_true")
     parser.add_argument("--transforms", action="store_true", help="forward and adjoint against bare FFTs instead")
-    parser.add_argument("--write", action="store_true", help="these into docs/_generated/transforms.md")
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help="these into docs/_generated/transforms.md, or frames into docs/_generated/speed_frames.md",
+    )
     parser.add_argument("--pads", action="store_true", help="layered pads against the half-space instead")
     parser.add_argument("--methods", type=int, metavar="N", help="every method on N x N x 3 instead")
     parser.add_argument("--only", metavar="TEXT", help="of these, the ones whose name has this in it")
@@ -314,7 +330,7 @@ def main() -> None:
         transforms(arguments.write)
         return
     if arguments.frames:
-        frames(arguments.frames, arguments.against)
+        frames(arguments.frames, arguments.against, arguments.write)
         return
     if arguments.methods:
         methods(arguments.methods, arguments.only)

@@ -62,7 +62,7 @@ def _in_turn(
         found = rough(estimator, clean, observed, search.total, columns[:, present], search.noise, near, beat)
         near = found.traction
         if best is not None:
-            if found.gain < best.gain:
+            if found.gain < best.gain and (few or turn > 1):  # sizes from the outermost taxels are no fit yet
                 break
             step = max(step, found.gain - best.gain)
             if found.gain + (rules.nuisance_rounds - 1 - turn) * step < beat:
