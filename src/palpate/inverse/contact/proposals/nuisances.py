@@ -62,7 +62,8 @@ def _in_turn(
         found = rough(estimator, clean, observed, search.total, columns[:, present], search.noise, near, beat)
         near = found.traction
         if best is not None:
-            if found.gain < best.gain and (few or turn > 1):  # sizes from the outermost taxels are no fit yet
+            # sizes from the outermost taxels are no fit yet: better ones may gain as much as makes no difference less
+            if found.gain < best.gain - (0.0 if few or turn > 1 else estimator.policy.detection.evidence):
                 break
             step = max(step, found.gain - best.gain)
             if found.gain + (rules.nuisance_rounds - 1 - turn) * step < beat:
