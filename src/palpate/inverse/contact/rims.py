@@ -150,7 +150,10 @@ def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solv
 def _gain(free: Prepared, push: Solved, other: Solved) -> float:
     """What traction of either sign gains on a push (`score.gain_without_cone`)."""
     left = [
-        ((float(np.median(run.noise / free.readings.std)) * _left(free, run.members[0], run)) ** 2, taken_by(run.members[0]))
+        (
+            (float(np.median(run.noise / free.readings.std)) * _left(free, run.members[0], run)) ** 2,
+            taken_by(run.members[0]),
+        )
         for run in (push, other)
     ]
     return gain_without_cone(float(other.observed.sum()), left[0], left[1], known=free.noise_known)
