@@ -156,7 +156,7 @@ def _gain(free: Prepared, push: Solved, other: Solved) -> float:
         )
         for run in (push, other)
     ]
-    return gain_without_cone(float(other.observed.sum()), left[0], left[1], known=free.noise_known)
+    return gain_without_cone(float(other.observed.sum()), left[0], left[1])
 
 
 def _left(free: Prepared, model: ContactModel, run: Solved) -> float:

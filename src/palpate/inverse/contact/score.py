@@ -8,10 +8,10 @@
 | `weights_by_evidence`, `shares_by_evidence` | exp(log evidence), normalised | penalties of one explanation; ways of sliding |
 | `share_of` | 1/(1 + exp(-log odds)) | discs and fields; an explanation and its rival |
 | `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | an explanation that is doubted and its rival |
-| `gain_without_cone` | log likelihood gained, less the degrees of freedom that it took (H. Akaike, IEEE Trans. Automatic Control 19, 1974, 716-723); where noise is learned, minus the log probability of as large an F | a push and the same contact with traction of either sign |
+| `gain_without_cone` | minus the log probability that noise of an unknown size gives as large an F | a push and the same contact with traction of either sign |
 
-All are natural logarithms of odds but for two conventions: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
-half of one on average, and `gain_without_cone` counts it as one.
+All are natural logarithms of odds but for two: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
+half of one on average, and `gain_without_cone` is a test.
 """
 
 from __future__ import annotations
@@ -151,17 +151,15 @@ def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float,
     return worth_of(rival, policy) - worth_of(h, policy) + math.log(max(rival_fit, 1e-300) / fit)
 
 
-def gain_without_cone(readings: float, push: tuple[float, float], free: tuple[float, float], *, known: bool) -> float:
+def gain_without_cone(readings: float, push: tuple[float, float], free: tuple[float, float]) -> float:
     """What traction of either sign, ``free``, gains on a ``push``: of each the mean square that it leaves and the degrees of freedom that it took.
 
-    ``known``: squares are in units of noise that was given. Of noise that is learned F = (S1 - S2) / (k2 - k1) / (S2 / (n - k2)) counts: Akaike's gain holds
-    where n is far more than k, and traction of either sign follows most of few readings.
+    F = (S1 - S2) / (k2 - k1) / (S2 / (n - k2)). Akaike's gain holds where n is far more than k, and traction of either sign follows most of few readings;
+    noise that was given may be given wrong.
     """
     import scipy.stats
 
     (before, few), (after, many) = push, free
-    if known:
-        return 0.5 * readings * (before - after) - (many - few)
     taken, rest = max(many - few, 1.0), max(readings - many, 1e-3)
     f = (before - after) / taken / max(after / rest, 1e-300)
     return -float(scipy.stats.f.logsf(f, taken, rest)) if f > 0.0 else 0.0
