@@ -41,3 +41,18 @@ def test_an_offset_is_no_pull_about_two_balls() -> None:
     assert low[2] < forces.sum() < high[2]
     assert touch.pushing
     assert any("offset of stress_zz" in note for note in touch.notes)
+
+
+def test_an_offset_does_not_outgrow_the_readings() -> None:
+    """A punch of 0.70 N with drift in every reading: a pull of 16.7 N (6.3 to 23.4) over an offset of 20 kPa, where the largest reading is 13 kPa."""
+    shear_x = [[213, -406, -1052, 2895], [299, -1329, -2816, 4961], [179, 7, -230, 2398], [212, 369, 908, 608]]
+    shear_y = [[536, 181, -3185, -2369], [866, 723, 1904, 1973], [718, 1784, 3804, 3084], [941, 1256, 1489, 1325]]
+    normal = [[633, 1052, 6038, 4484], [644, 1518, 13031, 10214], [915, 1159, 3244, 2883], [773, 682, 782, 424]]
+    pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    channels = ["stress_xz", "stress_yz", "stress_zz"]
+    array = pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", aperture=3e-3, channels=channels, noise=305.0)
+    touch = pp.Skin(pad, array).reconstruct(np.array([shear_x, shear_y, normal], dtype=float))
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 0.696 < high[2]
+    assert float(touch.force[2]) == pytest.approx(0.696, abs=0.15)
+    assert touch.fit < 0.01  # drift that differs from taxel to taxel is no offset
