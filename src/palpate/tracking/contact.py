@@ -135,9 +135,8 @@ class Contact:
     @property
     def cells(self) -> Index | None:
         """Cells of the traction, None without contact."""
-        if not self.pushing:
-            return self._pulling.cells
-        return None if self._solution.region is None else self._solution.region.cells
+        region = self._solution.region
+        return self._pulling.cells if not self.pushing else None if region is None else region.cells
 
     @property
     def traction(self) -> Floats:
@@ -193,7 +192,7 @@ class Contact:
             self._background.wait(MOVING, self._under_way())
         used = self._check.unused
         # the penalty is learned from readings that this frame's contact fills: filled by the last one, a load that has jumped is ragged there
-        filling = self.pushing and self._solution.region is not None and bool(used.any())
+        filling = self.pushing and self.cells is not None and bool(used.any())
         converged = self._push(frame) if filling else True
         learned = self._learn(frame)
         known = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])

@@ -93,8 +93,12 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
-    """The other credible, compact explanations with nuisances, the best first."""
-    others = [h for h in _credible(tried, policy) if h.present.any() and h is not best and is_compact(h, policy)]
+    """The other credible, compact explanations with nuisances that are worth more than noise alone, the best first."""
+    others = [
+        h
+        for h in _credible(tried, policy)
+        if h.present.any() and h is not best and is_compact(h, policy) and worth_of(h, policy) > 0.0
+    ]
     return tuple(sorted(others, key=lambda h: -worth_of(h, policy)))
 
 

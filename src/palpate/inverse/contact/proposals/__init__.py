@@ -77,4 +77,4 @@ def _in_order(estimator: Prepared, h: Explanation, data: Floats, observed: Flags
     """Whether contact of one sign leaves no order that noise does not have."""
     chance, least = rough_fit(estimator, h, data, observed), estimator.policy.explanations.structured_chance
     trace.decided("probability that noise has the order which one sign leaves", chance, least)
-    return chance >= least
+    return not chance < least  # NaN: too few readings to say
