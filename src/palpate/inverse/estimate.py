@@ -23,11 +23,14 @@ __all__ = ["Errors", "Estimate", "Stated", "batch_of", "frames_of"]
 class Errors:
     """Standard deviations, in closed form, before calibration (`palpate.touch`).
 
-    ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
-    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``variance_reduction`` is shaped like ``traction``: 1 - posterior over prior
-    variance of each cell in contact, NaN elsewhere. Those named ``outside_...`` are not standard deviations: they are the part of
-    each quantity that comes from outside the outermost taxels, where nothing is measured; its relative error is a calibrated constant. Nor is
-    ``beyond_force`` (*batch, component): what contact that reaches the outermost taxels may have beyond them, away from zero; an interval of 95 % has room for it.
+    ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or
+    1); ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``variance_reduction`` is shaped like ``traction``: 1
+    - posterior over prior variance of each cell in contact, NaN elsewhere.
+
+    Fields named ``outside_...`` are not standard deviations but the part of each quantity that comes from outside the
+    outermost taxels, where nothing is measured; its relative error is a calibrated constant. ``beyond_force`` (*batch,
+    component) is the force that a contact reaching the outermost taxels may have beyond them, away from zero; the 95 %
+    interval includes it.
     """
 
     traction: Floats = field(metadata=per_frame("component", "*"))
@@ -147,7 +150,7 @@ class Estimate:
         if self.contact is not None:
             code[~self.contact] = Status.NO_CONTACT
         if self.pushed is not None:
-            # a frame that another method took over is solved
+            # A frame solved by another method counts as solved.
             other = (
                 np.zeros(np.shape(code), dtype=bool)
                 if self.method is None
@@ -195,5 +198,5 @@ def frames_of(readings: Sequence[Any], operator: Operator) -> Iterator[list[Floa
 
 
 def in_frames(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or "" for a single frame."""
+    """Text " in 3 of 70 frames", or "" for a single frame."""
     return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""
