@@ -47,7 +47,7 @@ class Nuisance:
 
 
 def check_nuisance(kinds: Sequence[str] | str | None) -> tuple[str, ...] | None:
-    """The kinds in order, or None if evidence decides; raises `InvalidInput` for others."""
+    """The kinds in order, or None if the readings decide; raises `InvalidInput` for unknown kinds."""
     if kinds is None or kinds == "auto":
         return None
     if isinstance(kinds, str) or any(k not in NUISANCES for k in kinds):
