@@ -16,7 +16,7 @@ __all__ = ["recorder"]
 def recorder(
     path: str | Path, channels: Sequence[str], *, positions: Any = None, meta: Mapping[str, Any] | None = None
 ) -> Recorder:
-    """The recorder of a file name: .mcap, .nc / .h5 / .hdf5, or .zarr; each writes while the stream runs.
+    """A recorder for a file name (.mcap, .nc / .h5 / .hdf5, or .zarr) that writes while the stream runs.
 
     Parameters
     ----------
