@@ -1,4 +1,4 @@
-"""A result laid over its picture."""
+"""Draw a result over its picture."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def overlay(
 
 
 def _of_file(dataset: xarray.Dataset) -> tuple[Touch, Any]:
-    """One frame of a data set of touches, and the standard deviations that it holds."""
+    """One frame of a data set of touches, and the standard deviations that it contains."""
     if "traction" not in dataset or dataset["traction"].dims != ("component", "y", "x"):
         held = dict(dataset["traction"].sizes) if "traction" in dataset else ", ".join(map(str, dataset.variables))
         raise InvalidInput(
