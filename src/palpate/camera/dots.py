@@ -38,8 +38,8 @@ FEWEST, GRID = 5, 9
 #: A print is accepted if this fraction of the salient spots has one size; or, if there is dirt between the dots, if the
 #: distance to neighbours is this many times that of random places.
 ALIKE, EVEN = 0.8, 1.6
-#: Largest ratio of standard deviation to mean of the distances to neighbours; for random prints with a minimum distance,
-#: and for speckle, it is up to 0.31.
+#: Largest ratio of standard deviation to mean of the distances to neighbours; for random prints with a minimum
+#: distance, and for speckle, it is up to 0.31.
 UNEVEN = 0.38
 #: Largest distance between neighbouring dots, in radii.
 SPARSE = 25.0

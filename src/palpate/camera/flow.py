@@ -51,8 +51,8 @@ FEWEST, TEXTURED = 9, 0.5
 #: Smallest contrast, at scales finer than a window, that counts as texture: light on a smooth gel, which does not move
 #: with it, has between a third of this and all of it.
 FAINT = 0.0135
-#: A window moves by its mean: half**2 / 6 of the Laplacian, a third of which (by the distance squared) is the difference
-#: between a place and the plane through its eight neighbours.
+#: A window moves by its mean: half**2 / 6 of the Laplacian, a third of which (by the distance squared) is the
+#: difference between a place and the plane through its eight neighbours.
 WINDOW_MEAN = 0.5
 
 

@@ -26,8 +26,8 @@ REACH = 0.4
 #: Largest change of displacement between neighbours, relative to their distance, in an intact print.
 TORN = 0.5
 #: Variants of the start set: how often to erode its edges, how many of the six nearest dots must move with a dot, the
-#: strain that counts as a tear, and which set to use, the largest (0) or the next. (If most of a print moves by a pitch,
-#: the dots at rest are the smaller set.)
+#: strain that counts as a tear, and which set to use, the largest (0) or the next. (If most of a print moves by a
+#: pitch, the dots at rest are the smaller set.)
 TRIED = (
     (1, 0.8, TORN, 0),
     (2, 0.8, TORN, 0),

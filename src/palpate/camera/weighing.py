@@ -36,8 +36,8 @@ from palpate.units import UNKNOWN
 
 __all__ = ["Weighed", "weigh"]
 
-#: A frame belongs to the press if dots move by at least this fraction of the largest motion; and number of these frames,
-#: from the middle, to solve.
+#: A frame belongs to the press if dots move by at least this fraction of the largest motion; and number of these
+#: frames, from the middle, to solve.
 PRESSED, SOLVED = 0.8, 3
 #: The same if the force is known at each time: the forces of a whole press determine the modulus.
 TRACED, SOLVED_TRACE = 0.3, 6

@@ -10,7 +10,8 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["STICK", "sheared"]
 
-#: Candidate radii of the sticking part, as fractions of the contact's radius: about evenly spaced in Q/(mu P) = 1 - s^3.
+#: Candidate radii of the sticking part, as fractions of the contact's radius: about evenly spaced in Q/(mu P) = 1 -
+#: s^3.
 STICK = np.array([0.0, 0.3, 0.45, 0.55, 0.65, 0.72, 0.79, 0.85, 0.9, 0.94, 0.97, 0.99])
 
 

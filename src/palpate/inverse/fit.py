@@ -22,8 +22,8 @@ MODEL_DETAIL = 2e-3
 #: A frame is reported as a poor fit below this misfit probability: one good frame in a hundred.
 POOR_FIT = 0.01
 #: Misfit probability above which noise alone counts as proven. One frame of noise in ten is below it and gets wider
-#: intervals. Also below it were three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09), and
-#: a ball that changed two of 252 readings, with given noise (0.012).
+#: intervals. Also below it were three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09),
+#: and a ball that changed two of 252 readings, with given noise (0.012).
 PROVEN = 0.1
 #: Default root mean square of the model error of a pad, as a fraction of the readings. Published recordings of six real
 #: skins with a force sensor have 2 to 30 % (`benchmarks/real.py`).

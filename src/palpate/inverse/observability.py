@@ -22,9 +22,9 @@ __all__ = ["Observability", "check_observable", "is_observable", "observability"
 BLIND = 1e-9
 #: Pressure confounds shear if its effect on the readings is at least this fraction of that of equal shear.
 ACTS = 0.1
-#: On a bonded pad, pressure is sought by default if its effect is at least this fraction of that of shear; with pressure
-#: fixed at zero, every load would read 0 N. Markers on the surface of an incompressible gel (Poisson's ratio 0.48) have
-#: 0.02 to 0.09. The interval of the force is then wide.
+#: On a bonded pad, pressure is sought by default if its effect is at least this fraction of that of shear; with
+#: pressure fixed at zero, every load would read 0 N. Markers on the surface of an incompressible gel (Poisson's ratio
+#: 0.48) have 0.02 to 0.09. The interval of the force is then wide.
 FELT = 0.01
 #: Largest number of readings for which this is the default: larger frames take minutes.
 NARROWED_READINGS = 1100

@@ -128,7 +128,8 @@ class Problem:
         self.kept = Kept() if kept is None else kept
         self.recall = recall
         self.zeroed = zeroed
-        #: The zero that was taken (one array (channel, *array) per plane), because saturation shows in the raw readings.
+        #: The zero that was taken (one array (channel, *array) per plane), because saturation shows in the raw
+        #: readings.
         self.zero: Sequence[Floats] | None = None
 
     def seeking(self, components: Sequence[str]) -> Problem:

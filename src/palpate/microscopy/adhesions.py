@@ -32,32 +32,32 @@ __all__ = ["Adhesions", "Maps", "Sample", "sampled"]
 
 Flags = npt.NDArray[np.bool_]
 
-# Number of Markov chains, steps of each before its first sample (burn-in), and steps between two samples. Doubling the
-# steps changes the energy by 2 % (benchmarks/cells.py).
+#: Number of Markov chains, steps of each before its first sample (burn-in), and steps between two samples. Doubling the
+#: steps changes the energy by 2 % (benchmarks/cells.py).
 CHAINS, BURN, BETWEEN = 3, 1200, 40
-# A chain starts with blobs at the maxima of the first guess, and then at those of the residual in further rounds. Here:
-# number of rounds, steps after each round, and most maxima that a round uses.
+#: A chain starts with blobs at the maxima of the first guess, and then at those of the residual in further rounds.
+#: Here: number of rounds, steps after each round, and most maxima that a round uses.
 ROUNDS, SETTLE, MAXIMA = 3, 150, 30
-# As fractions of the largest squared traction of the first guess: maxima below FAINT start no blob; where it is above
-# STRONG, single vectors are used instead of means over tiles.
+#: As fractions of the largest squared traction of the first guess: maxima below FAINT start no blob; where it is above
+#: STRONG, single vectors are used instead of means over tiles.
 FAINT, STRONG = 0.02, 0.04
-# Smallest and middle standard deviation of blobs [m], about those of an adhesion of 1.4 um. Where the vectors lie too
-# far apart to resolve such blobs, the two limits in pitches apply instead. LARGEST is the largest size as a fraction of
-# the field.
+#: Smallest and middle standard deviation of blobs [m], about those of an adhesion of 1.4 um. Where the vectors lie too
+#: far apart to resolve such blobs, the two limits in pitches apply instead. LARGEST is the largest size as a fraction
+#: of the field.
 LEAST, MIDDLE, LEAST_PITCHES, MIDDLE_PITCHES, LARGEST = 0.08e-6, 0.35e-6, 0.04, 0.25, 0.12
-# The prior density of blobs outside the mask, and outside the field of view, is this fraction of the density inside.
+#: The prior density of blobs outside the mask, and outside the field of view, is this fraction of the density inside.
 OUTSIDE = 0.05
-# The noise is taken as at least this fraction of the largest displacements, because no model of a gel is more accurate
-# than that.
+#: The noise is taken as at least this fraction of the largest displacements, because no model of a gel is more accurate
+#: than that.
 MODEL = 1e-3
-# A vector whose residual is LEFT times the noise is an outlier. A vector that the median test excluded is used again if
-# its residual is below BACK times the noise.
+#: A vector whose residual is LEFT times the noise is an outlier. A vector that the median test excluded is used again
+#: if its residual is below BACK times the noise.
 LEFT, BACK = 5.0, 3.0
-# The blobs reproduce the modelled displacement to within this fraction.
+#: The blobs reproduce the modelled displacement to within this fraction.
 DETAIL = 0.2
-# A field with more vectors than this along a side is averaged over tiles.
+#: A field with more vectors than this along a side is averaged over tiles.
 WIDEST = 160
-# Neighbouring vectors count as sharing noise if their residuals correlate by more than this.
+#: Neighbouring vectors count as sharing noise if their residuals correlate by more than this.
 SHARED = 0.1
 
 

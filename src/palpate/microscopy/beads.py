@@ -29,25 +29,25 @@ from palpate.sensing.view import opencv
 
 __all__ = ["bead_displacements"]
 
-# Standard deviation of the Gaussian weights as a fraction of the window: with this value they average over as many
-# pixels as a square of the window's side.
+#: Standard deviation of the Gaussian weights as a fraction of the window: with this value they average over as many
+#: pixels as a square of the window's side.
 SIGMA = 1.0 / 3.545
-# Number of rounds in which the second picture is deformed by the current field and compared again. Between rounds the
-# field is smoothed over SMOOTHED steps.
+#: Number of rounds in which the second picture is deformed by the current field and compared again. Between rounds the
+#: field is smoothed over SMOOTHED steps.
 ROUNDS, SMOOTHED = 5, 0.4
-# Residuals are correlated over this many pixels.
+#: Residuals are correlated over this many pixels.
 RESIDUAL_LENGTH = 5
-# A vector with a larger standard deviation [px] is left out.
+#: A vector with a larger standard deviation [px] is left out.
 MAX_STD = 1.0
-# If the median correlation of windows is still below this after deformation, the pictures do not show the same beads.
+#: If the median correlation of windows is still below this after deformation, the pictures do not show the same beads.
 MIN_CORRELATION = 0.35
-# A window whose correlation is below this fraction of the median contains no beads, or other beads than before.
+#: A window whose correlation is below this fraction of the median contains no beads, or other beads than before.
 UNLIKE = 0.4
-# A window whose correlation after a round is below SOUGHT times the median (its beads moved by more than their width)
-# is searched for within FAR pixels, or within half a window if that is less. A match counts if its correlation exceeds
-# PLACE.
+#: A window whose correlation after a round is below SOUGHT times the median (its beads moved by more than their width)
+#: is searched for within FAR pixels, or within half a window if that is less. A match counts if its correlation exceeds
+#: PLACE.
 SOUGHT, FAR, PLACE = 0.7, 8, 0.5
-# Smallest standard deviation of a vector, due to interpolation and pixels [px].
+#: Smallest standard deviation of a vector, due to interpolation and pixels [px].
 FLOOR = 0.005
 
 

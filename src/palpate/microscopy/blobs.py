@@ -26,18 +26,18 @@ from palpate.errors import Unsupported
 __all__ = ["PROFILES", "Response", "painted", "profiled", "work_of"]
 
 CHANNELS = ("displacement_x", "displacement_y")
-# Nodes of the table of corrections for gels other than a half-space: numbers of variances, distances and wavenumbers.
+#: Nodes of the table of corrections for gels other than a half-space: numbers of variances, distances and wavenumbers.
 VARIANCES, DISTANCES, WAVES = 24, 240, 4000
-# Profiles that an adhesion may have. They have the same force and second moments, and a window cannot tell them apart;
-# but the largest traction differs: 1/(2 pi s^2) of the force for a Gaussian, 1/(4 pi s^2) for an even one.
+#: Profiles that an adhesion may have. They have the same force and second moments, and a window cannot tell them apart;
+#: but the largest traction differs: 1/(2 pi s^2) of the force for a Gaussian, 1/(4 pi s^2) for an even one.
 PROFILES = ("Gaussian", "half ellipsoid", "even")
-# A profile is made of this many small Gaussians, whose standard deviation is PART_SIZE times its radius.
+#: A profile is made of this many small Gaussians, whose standard deviation is PART_SIZE times its radius.
 PARTS, PART_SIZE = 37, 0.17
-# For blobs narrower than this fraction of a square, the mean traction over the square does not depend on the profile.
+#: For blobs narrower than this fraction of a square, the mean traction over the square does not depend on the profile.
 NARROW = 0.3
-# The error function is 1 to double precision beyond this argument.
+#: The error function is 1 to double precision beyond this argument.
 ERF_ONE = 6.0
-# A gel counts as isotropic in its surface if its responses along and across differ by less than this fraction.
+#: A gel counts as isotropic in its surface if its responses along and across differ by less than this fraction.
 ISOTROPIC = 1e-6
 
 

@@ -18,30 +18,30 @@ from palpate.microscopy.orientation import suspected
 
 __all__ = ["doubts", "reworded"]
 
-# A net force or torque of at least this many standard deviations is questioned, and so are principal moments of
-# opposite signs: those of a cell that pulls have the same sign.
+#: A net force or torque of at least this many standard deviations is questioned, and so are principal moments of
+#: opposite signs: those of a cell that pulls have the same sign.
 QUESTIONED = 3.0
 OPPOSED = 0.3
-# What the user should check if the field concentrates traction better with other axes (`suspected`).
+#: What the user should check if the field concentrates traction better with other axes (`suspected`).
 AXES = {
     "v's sign": "with v of the other sign it does not: is v's sign right? Where v alone grows upwards, say v_up=True (--v-up); where y does too, up=True (--up)",
     "u for v": "with u and v exchanged it does not: are u and v the right way round, and are rows and columns those of the picture?",
     "u for v and a sign": "with u and v exchanged, and one of them turned, it does not: are u and v and their signs right, and are rows and columns those of the picture?",
 }
-# Residuals of at least this many times the noise are questioned.
+#: Residuals of at least this many times the noise are questioned.
 MISFIT = 2.0
-# Strains above STRAINED are beyond linear elasticity. Displacements below SMALLEST [px] are smaller than any picture
-# can show.
+#: Strains above STRAINED are beyond linear elasticity. Displacements below SMALLEST [px] are smaller than any picture
+#: can show.
 STRAINED, SMALLEST = 0.3, 0.02
-# The energy is said to depend on the window if it falls below RESTS of its value when the window is taken as zero. SOME
-# samples are used to test this, and blobs keep at least NARROWEST of their variance.
+#: The energy is said to depend on the window if it falls below RESTS of its value when the window is taken as zero.
+#: SOME samples are used to test this, and blobs keep at least NARROWEST of their variance.
 RESTS, SOME, NARROWEST = 0.8, 12, 0.1
-# A mask is doubtful if it contains less than HELD of the traction, and would contain more than FOUND of it at another
-# position.
+#: A mask is doubtful if it contains less than HELD of the traction, and would contain more than FOUND of it at another
+#: position.
 HELD, FOUND = 0.5, 0.8
-# That test of the mask uses traction of at least this many standard deviations.
+#: That test of the mask uses traction of at least this many standard deviations.
 SIGNIFICANT_TRACTION = 1.5
-# Advice in the notes of the inversion, and the same advice in words of microscopy.
+#: Advice in the notes of the inversion, and the same advice in words of microscopy.
 REMEDIES = {
     "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
     "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",

@@ -17,15 +17,15 @@ from palpate.units import is_number
 
 __all__ = ["Field", "mended"]
 
-# A field is refused as having the wrong unit if displacements exceed LARGEST of the field of view, or if gradients
-# exceed STEEPEST.
+#: A field is refused as having the wrong unit if displacements exceed LARGEST of the field of view, or if gradients
+#: exceed STEEPEST.
 LARGEST, STEEPEST = 0.25, 1.0
-# That test leaves out the most extreme vectors, which may be outliers, and uses this fraction.
+#: That test leaves out the most extreme vectors, which may be outliers, and uses this fraction.
 COMMON = 0.95
-# Steps between vectors may differ by this fraction of a step, because coordinates are often rounded.
+#: Steps between vectors may differ by this fraction of a step, because coordinates are often rounded.
 EVEN = 0.02
-# Median test of neighbours: the largest allowed deviation in units of the spread of the neighbours, and a spread that
-# is always added [px].
+#: Median test of neighbours: the largest allowed deviation in units of the spread of the neighbours, and a spread that
+#: is always added [px].
 OFF, SPREAD = 3.0, 0.1
 
 

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_error", "plot_field", "plot_traction", "scale_bar", "square_ends"]
 
-# Number of arrows along the longer side of a picture. Vectors smaller than SMALLEST times the largest get no arrow.
+#: Number of arrows along the longer side of a picture. Vectors smaller than SMALLEST times the largest get no arrow.
 ARROWS, SMALLEST = 36, 0.08
 WIDTH = 6.4
-# If a cell fills less than CLOSER of the view, the plot zooms in to the cell with a margin of ROOM times its length,
-# and to all traction above FAINT times the largest.
+#: If a cell fills less than CLOSER of the view, the plot zooms in to the cell with a margin of ROOM times its length,
+#: and to all traction above FAINT times the largest.
 CLOSER, ROOM, FAINT = 0.5, 0.25, 0.05
-# An arrow is drawn where the traction is at least this many standard deviations from zero (95 %).
+#: An arrow is drawn where the traction is at least this many standard deviations from zero (95 %).
 SURE = 1.96
 
 

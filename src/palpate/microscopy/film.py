@@ -33,7 +33,7 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Film", "Job"]
 
-# Quantities in a row, each with its interval.
+#: Quantities in a row, each with its interval.
 NUMBERS = (
     "strain_energy",
     "contractile_moment",
@@ -45,7 +45,7 @@ NUMBERS = (
     "force_inside",
 )
 
-# Further quantities of normal traction, and of a sheet and its cells.
+#: Further quantities of normal traction, and of a sheet and its cells.
 NORMAL = Normal.NUMBERS
 TENSIONS = ("average_tension", "largest_tension")
 

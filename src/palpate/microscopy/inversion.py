@@ -28,7 +28,7 @@ from palpate.touch import Touch
 __all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
-# The mean displacement of the field of view is computed from this many rows and columns.
+#: The mean displacement of the field of view is computed from this many rows and columns.
 MEAN_SAMPLES = 12
 
 

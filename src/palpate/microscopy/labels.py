@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 __all__ = ["LabelForce", "forces_of_labels", "read_labels", "write_labels_table"]
 
-# Each vector's square is divided into this many parts along each side to measure how much of it a label covers.
+#: Each vector's square is divided into this many parts along each side to measure how much of it a label covers.
 SUBDIVISIONS = 4
-# Vectors within NEAR pitches of an outline determine its force. A load of UNSEEN standard deviations goes undetected in
-# half of the cases.
+#: Vectors within NEAR pitches of an outline determine its force. A load of UNSEEN standard deviations goes undetected
+#: in half of the cases.
 NEAR, UNSEEN = 3.0, 2.0
-# A picture with more labels than this is taken for a photograph and refused.
+#: A picture with more labels than this is taken for a photograph and refused.
 MAX_LABELS = 20_000
 REGIONS = (".roi", ".zip")
 

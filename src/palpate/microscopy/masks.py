@@ -26,10 +26,10 @@ __all__ = ["inside_outline", "on_grid", "read_mask"]
 
 Bools = npt.NDArray[np.bool_]
 
-# A picture with more grey levels than LEVELS is not a mask, unless at least EQUAL of the adjacent pixels have equal
-# values: then it holds labels.
+#: A picture with more grey levels than LEVELS is not a mask, unless at least EQUAL of the adjacent pixels have equal
+#: values: then it holds labels.
 LEVELS, EQUAL = 16, 0.9
-# Column names of the coordinates of an outline: x, and y below.
+#: Column names of the coordinates of an outline: x, and y below.
 X_NAMES = ("x", "px", "pos_x", "xpos", "col", "column", "columns", "axis-1", "axis_1")
 Y_NAMES = ("y", "py", "pos_y", "ypos", "row", "rows", "axis-0", "axis_0")
 OUTLINES = (".csv", ".txt", ".json", ".geojson", ".roi")

@@ -20,7 +20,7 @@ from palpate.units import UNITS
 __all__ = ["fields_of", "read_mat"]
 
 _DAMAGED = "{path}: cannot be read as .mat or HDF5 ({error}); it is truncated, damaged or of another format. Save it again from the program that made it."
-# Depth of nested structs that is searched.
+#: Depth of nested structs that is searched.
 DEEPEST = 12
 
 

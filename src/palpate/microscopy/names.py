@@ -23,12 +23,12 @@ __all__ = [
     "which",
 ]
 
-# Pairs of names of displacements along x and y, in lower case.
+#: Pairs of names of displacements along x and y, in lower case.
 VECTORS = (
     ("u", "v"), ("ux", "uy"), ("u_x", "u_y"), ("dx", "dy"), ("displacement_x", "displacement_y"), ("disp_x", "disp_y"), ("u_filtered", "v_filtered"),
     ("u_original", "v_original"), ("u_smoothed", "v_smoothed"), ("u_component", "v_component"), ("ux1", "uy1"), ("vx", "vy"), ("umat", "vmat"),
 )  # fmt: skip
-# Names of positions, of standard deviations, and of columns that mark bad vectors.
+#: Names of positions, of standard deviations, and of columns that mark bad vectors.
 POSITIONS = (
     ("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"), ("ref_x", "ref_y"), ("xvec", "yvec"), ("x_vec", "y_vec"),
     ("xpos", "ypos"), ("x_pos", "y_pos"), ("xgrid", "ygrid"), ("gridx", "gridy"), ("x0", "y0"),
@@ -37,13 +37,13 @@ STDS = (
     ("ex", "ey"), ("su", "sv"), ("std_u", "std_v"), ("u_std", "v_std"), ("ustd", "vstd"), ("stdu", "stdv"), ("uxstd", "uystd"), ("ux_std", "uy_std"), ("std_ux", "std_uy"),
     ("uncertainty_u", "uncertainty_v"), ("sigma_u", "sigma_v"), ("u_sigma", "v_sigma"), ("u_err", "v_err"), ("err_u", "err_v"),
 )  # fmt: skip
-# Names of one standard deviation for both components.
+#: Names of one standard deviation for both components.
 BOTH_STDS = ("std", "ustd", "u_std", "sigma")
-# Names of the displacement out of the plane.
+#: Names of the displacement out of the plane.
 OUT_OF_PLANE = ("w", "uz", "u_z", "dz", "displacement_z", "disp_z")
-# Names of the number of the frame, in tables with several frames.
+#: Names of the number of the frame, in tables with several frames.
 FRAMES = ("frame", "frames", "frame_number", "frame number", "timepoint")
-# Names of entries that state the units of positions and displacements.
+#: Names of entries that state the units of positions and displacements.
 UNIT_NAMES = ("units", "unit")
 FLAGS = ("flags", "flag", "mask", "vector type", "typevector", "type", "chc")
 

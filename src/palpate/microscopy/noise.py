@@ -22,17 +22,17 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Noise", "Whitener", "shared_variance", "whitener"]
 
-# Fraction of the variance that a vector shares with no other window. In rendered pictures neighbours at half a window
-# correlate by 0.44 to 0.5 (formula: 0.5), and by 0.73 at a quarter (0.75). A fraction of 0.1 keeps the model from
-# trusting the finest differences between overlapping windows.
+#: Fraction of the variance that a vector shares with no other window. In rendered pictures neighbours at half a window
+#: correlate by 0.44 to 0.5 (formula: 0.5), and by 0.73 at a quarter (0.75). A fraction of 0.1 keeps the model from
+#: trusting the finest differences between overlapping windows.
 INDEPENDENT_SHARE = 0.1
-# The error of a vector is conditioned on this many of the vectors before it (A. V. Vecchia, J. R. Stat. Soc. B 50,
-# 1988, 297-312).
+#: The error of a vector is conditioned on this many of the vectors before it (A. V. Vecchia, J. R. Stat. Soc. B 50,
+#: 1988, 297-312).
 BEFORE = 40
-# Covariance matrices of more vectors than this are stored sparse.
+#: Covariance matrices of more vectors than this are stored sparse.
 DENSE = 3000
-# Smallest standard deviation of a vector relative to the typical one, because standard deviations that derive from
-# residuals are themselves uncertain.
+#: Smallest standard deviation of a vector relative to the typical one, because standard deviations that derive from
+#: residuals are themselves uncertain.
 MIN_RELATIVE_STD = 0.3
 
 Flags = npt.NDArray[np.bool_]

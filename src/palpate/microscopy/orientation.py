@@ -30,22 +30,22 @@ from palpate.microscopy.fields import Field, mended
 
 __all__ = ["suspected"]
 
-# Possible errors of the axes: the question to ask the user, and a function that undoes the error.
+#: Possible errors of the axes: the question to ask the user, and a function that undoes the error.
 AXES_TRIED: tuple[tuple[str, Callable[[Any], Any]], ...] = (
     ("", lambda u: u),
     ("v's sign", lambda u: np.stack([u[0], -u[1]])),
     ("u for v", lambda u: u[::-1]),
     ("u for v and a sign", lambda u: np.stack([u[1], -u[0]])),
 )
-# Number of repetitions with added noise that estimate the error of the spread.
+#: Number of repetitions with added noise that estimate the error of the spread.
 REPEATS = 8
-# Spreads [log] that differ by less than this count as equal: a pad that differs a little from the gel, or an
-# interpolated field, changes them as much.
+#: Spreads [log] that differ by less than this count as equal: a pad that differs a little from the gel, or an
+#: interpolated field, changes them as much.
 SAME_SPREAD = 0.01
-# Axes are rejected if they give a torque, as a fraction of the first moments, that exceeds the one of the field as
-# given by more than this.
+#: Axes are rejected if they give a torque, as a fraction of the first moments, that exceeds the one of the field as
+#: given by more than this.
 TURNS = 0.1
-# Values of q that are tried, as multiples of (displacement / response)^2.
+#: Values of q that are tried, as multiples of (displacement / response)^2.
 SIZES = np.logspace(-6.0, 2.0, 25)
 
 

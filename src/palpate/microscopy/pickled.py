@@ -40,7 +40,7 @@ def _encoded(text: Any, code: Any = "latin1") -> bytes:
     return str(text).encode("latin1")
 
 
-# Names that a pickle may refer to, and the objects that replace them.
+#: Names that a pickle may refer to, and the objects that replace them.
 BUILT: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): _Array, ("numpy", "dtype"): np.dtype, ("_codecs", "encode"): _encoded, ("collections", "OrderedDict"): dict,
     **{(f"numpy.{core}.{module}", name): made for core in ("core", "_core") for module, name, made in (

@@ -29,13 +29,13 @@ from palpate.units import UNITS, is_number
 
 __all__ = ["Pillar", "PillarForces", "pillar_forces", "read_pillars"]
 
-# Schoen's constant from finite elements: a base under a bending moment tilts by this factor more than under the mean
-# stress of the beam.
+#: Schoen's constant from finite elements: a base under a bending moment tilts by this factor more than under the mean
+#: stress of the beam.
 TILT = 1.3
-# A beam is linear within 1 % for deflections up to BENT of its length. Its formula holds for ratios of length to
-# diameter of at least STOUT.
+#: A beam is linear within 1 % for deflections up to BENT of its length. Its formula holds for ratios of length to
+#: diameter of at least STOUT.
 BENT, STOUT = 0.2, 1.0
-# A deflection of more than this fraction of the length means a wrong unit.
+#: A deflection of more than this fraction of the length means a wrong unit.
 WRONG = 1.0
 
 

@@ -21,10 +21,10 @@ LENGTHS = {
     "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "\\u00b5m": 1e-6, "micron": 1e-6, "microns": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6, "nm": 1e-9,
     "nanometer": 1e-9, "å": 1e-10, "pm": 1e-12, "inch": 0.0254, "in": 0.0254,
 }  # fmt: skip
-# Sizes that differ by less than this fraction count as equal.
+#: Sizes that differ by less than this fraction count as equal.
 SAME = 0.02
-# A plain TIFF whose resolution means pixels larger than this [m] states the resolution of a printer or a screen (72 to
-# 600 dpi), not of a microscope.
+#: A plain TIFF whose resolution means pixels larger than this [m] states the resolution of a printer or a screen (72 to
+#: 600 dpi), not of a microscope.
 PRINTED = 20e-6
 
 

@@ -26,11 +26,11 @@ from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 
-# Note for fields with y upwards, if the size of the picture is unknown.
+#: Note for fields with y upwards, if the size of the picture is unknown.
 TURNED = "y is flipped about the middle of the vectors, because no picture shows where its top is: a mask is misplaced if they do not lie in its middle (size=, --image)"
-# Which direction of a displacement out of the plane is positive.
+#: Which direction of a displacement out of the plane is positive.
 NORMALS = ("up", "down", "ignore")
-# Note for vectors at irregular positions, which are interpolated to a grid with about as many points.
+#: Note for vectors at irregular positions, which are interpolated to a grid with about as many points.
 _SCATTERED = "the {count} vectors lie at no regular positions: they are interpolated to a grid of {step:.3g} px (cubic, Clough-Tocher)"
 
 

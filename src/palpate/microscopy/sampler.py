@@ -23,23 +23,23 @@ from palpate.microscopy.vectors import Vectors
 
 __all__ = ["Chain", "Places"]
 
-# Expected number of blobs, and the largest.
+#: Expected number of blobs, and the largest.
 COUNT, MOST = 15.0, 60
-# Prior standard deviations: of log traction from blob to blob, and of log size about the middle size. Adhesions of 0.4
-# to 3 um are blobs of 0.1 to 0.8 um.
+#: Prior standard deviations: of log traction from blob to blob, and of log size about the middle size. Adhesions of 0.4
+#: to 3 um are blobs of 0.1 to 0.8 um.
 TRACTION, SIZE = 0.8, 0.5
-# Prior standard deviation of a drift, as a multiple of the root mean square of the vectors.
+#: Prior standard deviation of a drift, as a multiple of the root mean square of the vectors.
 DRIFT = 10.0
-# Prior probability that a doubtful vector is an outlier, standard deviation of outliers' offsets as a multiple of the
-# largest displacement, and number of steps after which a switch is tried.
+#: Prior probability that a doubtful vector is an outlier, standard deviation of outliers' offsets as a multiple of the
+#: largest displacement, and number of steps after which a switch is tried.
 WRONG, OUTLYING, DOUBT = 0.05, 2.0, 3
-# Increase of the log evidence from which a blob is added or kept when a chain starts.
+#: Increase of the log evidence from which a blob is added or kept when a chain starts.
 WORTH = 3.0
-# Probability of each kind of step: birth, death, move, change of size, change of scale. Otherwise the step moves a blob
-# by about a pitch.
+#: Probability of each kind of step: birth, death, move, change of size, change of scale. Otherwise the step moves a
+#: blob by about a pitch.
 BIRTH, DEATH, MOVE, RESIZE, RESCALE = 0.15, 0.15, 0.32, 0.18, 0.10
-# Standard deviations of steps: of log size, of log scale and of log noise. A step of the noise is tried every EVERY
-# steps.
+#: Standard deviations of steps: of log size, of log scale and of log noise. A step of the noise is tried every EVERY
+#: steps.
 SIZE_STEP, SCALE_STEP, NOISE_STEP, EVERY = 0.4, 0.6, 0.03, 10
 
 

@@ -30,8 +30,8 @@ from palpate.microscopy.sheetmesh import Elements, Shape, elements_of, triangles
 
 __all__ = ["Loads", "Sheet", "sheet_of"]
 
-# Forces at the edge of the view are correlated over ALONG times the size of the sheet, and one tension all round is
-# added; they are solved for at PLACES points.
+#: Forces at the edge of the view are correlated over ALONG times the size of the sheet, and one tension all round is
+#: added; they are solved for at PLACES points.
 ALONG, PLACES = 0.25, 120
 Flags = npt.NDArray[np.bool_]
 

@@ -26,13 +26,13 @@ Sparse: TypeAlias = Any
 
 #: Standard deviation, in squares of the mask, of the Gaussian that smooths its outline.
 EVEN = 0.8
-# Inner points keep at least FREE times the spacing from the outline. At the outline, triangles flatter than FLAT (1:
-# equilateral) are left out.
+#: Inner points keep at least FREE times the spacing from the outline. At the outline, triangles flatter than FLAT (1:
+#: equilateral) are left out.
 FREE, FLAT = 0.6, 0.05
-# Number of rounds that move each inner point to the mean of its neighbours.
+#: Number of rounds that move each inner point to the mean of its neighbours.
 RELAXED = 4
-# Degree of polynomials that are integrated exactly: the stiffness of straight quadratic triangles needs 2, loads need
-# 4.
+#: Degree of polynomials that are integrated exactly: the stiffness of straight quadratic triangles needs 2, loads need
+#: 4.
 DEGREE = 4
 
 

@@ -10,14 +10,14 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["LOGARITHMIC", "read"]
 
-# Quantities that are positive and uncertain by a factor: their intervals are computed on a log scale.
+#: Quantities that are positive and uncertain by a factor: their intervals are computed on a log scale.
 LOGARITHMIC = ("strain_energy", "traction_peak")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
-# The samples are too narrow, because adhesions are not Gaussians and chains are short. The standard deviation of the
-# samples is multiplied by the first number, and the second, as a fraction of the quantity (or of its logarithm for
-# LOGARITHMIC), is added in quadrature. Fitted by `python benchmarks/cells.py --cells 0:48 --rows constants`, and
-# rounded up.
+#: The samples are too narrow, because adhesions are not Gaussians and chains are short. The standard deviation of the
+#: samples is multiplied by the first number, and the second, as a fraction of the quantity (or of its logarithm for
+#: LOGARITHMIC), is added in quadrature. Fitted by `python benchmarks/cells.py --cells 0:48 --rows constants`, and
+#: rounded up.
 WIDER: dict[str, tuple[float, float]] = {
     "strain_energy": (1.65, 0.04),
     "traction_peak": (1.0, 0.10),

@@ -34,25 +34,25 @@ __all__ = ["BorderTension", "RegionTension", "SheetTension", "sheet_tension"]
 
 Flags = npt.NDArray[np.bool_]
 
-# Range of Poisson's ratio of the plane sheet (1: its area does not change), and the three Gauss points in that range,
-# with weights 5, 8 and 5.
+#: Range of Poisson's ratio of the plane sheet (1: its area does not change), and the three Gauss points in that range,
+#: with weights 5, 8 and 5.
 RATIOS, GAUSS = (0.0, 1.0), (0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6))
 CYCLE = (0, 1, 2, 1, 0, 1, 2, 1, 2)
-# Root mean square of the tension that cells generate themselves, relative to that of the sheet. Fitted to sheets 0 to 9
-# of benchmarks/cells_sheet.py.
+#: Root mean square of the tension that cells generate themselves, relative to that of the sheet. Fitted to sheets 0 to
+#: 9 of benchmarks/cells_sheet.py.
 RELATIVE_TENSION = 1.0
-# Triangles are as wide as the distance of vectors, unless the sheet would then have more than MOST or fewer than FEWEST
-# squares.
+#: Triangles are as wide as the distance of vectors, unless the sheet would then have more than MOST or fewer than
+#: FEWEST squares.
 MOST, FEWEST = 5000, 150
-# Traction up to OUTSIDE windows (or vectors) outside the mask is attributed to the sheet, because the window blurs it.
-# Squares with less than PART of their area in the sheet pass their traction to the nearest points of the sheet.
+#: Traction up to OUTSIDE windows (or vectors) outside the mask is attributed to the sheet, because the window blurs it.
+#: Squares with less than PART of their area in the sheet pass their traction to the nearest points of the sheet.
 OUTSIDE, PART = 1.0, 0.3
-# Standard error of the outline of a sheet, as a fraction of the distance of vectors.
+#: Standard error of the outline of a sheet, as a fraction of the distance of vectors.
 OUTLINE = 0.1
-# Parts of the sheet smaller than this fraction of the largest part are left out.
+#: Parts of the sheet smaller than this fraction of the largest part are left out.
 SMALL = 0.02
-# A note is given if the net force or torque exceeds UNBALANCED of the sum of its parts, and if a mask has fewer than
-# FEW vectors.
+#: A note is given if the net force or torque exceeds UNBALANCED of the sum of its parts, and if a mask has fewer than
+#: FEW vectors.
 UNBALANCED, FEW = 0.05, 30
 
 

@@ -22,22 +22,22 @@ __all__ = ["Vectors", "find_doubtful", "first_guess", "noise_of", "outliers", "v
 
 Flags = npt.NDArray[np.bool_]
 
-# A vector is an outlier if it differs from the median of its neighbours by this many times the noise plus the spread of
-# the neighbours. Of 4,096 good vectors with noise alone none does.
+#: A vector is an outlier if it differs from the median of its neighbours by this many times the noise plus the spread
+#: of the neighbours. Of 4,096 good vectors with noise alone none does.
 OFF = 4.5
-# Standard deviation of the difference between a vector and the median of its eight neighbours, in units of the noise:
-# the median has 0.39 of the noise, which with the vector's own makes 1.15.
+#: Standard deviation of the difference between a vector and the median of its eight neighbours, in units of the noise:
+#: the median has 0.39 of the noise, which with the vector's own makes 1.15.
 DIFFERENCE = 1.15
-# Fields of more than FEW vectors are averaged over tiles of 4 x 4 vectors from 8 vectors on from strong traction, and
-# of 2 x 2 from 3 on: displacements are smooth there.
+#: Fields of more than FEW vectors are averaged over tiles of 4 x 4 vectors from 8 vectors on from strong traction, and
+#: of 2 x 2 from 3 on: displacements are smooth there.
 FEW, TILES = 1500, ((4, 8.0), (2, 3.0))
-# The displacement near a blob is averaged over this many points along each side of a window.
+#: The displacement near a blob is averaged over this many points along each side of a window.
 POINTS = 4
-# An outlier is doubtful if the median of its neighbours moves by this many times the noise. At most DOUBTED vectors
-# are.
+#: An outlier is doubtful if the median of its neighbours moves by this many times the noise. At most DOUBTED vectors
+#: are.
 MOVED, DOUBTED = 2.0, 16
-# Margin round the field for the first guess, as a fraction of the field; its largest number of steps; and the ratio of
-# residual to noise at which it stops.
+#: Margin round the field for the first guess, as a fraction of the field; its largest number of steps; and the ratio of
+#: residual to noise at which it stops.
 BEYOND, STEPS, NOISE = 0.15, 60, 1.02
 
 

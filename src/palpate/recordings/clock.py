@@ -46,8 +46,8 @@ EDGE = 2
 #: If at least this fraction of the steps go back, the frames are not in the order of time; lines in random order have
 #: half.
 DISORDER = 0.4
-#: Units of counters, in seconds, and their usual numbers of counts before they wrap; clocks of the day, hour, minute and
-#: second wrap too.
+#: Units of counters, in seconds, and their usual numbers of counts before they wrap; clocks of the day, hour, minute
+#: and second wrap too.
 _COUNTS = (1.0, 1e-3, 1e-6, 1e-9)
 _PERIODS = tuple(2.0**k for k in (8, 10, 12, 16, 24, 32))
 _CLOCKS = (1.0, 60.0, 3600.0, 86400.0, 604800.0)

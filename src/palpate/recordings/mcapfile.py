@@ -38,8 +38,8 @@ __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 
 #: Bytes in a chunk: the largest loss if the process is killed.
 CHUNK = 64 * 1024
-#: Name of the metadata record before the first readings with their shape, which a message with one row does not contain:
-#: ``shape``, JSON.
+#: Name of the metadata record before the first readings with their shape, which a message with one row does not
+#: contain: ``shape``, JSON.
 SHAPE = "palpate.shape"
 #: Name of the metadata record with the position of the picture for the following touches: ``view``, JSON for
 #: `View.restored`.

@@ -21,8 +21,8 @@ from palpate.sensing.grids import AreaGrid, check_length
 
 __all__ = ["Chart", "CurvedGrid", "CylinderChart", "Frames", "SphereChart"]
 
-#: Points along each axis of a cell for sums of its area, force and moment. Inside, the error of midpoints is 1/24 of the
-#: square of the angle between two; for a cell on the rim it is at most 1/8 of the cell along an axis.
+#: Points along each axis of a cell for sums of its area, force and moment. Inside, the error of midpoints is 1/24 of
+#: the square of the angle between two; for a cell on the rim it is at most 1/8 of the cell along an axis.
 SAMPLES = 4
 
 

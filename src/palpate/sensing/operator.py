@@ -51,7 +51,8 @@ LARGEST_DENSE = 3_000_000_000
 
 #: Largest number of readings, at positions not on a lattice, whose map is a matrix, which is exact.
 LARGEST_MATRIX = 4096
-#: Bytes of a block of wavevectors in products of spectra: fits with its sources into the processor's second-level cache.
+#: Bytes of a block of wavevectors in products of spectra: fits with its sources into the processor's second-level
+#: cache.
 BLOCK_BYTES = 1 << 17
 
 

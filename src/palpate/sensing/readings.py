@@ -42,8 +42,8 @@ __all__ = [
 ]
 
 
-#: Smallest number of copies of a batch's readings and of its traction that any method needs. The largest factor measured
-#: (Tikhonov's method for 32 x 32 x 3, dense) is 4.8; recommended batches are smaller by MOST.
+#: Smallest number of copies of a batch's readings and of its traction that any method needs. The largest factor
+#: measured (Tikhonov's method for 32 x 32 x 3, dense) is 4.8; recommended batches are smaller by MOST.
 FRAME_READINGS, FRAME_CELLS, MOST = 3, 1, 5.0
 
 

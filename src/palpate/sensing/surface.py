@@ -34,8 +34,8 @@ DISPLACEMENT_MARGIN = 0.15
 
 #: Smallest thickness of a pad as a fraction of the pitch: at 1e-2 a frame of 6 x 6 x 2 takes 8 s, at 1e-3 minutes.
 THINNEST = 3e-3
-#: For arrays deeper than DEEPEST times their extent, largest number of unknowns: 6 x 6 x 3 taxels 10 extents deep take 5
-#: s, 20 extents minutes.
+#: For arrays deeper than DEEPEST times their extent, largest number of unknowns: 6 x 6 x 3 taxels 10 extents deep take
+#: 5 s, 20 extents minutes.
 DEEPEST, LARGE = 3.0, 200_000
 
 #: The default surface extends this many depths past the array.

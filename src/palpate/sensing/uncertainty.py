@@ -25,9 +25,9 @@ MODULUS = 0.15
 #: stated wrong by a factor of 0.7 or 1.4 (`palpate bench trust`), 0.96 of the intervals contain the force; without it
 #: 0.90 (24 frames).
 GEOMETRY = 0.1
-#: Default uncertainty of the common scale of all readings (a convention): no interval of a force is then narrower than 4
-#: % to either side. With taxel gains that vary by 5 to 10 % (`palpate bench trust`), 0.92 of the intervals contain the
-#: force; without it 0.80.
+#: Default uncertainty of the common scale of all readings (a convention): no interval of a force is then narrower than
+#: 4 % to either side. With taxel gains that vary by 5 to 10 % (`palpate bench trust`), 0.92 of the intervals contain
+#: the force; without it 0.80.
 SCALE = 0.02
 #: Default uncertainty of the gain of each reading (a convention): taxels of one array differ by some per cent. It
 #: matters if the force rests on a few taxels.

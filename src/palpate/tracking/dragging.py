@@ -39,9 +39,9 @@ FEWEST, LARGER = 3, 4
 #: Templates use the estimated pressure: relative error of the shear they predict, and the number of patterns over which
 #: it spreads.
 TEMPLATE, PATTERNS = 0.05, 4.0
-#: The same for channels that cannot separate pressure from shear, where errors of the pressure look like shear. With the
-#: smaller error, five of ten sticking balls were reported to slip; with this one none of twenty, and one of ten that
-#: slide (a given friction helps more).
+#: The same for channels that cannot separate pressure from shear, where errors of the pressure look like shear. With
+#: the smaller error, five of ten sticking balls were reported to slip; with this one none of twenty, and one of ten
+#: that slide (a given friction helps more).
 AMBIGUOUS = 0.2
 
 

@@ -52,16 +52,16 @@ USUAL_SHARE = 0.1
 FASTEST = 0.03
 #: Accuracy of pad and readings as a fraction of the largest reading: a lower noise does not make offsets more certain.
 AGREE = 0.003
-#: Model error of a channel as a fraction of the largest reading; it changes when the contact changes load or place, that
-#: is when readings change by the fraction ANOTHER.
+#: Model error of a channel as a fraction of the largest reading; it changes when the contact changes load or place,
+#: that is when readings change by the fraction ANOTHER.
 MODEL, ANOTHER = 0.01, 0.1
 #: Largest change of an offset in one frame, in its standard deviations: more is not drift.
 SURPRISE = 3.0
 #: Standard deviation of offsets after a restart of the sensor, as a fraction of the largest reading.
 JUMP = 0.5
 #: Marginalise offsets only if one is less certain than this fraction of the largest reading. Otherwise just subtract
-#: them and add their variance to the error bars: marginalising weakens the common part of the contact, which the penalty
-#: then shrinks (1 N dragged to a slip of 0.6 read 0.55).
+#: them and add their variance to the error bars: marginalising weakens the common part of the contact, which the
+#: penalty then shrinks (1 N dragged to a slip of 0.6 read 0.55).
 UNSURE = 0.02
 #: Recompute K if noise or variances have changed by this fraction.
 ALIKE = 0.05

@@ -38,8 +38,8 @@ SMALLEST = 1e-9
 #: Relative amount by which the inverse is reduced. Rounding to single precision changes rho (H + rho)^-1, at most 1, by
 #: about 6e-8 times the square root of its size (hundreds), and must not make it exceed 1.
 SHRINK = 1e-6
-#: Largest change of the penalty without a new rho. rho goes at most with the root of the penalty, and within a factor of
-#: 1.4 the iteration is as fast.
+#: Largest change of the penalty without a new rho. rho goes at most with the root of the penalty, and within a factor
+#: of 1.4 the iteration is as fast.
 RHO_HOLDS = 2.0
 #: Steps of Lanczos' method: an eigenvalue to a few per cent is enough for rho.
 LANCZOS_STEPS = 8

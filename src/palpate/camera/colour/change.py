@@ -21,8 +21,8 @@ COLUMNS = 320
 BRIGHT, BLACK, FLOOR = 0.985, 0.008, 0.03
 #: Standard deviation of the blur that is applied to pictures [reduced pixels].
 BLUR = 1.0
-#: Blur over which a change is judged [blocks]; standard deviations by which it must stand out (a million pixels of noise
-#: contain none of six); and fewest blocks of such a place, since a speck of dust is smaller.
+#: Blur over which a change is judged [blocks]; standard deviations by which it must stand out (a million pixels of
+#: noise contain none of six); and fewest blocks of such a place, since a speck of dust is smaller.
 JUDGED, CLEAR, FEWEST = 2.5, 6.0, 60
 #: A spot is dark if every channel is below this fraction of its surroundings, whose width is AROUND of the picture's: a
 #: slope darkens some colours and brightens others.

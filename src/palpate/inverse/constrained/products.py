@@ -43,11 +43,11 @@ MIN_EVENNESS = 0.85
 STEP, KEPT = 8, 6
 #: A part of a contact gets its own box if that has at most this fraction of the area.
 SMALLER = 0.8
-#: Cells this many depths inside an array are affected by its edges by at most a hundredth: influences of stress decrease
-#: with the fourth power of distance, and the products of two cells' influences beyond the edge with the sixth.
+#: Cells this many depths inside an array are affected by its edges by at most a hundredth: influences of stress
+#: decrease with the fourth power of distance, and the products of two cells' influences beyond the edge with the sixth.
 FROM_EDGE = 2.0
-#: An endless array is used if at most the fraction FEW_NEAR of the cells is near an edge (such as patches of noise), and
-#: at most FEW_MISSING readings are excluded.
+#: An endless array is used if at most the fraction FEW_NEAR of the cells is near an edge (such as patches of noise),
+#: and at most FEW_MISSING readings are excluded.
 FEW_NEAR, FEW_MISSING = 0.01, 8
 #: Number of random combinations of readings that represent the independent errors of all.
 SKETCH = 32
@@ -58,8 +58,8 @@ MIN_ITERATIVE_UNKNOWNS = 600
 #: products to that with a matrix is 1.0 to 1.1 (0.5 with friction) at 1.5e3 entries, 0.4 (0.1) at 3e3, 0.1 at 1.4e4 and
 #: 0.04 at 4e4.
 PRODUCTS, ENTRY = 1.6e3, 60.0
-#: The same if contact may slide as a whole. With a matrix it is solved on finer cells, which is more accurate (balls and
-#: blocks that slide on a bonded gel: 0.44 of the clairvoyant filter's error instead of 0.58).
+#: The same if contact may slide as a whole. With a matrix it is solved on finer cells, which is more accurate (balls
+#: and blocks that slide on a bonded gel: 0.44 of the clairvoyant filter's error instead of 0.58).
 FEWEST_SLIDING, PRODUCTS_SLIDING = 1200, 5e3
 #: Number of products for a first solution, from which noise and region are estimated. With more than MANY readings its
 #: cost matters, so that products are used from FEWEST_OF_MANY unknowns on.

@@ -296,7 +296,8 @@ class Unformed:
     def __init__(self, columns: Floats, penalty: Penalty) -> None:
         #: G' as ``columns`` (component * cell, reading).
         self.columns, self.penalty = columns, penalty
-        #: Cached G L'^-1 of the parts of the last factor, and its Gram matrix: free shear does not change between steps.
+        #: Cached G L'^-1 of the parts of the last factor, and its Gram matrix: free shear does not change between
+        #: steps.
         self._known: dict[int, tuple[Part, Floats, Floats]] = {}
 
     def product(self, x: Floats) -> Floats:

@@ -47,14 +47,14 @@ Index = npt.NDArray[np.intp]
 
 #: Nuisances assumed for displacements by default: an image shifts and rotates.
 DRIFT = ("offset", "rotation")
-#: Outliers: residuals beyond BROKEN standard deviations and beyond DETAIL of the largest reading, at most MOST_BROKEN of
-#: all readings, in at most ROUNDS_OF_BROKEN rounds.
+#: Outliers: residuals beyond BROKEN standard deviations and beyond DETAIL of the largest reading, at most MOST_BROKEN
+#: of all readings, in at most ROUNDS_OF_BROKEN rounds.
 BROKEN, DETAIL, MOST_BROKEN, ROUNDS_OF_BROKEN = 6.0, 0.03, 0.05, 3
 #: A neighbour with a residual of the same sign and at least this fraction of the limit shows real traction, not an
 #: outlier.
 ALIKE = 0.3
-#: If the shortest length fits best, patches may be narrower than the marker spacing: relative error of traction in their
-#: cells, whatever the noise.
+#: If the shortest length fits best, patches may be narrower than the marker spacing: relative error of traction in
+#: their cells, whatever the noise.
 UNRESOLVED = 0.2
 #: Relative error of the net force that no pad and no grid can beat.
 MODEL_FORCE = 5e-4

@@ -46,8 +46,8 @@ ENTRIES = 4e7
 JITTER = 1e-6
 #: Number of rounds in which the noise is estimated together with the traction.
 ROUNDS = 2
-#: The log evidence is divided by this before models are weighted. The variance was estimated from the same readings, and
-#: errors from cells and edges, which no model can follow, affect the choice as much as the readings do.
+#: The log evidence is divided by this before models are weighted. The variance was estimated from the same readings,
+#: and errors from cells and edges, which no model can follow, affect the choice as much as the readings do.
 TEMPER = 30.0
 #: Smallest log evidence for any traction. Frames of noise alone stay below 2, and a model with almost no traction would
 #: be almost certain of it.

@@ -68,8 +68,8 @@ class Prepared(ABC):
     #: Whether contact is sought on a wider grid than the surface.
     past_the_surface = False
     #: For channels that cannot separate pressure from shear: effect of pressure relative to that of shear above which
-    #: the error of the normal force needs no widening. With one model, and in the tracker, the normal force was 14 % low
-    #: on average at a ratio of 0.3, 26 % at 0.16 and 60 % at 0.02.
+    #: the error of the normal force needs no widening. With one model, and in the tracker, the normal force was 14 %
+    #: low on average at a ratio of 0.3, 26 % at 0.16 and 60 % at 0.02.
     acts = 1.0
 
     def __init__(

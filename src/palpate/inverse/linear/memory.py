@@ -19,7 +19,8 @@ from palpate.sensing.surface import WIDE, surface_of
 
 __all__ = ["block_size", "check_spectrum", "check_waves", "spectrum_fits", "spectrum_memory"]
 
-#: Recommend only alternatives that take at most this fraction of the free memory, so that they still fit a little later.
+#: Recommend only alternatives that take at most this fraction of the free memory, so that they still fit a little
+#: later.
 RECOMMENDED = 0.5
 #: Coarser layouts to try for a recommendation: pitches that grow by a tenth up to a factor of 1.1^200 (more than any
 #: recording spans), and every second to hundredth taxel.

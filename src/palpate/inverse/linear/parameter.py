@@ -45,8 +45,8 @@ __all__ = [
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
 Filter = Callable[[Floats, Floats], Floats]
 
-#: Candidates span DECADES below the largest eigenvalue (the range of double precision) and two above, PER_DECADE each. A
-#: parabola refines the minimum, so that this step is fine enough.
+#: Candidates span DECADES below the largest eigenvalue (the range of double precision) and two above, PER_DECADE each.
+#: A parabola refines the minimum, so that this step is fine enough.
 DECADES, PER_DECADE = 16, 12
 #: Cut-offs lie between eigenvalues above this fraction of the largest, a few rounding errors; smaller eigenvalues count
 #: as zero.

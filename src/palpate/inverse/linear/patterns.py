@@ -101,8 +101,8 @@ class Patterns:
     ) -> None:
         """Compute the patterns, their rows in a basis of the readings (root mean square one), and their sets."""
         channels = {c for a in operator.planes_of for c in a.channels}
-        #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far away.
-        #: (A sensor that also measures displacement_z is fixed to the pad.)
+        #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far
+        #: away. (A sensor that also measures displacement_z is fixed to the pad.)
         self.adrift = operator.pad.thickness is None and channels <= {"displacement_x", "displacement_y"}
         wanted = kinds if kinds is not None else ("offset",) if self.adrift else ()
         self.all: list[Nuisance] = list(nuisances(operator.planes_of, wanted))

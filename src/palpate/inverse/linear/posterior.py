@@ -55,9 +55,9 @@ __all__ = [
 #: Smallest relative error of the net force to assume: no pad and no grid is more accurate. A convention, which only
 #: matters for lower noise.
 MODEL_FORCE = 5e-4
-#: Factor on the error of net force and moment due to nuisances. The calibration constant is a quarter to a half, because
-#: the surroundings of a contact within the array are empty; but this does not help against a shift of the image, so the
-#: factor cancels it.
+#: Factor on the error of net force and moment due to nuisances. The calibration constant is a quarter to a half,
+#: because the surroundings of a contact within the array are empty; but this does not help against a shift of the
+#: image, so the factor cancels it.
 PATTERN = 4.0
 #: Cells above this fraction of the peak pressure count for the centre of pressure (`palpate.touch.numbers`).
 CONTACT = 0.1

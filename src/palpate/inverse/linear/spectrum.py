@@ -41,8 +41,8 @@ __all__ = ["DataSpectrum", "Shared", "Spectrum", "noise_scales"]
 LARGEST_BLOCK = 4096
 #: Largest number of entries for which the modes V are cached as a matrix: 48 MB.
 LARGEST_MODES = 6_000_000
-#: Largest number of readings for an SVD of H, which keeps small singular values. Beyond it, use an eigendecomposition of
-#: H H^T, several times faster, which keeps those above the square root of the rounding error.
+#: Largest number of readings for an SVD of H, which keeps small singular values. Beyond it, use an eigendecomposition
+#: of H H^T, several times faster, which keeps those above the square root of the rounding error.
 LARGEST_SVD = 700
 #: Largest size in bytes of cached products of the readings with themselves, which serve priors of other strengths: 32 x
 #: 32 x 3 take 57 MB.

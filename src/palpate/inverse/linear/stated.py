@@ -32,12 +32,12 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["InDoubt", "among", "with_offsets"]
 
-#: Number of sums of gain errors with random signs; the resulting standard deviations are accurate to 1/sqrt(2 SKETCHES),
-#: 9 %.
+#: Number of sums of gain errors with random signs; the resulting standard deviations are accurate to 1/sqrt(2
+#: SKETCHES), 9 %.
 SKETCHES = 64
 #: Standard deviation of channel offsets, as a fraction of the largest reading, that a frame not explained by pushing
-#: contact may contain. A convention: offsets of 10 to 30 % of the peak, as in `palpate bench trust`, are then within two
-#: of them, even if they reduce the largest reading.
+#: contact may contain. A convention: offsets of 10 to 30 % of the peak, as in `palpate bench trust`, are then within
+#: two of them, even if they reduce the largest reading.
 OFFSET_FRACTION = 0.25
 
 

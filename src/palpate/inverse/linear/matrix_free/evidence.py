@@ -27,7 +27,8 @@ __all__ = ["LinearAtSize"]
 START_TOLERANCE = 0.5
 #: Largest step of log lambda from a solution, and largest number of solutions in a search.
 STEP, ROUNDS = 3.5, 6
-#: Tolerance and largest number of steps of these solutions; quadratic forms are accurate to the square of the tolerance.
+#: Tolerance and largest number of steps of these solutions; quadratic forms are accurate to the square of the
+#: tolerance.
 TOLERANCE, MOST = 1e-3, 300
 #: Readings whose curves are cached.
 CACHE_SIZE = 6

@@ -33,8 +33,8 @@ __all__ = ["Approximation", "Cosines", "Inverse", "Padded"]
 
 #: Eigenvalues below this fraction of the largest count as zero.
 MIN_EIGENVALUE = 1e-16
-#: Inverses are computed for this many parameters per decade, and each frame uses the nearest: a preconditioner may be 15
-#: % off.
+#: Inverses are computed for this many parameters per decade, and each frame uses the nearest: a preconditioner may be
+#: 15 % off.
 PER_DECADE = 8
 #: Number of cached parameters, for small and for large inverses.
 KEPT, FEW = 4, 2

@@ -15,8 +15,8 @@ from palpate.sensing.scattered import near_memory
 
 __all__ = ["AT_A_TIME", "LONGEST", "TOGETHER", "check_system", "on_lattice", "servable", "system_memory"]
 
-#: Numbers held at a time while several frames are multiplied (64 MB), and in the rows of frames that are solved together
-#: (8 MB, about ten copies).
+#: Numbers held at a time while several frames are multiplied (64 MB), and in the rows of frames that are solved
+#: together (8 MB, about ten copies).
 AT_A_TIME, TOGETHER = 8_000_000, 1_000_000
 #: Number of the longest cosines along each axis of a channel (in area and line contact) that are solved exactly: 16 in
 #: area contact halve the iterations, and 64 cost more than they save.

@@ -28,8 +28,8 @@ from palpate.inverse.linear.spectrum import mirrored
 
 __all__ = ["SampledVariances"]
 
-#: Number of draws for a map: standard deviations are then accurate to 1/sqrt(2 DRAWS), 13 %; with mirror images (four in
-#: area contact) to 6 %.
+#: Number of draws for a map: standard deviations are then accurate to 1/sqrt(2 DRAWS), 13 %; with mirror images (four
+#: in area contact) to 6 %.
 DRAWS = 32
 #: Draws per batch, tolerance of their solutions, and largest number of steps. For scattered beads the tolerance makes
 #: deviations 2 % too large; five times the tolerance, 6 %.

@@ -221,8 +221,8 @@ class OnArray:
 
 #: Number of the longest sines along each axis of a component that are solved exactly.
 LONG_SINES = {2: 5, 1: 16}
-#: Start the search at the parameter whose degrees of freedom are this fraction of the readings: solutions there take few
-#: steps.
+#: Start the search at the parameter whose degrees of freedom are this fraction of the readings: solutions there take
+#: few steps.
 USED = 0.2
 #: Factor on the tolerance if residuals are measured in the energy norm, where e has the square of the error.
 ENERGY = 10.0
