@@ -1,4 +1,5 @@
-"""A finger that presses, rolls, twists, slides and lifts: streams with a known truth, for demonstrations and tests.
+"""Simulate a finger that presses, rolls, twists, slides and lifts: streams with known traction, for demonstrations and
+tests.
 
 Contact is that of a rigid ball (a cylinder on a line) on an elastic half-space of the pad's modulus at its surface: Hertz, with
 Cattaneo-Mindlin partial slip under a tangential load and full slip at the friction limit (`palpate.solutions`). Twist is
@@ -28,7 +29,7 @@ __all__ = ["Frame", "Stage", "demonstration", "handling", "stream"]
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a story: its end state, reached from the previous stage linearly in time.
+    """A stage of a story: the state at its end, which is reached linearly in time from the previous stage.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ class Frame:
 
     @property
     def sliding(self) -> bool:
-        """Whether all of the contact slides."""
+        """Whether the whole contact slides."""
         return self.stick == 0.0
 
 
@@ -101,12 +102,12 @@ def handling(force: float, reach: float = 2e-3) -> list[Stage]:
     ]
 
 
-#: Friction of the fingertip that is demonstrated.
+#: Coefficient of friction of the fingertip in the demonstration.
 DEMONSTRATED = 0.6
 
 
 def demonstration(rate: float = 60.0) -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
-    """A robot's fingertip and what it feels, over and over: its skin, and a source of (time [s], readings).
+    """Return the skin of a robot's fingertip, and a source of (time [s], readings) that repeats the demonstration.
 
     16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source tells the story of
     `handling` once, with noise of its own.
@@ -137,7 +138,7 @@ def stream(
     start: tuple[float, float] = (0.0, 0.0),
     rng: np.random.Generator | None = None,
 ) -> Iterator[Frame]:
-    """Frames of a story.
+    """Yield the frames of a story.
 
     Parameters
     ----------

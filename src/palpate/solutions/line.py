@@ -1,4 +1,4 @@
-"""Line contact (plane strain) on a half-plane: what presses, and its fields in closed form."""
+"""Line contact (plane strain) on a half-plane: loads and their fields in closed form."""
 
 from __future__ import annotations
 
