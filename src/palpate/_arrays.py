@@ -1,8 +1,8 @@
-"""The only door to array namespaces and Fourier transforms.
+"""The only module that deals with array namespaces and Fourier transforms.
 
-Arrays go through in the caller's kind, dtype and device. Everything that is prepared is made once in NumPy, in double
-precision, and handed over with `from_numpy`. NumPy arrays are transformed by scipy.fft or ducc0
-(`palpate._transforms`), which keep float32.
+Arrays keep the caller's type, dtype and device. Everything that is prepared is computed once in NumPy, in double
+precision, and converted with `from_numpy`. NumPy arrays are transformed by scipy.fft or ducc0 (`palpate._transforms`),
+which keep float32.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The front door: a pad and its array."""
+"""The main entry point: a pad and its array."""
 
 from __future__ import annotations
 
@@ -114,12 +114,12 @@ class Skin(SkinProperties):
             raise InvalidInput("the planes mix line and area contact; use one kind.")
         planes = tuple(p.at_base(pad.thickness) for p in planes)
         for p in planes:
-            pad.compliance(p.depth)  # refuses a depth below a rigid base
+            pad.compliance(p.depth)  # raises an error for a depth below a rigid base
         if boundary not in ("free", "periodic"):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
-        # every spatial computation is that of the instantaneous pad; creep is a filter in time
+        # spatial computations use the instantaneous pad; creep is a filter in time
         self._elastic: Pad = check_creep(pad, planes) if isinstance(pad, Viscoelastic) else pad
-        # a finite pad is not touched beyond its end
+        # a finite pad cannot be touched beyond its end
         self._given = surface is not None or body_of(self._elastic) is not None
         if surface is None:
             if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
@@ -207,7 +207,7 @@ class Skin(SkinProperties):
         return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)], whole=self._whole)
 
     def without_creep(self) -> Skin:
-        """The same skin with the instantaneous pad: for readings that the creep was taken out of.
+        """The same skin with the instantaneous pad, for readings from which creep was removed.
 
         Examples
         --------
@@ -526,7 +526,7 @@ class Skin(SkinProperties):
         return out
 
     def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
-        """`reconstruct` of a calibrated skin."""
+        """Do `reconstruct` for a calibrated skin."""
         from palpate.calibrate.answer import calibrated_touch, for_pad
 
         if self._plain is None and found.elastic:
@@ -536,7 +536,7 @@ class Skin(SkinProperties):
         return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:
-        """`at_rest`, cached for the next frames of the same zero."""
+        """Do `at_rest`, cached for the next frames with the same zero."""
         key = (rest.zero.tobytes(), b"" if rest.noise is None else rest.noise.tobytes())
         found: Skin = self._rests.get(key, lambda: self.at_rest(rest))
         return found
@@ -588,12 +588,12 @@ class Skin(SkinProperties):
         >>> skin.load_prepared("a.prepared") if Path("a.prepared").exists() else skin.prepare()
         """
         self._problem.recall = read_prepared(self._problem, path)
-        # what was prepared before still serves its holders
+        # objects prepared before remain valid for those who hold them
         self._problem.kept.clear()
         self._methods.clear()
 
     def _ready(self, chosen: Method, components: Sequence[str] | None) -> tuple[Method, tuple[str, ...], Any]:
-        """The method for this skin, what it seeks, and the method prepared for it."""
+        """Return the method for this skin, the components it estimates, and the prepared method."""
         names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
         chosen = chosen.resolved(self._problem.seeking(names))
         return chosen, names, self._prepared(chosen, names)
@@ -687,7 +687,7 @@ class Skin(SkinProperties):
         return self._problem.seeking(self._names(components))
 
     def _prepared(self, method: Method, names: tuple[str, ...]) -> Any:
-        """The method prepared for these components, made once."""
+        """Return the method prepared for these components; it is prepared once."""
 
         def prepare() -> Prepared:
             free = self._boundary == "free"
