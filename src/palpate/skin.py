@@ -561,7 +561,7 @@ class Skin(SkinProperties):
         self._ready(requested_method(method, options), components)
 
     def save_prepared(self, path: str | Path) -> None:
-        """Write what is prepared by now (influences, decompositions), whole or not at all, for `load_prepared` in another run.
+        """Write the prepared arrays (influences, decompositions) to a file, completely or not at all, for `load_prepared` in another run.
 
         `Unsupported` for a pad of your own class, which has no digest; `InvalidInput` if nothing is prepared yet.
 

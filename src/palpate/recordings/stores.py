@@ -351,7 +351,7 @@ def _shut(opened: list[Any]) -> None:
 
 
 def _let_go(held: HeldFile, opened: list[Any]) -> None:
-    """Close HDF5's view of a file without further writes: they go to memory, and the disk stays unchanged."""
+    """Close HDF5's file object. Writes that this still causes go to memory, so that the file on disk stays unchanged."""
     _shut(opened)
     held.close()
 

@@ -76,7 +76,9 @@ class ErrorBars:
         self._age += REFRESH // SOON
 
     def outdate(self, *, later: bool = False) -> None:
-        """Recompute: noise or penalty have changed. ``later``: in the next frame, because this one has enough to do."""
+        """Mark the errors for recomputation, because noise or penalty have changed. With ``later`` they are recomputed
+        in the next frame, to spread the work.
+        """
         self._age = REFRESH - 1 if later else REFRESH + 1
 
     def without_contact(self, noise: float | None) -> Errors | None:
