@@ -1,7 +1,8 @@
 """Read and write recordings, skins and touches.
 
-In: files of any format, tables of other programs, skin.toml. Out: `Recording`, `Skin` parts and touches; files written
-at once or frame by frame. Open first: `formats.py`.
+In: files of any format, tables of other programs, skin.toml.
+Out: `Recording`, `Skin` parts and touches; files written at once or frame by frame.
+Open first: `formats.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Real-time contact: solve the frames of a stream one after another.
 
-In: frames of readings with their times, in order, from a prepared skin. Out: one touch per frame in a millisecond or
-two, with zero, drift, failing taxels and error bars. Open first: `tracker.py`.
+In: frames of readings with their times, in order, from a prepared skin.
+Out: one touch per frame in a millisecond or two, with zero, drift, failing taxels and error bars.
+Open first: `tracker.py`.
 """
 
 from palpate.tracking.health import Health
