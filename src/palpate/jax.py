@@ -1,7 +1,7 @@
 """A skin as functions of JAX: readings of a traction and traction of readings, with gradients.
 
-`prepare` makes a pytree of a skin; `sense` and `reconstruct` are pure functions of it, batched, under ``jit``, ``vmap`` and ``grad``. What is varied besides
-the input is a mapping of "modulus", "depth", "gains" and "noise", and has gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the
+`prepare` makes a pytree of a skin; `sense` and `reconstruct` are pure functions of it, batched, under ``jit``, ``vmap`` and ``grad``. Other parameters are
+passed as a mapping of "modulus", "depth", "gains" and "noise", and have gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the
 constrained minimum is that of `palpate.inverse.constrained`, found on the processor by a callback, and its gradients follow from the implicit function theorem.
 """
 

@@ -109,7 +109,7 @@ DEMONSTRATED = 0.6
 def demonstration(rate: float = 60.0) -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
     """Return the skin of a robot's fingertip, and a source of (time [s], readings) that repeats the demonstration.
 
-    16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source tells the story of
+    16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source plays the story of
     `handling` once, with noise of its own.
     """
     pad = HalfSpace(youngs_modulus=2.0e5, poissons_ratio=0.48)

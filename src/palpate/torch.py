@@ -1,6 +1,6 @@
 """A skin as layers of PyTorch: readings of a traction and traction of readings, with gradients.
 
-Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. What is varied besides the input (modulus,
+Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. Other parameters (modulus,
 depth, gains, noise) is passed to each call and has gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the constrained minimum is
 that of `palpate.inverse.constrained`, and its gradients follow from the implicit function theorem.
 """

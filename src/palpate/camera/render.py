@@ -263,7 +263,7 @@ class Scene:
         return Skin(self.pad, planes, surface=grid)
 
     def changed(self, **what: Any) -> Scene:
-        """The same scene with another print, look or camera; it shares the prepared pad if possible."""
+        """Return the scene with another print, look or camera; it shares the prepared pad if possible."""
         other = replace(self, **what)
         if not {"pad", "depth", "size", "scale", "spacing"} & set(what):
             other.__dict__["skin"] = self.skin

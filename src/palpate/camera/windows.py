@@ -309,8 +309,8 @@ def _sampled(level: npt.NDArray[np.uint8], centres: Floats, arms: npt.NDArray[np
 def _between(
     level: npt.NDArray[np.uint8], columns: npt.NDArray[np.float32], rows: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
-    """The same in NumPy: OpenCV 4's remap rounds places to 1/32 of a pixel, which is coarser than the accuracy of
-    dots.
+    """Interpolate in NumPy between pixels, because OpenCV 4's remap rounds places to 1/32 of a pixel, which is coarser
+    than the accuracy of dots.
     """
     height, width = level.shape
     columns, rows = np.clip(columns, 0.0, width - 1.0), np.clip(rows, 0.0, height - 1.0)

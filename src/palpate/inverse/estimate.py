@@ -88,25 +88,26 @@ class Stated:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The result of an inversion: the traction and how the method found it.
+    """The result of an inversion: the traction and how the method found it. A field is None if the method does not
+    compute it.
 
-    ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
-    square misfit in the same units) have the batch shape, the noise of the
-    constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``noise_std`` (*batch, channel), in the unit
-    of each channel, ``errors``
-    (`Errors`), ``stated`` (`Stated`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
-    (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
-    analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
-    ``sliding`` (probability that the contact slides as a whole; NaN if nothing touches). ``method`` (*batch) is the short name of what
-    decided each frame, where it was not the same for all. ``said`` is what the method says of the batch in words. ``sign`` (*batch)
-    is 1 where traction was found as a push, -1 as a pull, 2 as a push with pull about it, 0 if it does both. ``fit`` (*batch) is the misfit probability
-    (`palpate.inverse.fit`), ``nuisance`` and
-    ``nuisance_std`` (*batch, term) the sizes of what readings hold besides contact, ``nuisance_names`` the label and unit of each, ``at_limit``
-    (*batch, reading) the readings at an end of their range. ``discrepancy`` (*batch) is the share of the readings that the pad's model leaves unexplained, and
-    ``unexplained`` (*batch) where no contact explains them; ``undecided`` (*batch) where noise or an offset does, and contact may; ``one_penalty`` (*batch) where one even penalty found the
-    contact; ``overload`` (*batch) where readings at the end of
-    their range leave the load without an upper end. ``force_bounds`` (*batch, component, 2) are net
-    forces that the readings do not rule out besides, NaN if there are none.
+    These have the shape of the batch, for constrained methods (*batch, channel) where noise is concerned:
+    ``parameter``; ``noise_scale``, the noise in units of the whitening (1 if the noise was given); ``residual``, the
+    root mean square misfit in the same units; ``noise_std`` (*batch, channel) in the unit of each channel. ``errors``
+    are `Errors`, ``stated`` is `Stated`. ``converged``; ``contact`` (False: noise alone explains the frame);
+    ``outliers`` (*batch, reading); ``draws`` (*batch, draw, component, *surface); ``settling``, the time an analog
+    network takes in units of its RC; ``pushed`` (False: a contact with positive pressure does not explain the frame);
+    ``resolution`` [m]; ``sliding``, the probability that the contact slides as a whole (NaN if nothing touches).
+    ``method`` (*batch) is the short name of the method that solved each frame, if not the same for all. ``said`` are
+    notes on the batch. ``sign`` (*batch) is 1 for a push, -1 for a pull, 2 for a push surrounded by pull, 0 for any
+    mixture. ``fit`` (*batch) is the misfit probability (`palpate.inverse.fit`); ``nuisance`` and ``nuisance_std``
+    (*batch, term) are the sizes of offsets and other patterns in the readings, ``nuisance_names`` the label and unit
+    of each; ``at_limit`` (*batch, reading) marks readings at an end of their range. ``discrepancy`` (*batch) is the
+    fraction of the readings that the model of the pad leaves unexplained. The following are flags (*batch):
+    ``unexplained``, no contact explains the readings; ``undecided``, noise or an offset explains them, and so may a
+    contact; ``one_penalty``, the contact was estimated with a single uniform penalty; ``overload``, readings at the
+    end of their range leave the load without an upper limit. ``force_bounds`` (*batch, component, 2) are further net
+    forces that the readings do not exclude, NaN if there are none.
     """
 
     traction: Any

@@ -1,4 +1,4 @@
-"""Traction and readings of contacts that a simulator tells as points and forces.
+"""Compute traction and readings from contacts that a simulator reports as points and forces.
 
 The geometry decides how a load is spread:
 

@@ -80,7 +80,7 @@ def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[i
 
 
 def _multiplied(matrix: Any, spectrum: Any, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
-    """The same for NumPy, one block of wavevectors at a time, so that sums stay in the cache."""
+    """Multiply NumPy arrays, one block of wavevectors at a time, so that sums stay in the processor's cache."""
     lead, waves = spectrum.shape[: -1 - d], spectrum.shape[-d:]
     step = columns[1] - columns[0] if len(columns) > 1 else 1
     taken: Any = slice(columns[0], columns[-1] + 1, step or 1)

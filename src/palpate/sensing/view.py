@@ -149,7 +149,7 @@ class Lens:
         return np.asarray(found).reshape(given.shape)
 
     def distorted(self, pixels: npt.ArrayLike) -> Floats:
-        """Where the lens projects undistorted points."""
+        """Return the pixels to which the lens projects undistorted points."""
         given = _pairs(pixels, "pixels")
         flat = given.reshape(-1, 2)
         if not flat.size:

@@ -589,7 +589,7 @@ class SolidPad:
 
     @cached_property
     def _kept(self) -> OrderedDict[tuple[Any, ...], Floats]:
-        """Displacement (axis, node of the surface) for a unit of each reading, by where it is, its channel and its aperture."""
+        """Cached displacements (axis, node of the surface) for a unit of each reading, by its position, channel and aperture."""
         return OrderedDict()
 
     @cached_property
@@ -603,7 +603,7 @@ class SolidPad:
 
     @cached_property
     def _beside(self) -> float:
-        """How far beside a point its neighbours are looked up [m]: stress jumps where elements meet, and the mean of these is closer than each."""
+        """Distance [m] from a point at which stress is evaluated on either side: it jumps between elements, and the mean is more accurate."""
         return 1e-6 * float(self.thickness) / THROUGH
 
     def _fields(self, array: Array) -> Floats:
@@ -652,7 +652,7 @@ class SolidPad:
         return out
 
     def _cell_loads(self, surface: Grid) -> Iterator[tuple[int, int, Any]]:
-        """Component of traction, axis of the pad, and sparse (cell, node of the surface): force on each node of unit traction in a cell [m^2]."""
+        """Yield component of traction, axis of the pad, and sparse forces on nodes for unit traction in a cell (cell, node of the surface) [m^2]."""
         import scipy.sparse
 
         element = self._element

@@ -287,7 +287,7 @@ def patch(*, half_widths: tuple[float, float], traction: float, component: str =
 def hertz_point(*, force: float, contact_radius: float | None = None, radius: float | None = None) -> AreaContact:
     """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2) within the ``contact_radius`` a [m], ``force`` P [N] (Hertz 1882).
 
-    The radius a of the contact is not that of the ball: `hertz_contact_radius` tells it from the ball's, the force and the pad. ``radius`` is the
+    The radius a of the contact is not that of the ball: `hertz_contact_radius` computes it from the ball's radius, the force and the pad. ``radius`` is the
     former name of ``contact_radius``, and warns.
 
     Raises

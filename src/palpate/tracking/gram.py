@@ -81,7 +81,7 @@ class Grams:
         return out
 
     def _boxed(self, cells: Index, unused: Flags) -> Floats | None:
-        """The same from the bounding box of the cells, if that is less work."""
+        """Compute A'A from the bounding box of the cells; None if that is not less work."""
         alike, c = self._alike, len(self._estimator.columns)
         where = np.unravel_index(cells, self._estimator.operator.surface.shape)
         box, places = next(((b, p) for b in self._boxes if (p := b.places(where)) is not None), (None, None))

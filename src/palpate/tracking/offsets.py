@@ -70,7 +70,7 @@ NOTABLE = 0.02
 
 
 class Marginal(NamedTuple):
-    """Quantities to marginalise offsets: K (channel, channel), and the sums B'W'W y over the readings in use."""
+    """Quantities that marginalise offsets: the gain K (channel, channel), and the sums B'W'W y of whitened readings over those in use."""
 
     gain: Floats
     sums: Floats

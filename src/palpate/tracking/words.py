@@ -16,7 +16,7 @@ __all__ = ["at_their_end", "drifted", "restarted", "unfinished"]
 
 
 def unfinished(budget: float | None, tolerance: float, *, exhausted: bool) -> str:
-    """What to do if the iteration did not converge; ``exhausted``: it ran out of steps, not of time."""
+    """Return advice for an iteration that did not converge; ``exhausted``: it ran out of steps, not of time."""
     if budget is not None and not exhausted:
         return f"the time of this frame ended the iteration: give it more, with a budget larger than {budget:.3g} s"
     return (

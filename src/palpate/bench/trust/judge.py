@@ -1,6 +1,6 @@
 """The verdict on one frame: its error, the coverage of its intervals, and whether it carries a note.
 
-**Load**: the integral of the traction's magnitude; of a plain push the net force. Where nothing touches, that of the contact that the noise fits.
+**Load**: the integral of the traction's magnitude; of a plain push the net force. Where nothing touches, it is that of the contact that fits the noise.
 
 **Wrong**: the net force is off by more than 30 % of the load (length of the vector of its errors in the components that are sought, and in the
 normal one always).
@@ -21,7 +21,7 @@ A frame that says "the net force is known roughly only", as every frame of some 
 not wrong without a word unless the truth lies far outside its interval.
 
 The last frame of a **recording** (`palpate.bench.trust.recorded`) is answered as a user would have it: from its frames at rest and those before it, by itself,
-tracked, or out of a table. What the reader of the table warns of is a word.
+tracked, or out of a table. Warnings of the reader of the table count as notes.
 """
 
 from __future__ import annotations

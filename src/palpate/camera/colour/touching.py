@@ -292,7 +292,7 @@ def _axes(plane: Any) -> tuple[Floats, Floats]:
 
 
 def _zero(response: Floats, terms: Floats, depth: Floats) -> Floats:
-    """The plane (n,) in the depth, fitted together with the pressure under the contact (non-negative least squares).
+    """Return the plane (n,) that is an error of the depth map, fitted together with the pressure under the contact (non-negative least squares).
 
     Slopes determine depth only up to a constant, unequal slope errors of the flanks add a ramp, and displacement far
     away affects both.

@@ -49,7 +49,7 @@ class Differences:
 
     @cached_property
     def squared(self) -> Sparse:
-        """The same for second derivatives."""
+        """Matrix of the penalty on second derivatives: the squared Laplacian."""
         return scipy.sparse.csr_array(self.laplacian @ self.laplacian)
 
     @cached_property

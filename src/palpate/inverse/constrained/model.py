@@ -352,14 +352,14 @@ class Normal:
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
     def as_matrix(self) -> Normal:
-        """The same with an explicit matrix instead of products."""
+        """Return this normal matrix with an explicit matrix of the readings instead of convolutions."""
         if not isinstance(self.given, Applied):
             return self
         rows = self.level.rows(self.cells, 1.0 / self.given.weight, self.given.observed)
         return Normal(self.level, self.cells, rows.T, self.linear)
 
     def along(self, ray: Floats) -> Normal:
-        """The same for traction ``ray`` (component,) times the unknowns (1, cell)."""
+        """Return the normal matrix for unknowns (1, cell) that multiply a fixed direction ``ray`` (component,) of the traction."""
         n = self.linear.shape[1]
         if isinstance(self.given, Applied):
             few = n <= FEW_ALONG and self.linear.size * len(self.given.weight) <= ENTRIES_ALONG

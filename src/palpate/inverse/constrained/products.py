@@ -305,7 +305,7 @@ class Applied:
         return int(self.observed.sum()), self.components * len(self.cells)
 
     def part(self, position: Index) -> Applied:
-        """The same for some of the cells."""
+        """Return the products restricted to the cells at ``position``."""
         out = self._copy()
         cells = self.cells[position]
         if len(cells):
@@ -522,7 +522,7 @@ class Products:
         return Iterative(self, face, more)
 
     def exactly(self) -> Quadratic:
-        """The same with an explicit matrix of the readings, if they are few enough."""
+        """Return the quadratic form with an explicit matrix of the readings, if they are few enough."""
         readings, unknowns = self.matrix.shape
         if readings**2 * unknowns > MATRIX:
             return self

@@ -66,7 +66,7 @@ class Quadratic(Protocol):
         """Factor of W'HW + diag(more) on the free directions W of a face."""
 
     def exactly(self) -> Quadratic:
-        """The same with exact factors, if possible."""
+        """Return the quadratic form in a representation that can be factorised exactly, if there is one."""
 
     def dense(self) -> Floats:
         """H as an array (component * cell, component * cell)."""

@@ -62,7 +62,7 @@ class Rows:
         return self.variances_of(self.col, entries)
 
     def variances_of(self, col: Index, entries: Callable[[Index, Index], Floats]) -> Floats:
-        """The same with renumbered columns."""
+        """Return the variances of the rows if the columns are renumbered by ``col``."""
         row, first, other, weight = self._pairs
         i, j = col[first], col[other]
         each = weight * entries(np.maximum(i, j), np.minimum(i, j))

@@ -137,7 +137,7 @@ def owed_of(model: ContactModel, rows: Rows) -> Floats:
 
 
 def owed_of_sums(model: ContactModel, rows: Floats) -> Floats:
-    """The same for dense rows."""
+    """Return, for dense rows, the variance due to the unknowns of ``model.stated``; 0 without any."""
     if model.stated is None:
         return np.zeros(len(rows))
     return np.asarray(((face_of(model.solution)[0].columns(rows) @ model.stated) ** 2).sum(axis=1))

@@ -21,8 +21,8 @@ __all__ = ["notes_of", "single_taxel_share", "smallness"]
 
 
 def smallness(members: Sequence[ContactModel], planes: Sequence[Array], run: Solved, policy: Policy) -> int:
-    """0: not small. 1: the contact may be small. 2: also, only one taxel reads more than noise, so that a small
-    contact cannot be told from a broken taxel.
+    """Return 0 if the contact is not small, 1 if it may be small, and 2 if in addition only one taxel reads more than
+    noise, so that a small contact cannot be distinguished from a broken taxel.
     """
     if not any(m.compact for m in members):
         return 0

@@ -186,7 +186,9 @@ def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
 
 
 def _by_factor(patterns: Floats, c: Floats) -> tuple[float, float]:
-    """The same for weighted patterns and coefficients, by a Cholesky factor if all patterns are independent."""
+    """Return right' gram^-1 right and log det gram from weighted patterns and coefficients, by a Cholesky factor if
+    all patterns are independent.
+    """
     from scipy.linalg import lapack
 
     gram, right = patterns @ patterns.T, patterns @ c

@@ -136,7 +136,7 @@ class FourierSpectrum:
         return powers.reshape(len(rows), -1), np.maximum(rest, 0.0).reshape(len(rows), -1).sum(axis=1)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """The same for a single cell; by symmetry it is the same for all: (n,), (n, component sought, 1...),
+        """Return the powers for a single cell, which by symmetry are those of all cells: (n,), (n, component sought, 1...),
         (component sought, 1...).
         """
         count = math.prod(self.operator.surface.shape)

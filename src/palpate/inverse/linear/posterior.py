@@ -319,7 +319,7 @@ class Source:
         return self._batched(out)
 
     def _center_rows(self, part: slice) -> Floats:
-        """Of some frames: changes of the centre of pressure with the pressure (frame, axis, *surface)."""
+        """Return the derivative of the centre of pressure with respect to pressure (frame, axis, *surface) for some frames."""
         grid = self.variances.grid
         some = to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape)[part, -1].astype(np.float64)
         return np.stack([center_rows(grid, p) for p in some])

@@ -83,7 +83,7 @@ class Spectrum(Protocol):
         ...
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """The same for every cell: eigenvalues (m,), powers (m, component sought, *surface or 1s), rest (component
+        """Return the powers for every cell: eigenvalues (m,), powers (m, component sought, *surface or 1s), rest (component
         sought, *surface or 1s).
         """
         ...

@@ -176,7 +176,7 @@ class SampledVariances(Variances):
         return np.maximum(left - parameter[:, None] * size, 0.0), size
 
     def _each(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
-        """The same for a few parameters, one by one, with a cache."""
+        """Compute the two sums for a few parameters one by one, with a cache."""
         found = []
         for lam in parameter:
             key = (name, float(lam))

@@ -200,7 +200,7 @@ class OnArray:
         return first, second
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
-        """Of sums of the traction."""
+        """Return the variances of sums of the traction; see `Sums`."""
         weighted = self.normal.covariance(rows)
         right = self.normal.readings(weighted)
 
@@ -296,7 +296,7 @@ class OnSurface:
         return self._coloured(solved.source)
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
-        """Of sums of the traction: lambda x^T C^T w with x = (H^T H + lambda)^{-1} C^T w, and u = H x."""
+        """Return the variances of sums of the traction: lambda x^T C^T w with x = (H^T H + lambda)^{-1} C^T w, and u = H x."""
         right = self._whitened(rows)
         x = self._inverse(right, parameter, tolerance, most, checked=True).rows
         u = self._forth(x)
