@@ -34,7 +34,7 @@ def require(peak: float, what: str, remedy: str) -> None:
     peak : float
         The most that is allocated at a time, estimated from sizes.
     what, remedy : str
-        What needs it, and what serves this very input.
+        The work that needs the memory, and what to do with this input instead.
     """
     if peak < SMALL:
         return

@@ -203,7 +203,7 @@ class SkinProperties:
         center : (float, float), optional
             Place (x, y) of the press [m]; default: the middle of the array.
         components : sequence of str, optional
-            The components sought; default: those of the skin.
+            The components to estimate; default: those of the skin.
 
         Raises
         ------

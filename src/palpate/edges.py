@@ -35,11 +35,11 @@ class EdgeError:
     Attributes
     ----------
     thickness : float
-        Of the layer [m].
+        Thickness of the layer [m].
     distance : array (n,)
-        Of the middle of the ball from the side [m].
+        Distances of the middle of the ball from the side [m].
     press, drag : array (n,)
-        How far the layer's readings are off when the ball presses, and when it drags across the side, as a part of the readings.
+        Relative error of the layer's readings when the ball presses, and when it drags across the side.
     force : array (n,) or None
         Net normal force found with the endless layer over the true one, of sensors that feel stress.
     kind : str

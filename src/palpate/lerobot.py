@@ -118,9 +118,9 @@ def tactile_columns(
     touch : Touch
         With one batch axis, the frames.
     name : str
-        Of the sensor.
+        Name of the sensor.
     readings : array (frame, channel, *array), optional
-        What it was found in.
+        Readings from which the touch was computed.
     friction : float, optional
         For the slip margin [Pa]; without it there is none.
 

@@ -32,7 +32,7 @@ class Taxels:
     ----------
     model : mujoco.MjModel
     skin : Skin
-        Of area contact, e.g. from the skin.toml of the real sensor.
+        A skin for area contact, e.g. from the skin.toml of the real sensor.
     geom : str or sequence of str
         The geom, or geoms, that the skin lies on: all of their contacts press it.
     site : str

@@ -102,9 +102,9 @@ class ExpectedForce:
     radius : float
         Contact radius [m] of the press: a fifth of the array's width.
     normal, shear : float
-        Of the normal force, and of the force across at friction 0.3.
+        Relative half-width for the normal force, and for the tangential force at friction 0.3.
     exact : (float, float)
-        Of both if pad and modulus were known exactly: what the sensors alone tell.
+        Both numbers if pad and modulus were known exactly: the error due to the sensors alone.
     """
 
     radius: float

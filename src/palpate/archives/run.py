@@ -80,7 +80,7 @@ class Reconstructed:
     remarks : tuple of str
         Remarks on the readings.
     notes : tuple of str
-        Assumptions and outcomes of all frames; those of ``touch`` are of one.
+        Assumptions and outcomes of all frames; the notes of ``touch`` are those of a single frame.
     """
 
     path: Path

@@ -123,11 +123,12 @@ def calibrate(
     labels : int
         Largest number of frames to use.
     before : SkinCalibration, optional
-        One of the same skin, from which this one starts: its labels are kept, and a note says whether the sensor has aged.
+        An earlier calibration of the same skin to start from: its labels are kept, and a note says whether the sensor
+        has aged.
     constants : sequence of str
         Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
     pad_models : sequence of str, optional
-        Pad models that the presses rank, some of "half-space", "bonded", "stack", "soft base". Default: that of the skin.
+        Pad models to compare: any of "half-space", "bonded", "stack", "soft base". Default: the model of the skin.
 
     Raises
     ------

@@ -48,13 +48,14 @@ class SkinCalibration:
     maps : mapping of str to ForceMap
         "fx", "fy", "fz" [N]; "x", "y" are maps of the moments Fz x and Fz y [N m], from which the centre follows.
     readings : int
-        How many readings a frame has.
+        Number of readings in a frame.
     unit : float
         Factor on readings for the elastic model; NaN if it was rejected.
     unit_std : float
         Relative standard deviation of ``unit``.
     elastic_error : float
-        Root mean square error of the elastic model's normal force with one fitted factor, as a part of that of the labels; NaN if it gave no answer.
+        Root mean square error of the elastic model's normal force with one fitted factor, relative to the root mean
+        square of the labels; NaN if the model gave no result.
     said : tuple of str
         Findings, one sentence each.
     table : tuple of rows
@@ -62,7 +63,7 @@ class SkinCalibration:
     constants : PadConstants or None
         Posterior of the pad's constants, if requested.
     gains : array (reading,) or None
-        What each reading is divided by besides before the elastic model sees it, if gains were requested.
+        Gain by which each reading is divided before the elastic model uses it; None if gains were not requested.
     rest : array (frame, channel, *array) or None
         Readings at rest without their zero: their scatter is the noise for the elastic model.
     scale : float

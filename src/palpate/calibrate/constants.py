@@ -68,9 +68,10 @@ class PadConstants:
     names : tuple of str
         One for each constant; "gain 3" is the factor of reading 3.
     values : array (constant,)
-        In SI units; gains and pixel scale as factors of those of the skin; "unit" divides readings to give SI units.
+        Values in SI units; gains and pixel scale are factors relative to those of the skin; "unit" divides readings to
+        give SI units.
     covariance : array (constant, constant)
-        Of the logarithms: the root of its diagonal is a relative standard deviation.
+        Covariance of the logarithms: the square root of its diagonal is a relative standard deviation.
     before : array (constant,)
         Relative standard deviations before the presses.
     evidence : mapping of str to float
@@ -78,9 +79,10 @@ class PadConstants:
     misfit : float
         Root mean square of the residuals over the noise; above `REJECTED` no model is best, and the standard deviations are wider by this factor.
     said : tuple of str
-        What the data do not determine, in sentences.
+        Sentences on what the data do not determine.
     span : float
-        Largest extent of the readings' places [m], as the skin said before the presses: what the pixel scale is a factor of.
+        Largest extent of the readings' positions [m] according to the skin before the presses, to which the pixel scale
+        refers.
     """
 
     model: str
@@ -177,7 +179,7 @@ def fit_constants(
     Parameters
     ----------
     skin : Skin
-        Of one plane over an area, on a half-space or bonded layers: its numbers are the means before the presses.
+        A skin with one plane over an area, on a half-space or bonded layers; its numbers are the prior means.
     readings : array (press, channel, *array)
         Without their zero, in SI units.
     force : array (press,)
@@ -191,7 +193,7 @@ def fit_constants(
     places : array (press, 2), optional
         Place of each press [m] with standard deviation ``place_std`` [m]; NaN if unknown.
     models : sequence of str, optional
-        Some of "half-space", "bonded", "stack", "soft base". Default: that of the skin's pad alone.
+        Models to compare: any of "half-space", "bonded", "stack", "soft base". Default: only that of the skin's pad.
     before : PadConstants, optional
         A posterior to start from.
 

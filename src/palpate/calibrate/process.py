@@ -190,7 +190,7 @@ class Process:
     press : array (label,) of int
         Labels of one press have one number.
     time : array (label,) or None
-        Of each label [s].
+        Time of each label [s].
     run : array (label,) of int or None
         Which recording each label comes from; None: all from one.
     zero_known : bool

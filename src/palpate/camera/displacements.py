@@ -55,7 +55,7 @@ class Reading:
     Attributes
     ----------
     index, time : int, float
-        Of the picture.
+        Number and time [s] of the picture.
     values, std : array (2, n)
         displacement_x and displacement_y of every dot, and their standard deviations [m]; NaN where a dot is lost.
     fault : str
@@ -127,7 +127,7 @@ class Displacements:
     source : str, Path, int, arrays or Pictures
         As for `open_pictures`.
     view : View or CameraSettings
-        How pixels become metres.
+        Mapping of pixels to metres.
     reference : int, optional
         Pictures at the start in which nothing touches (default: that of the settings, or 5).
     rate : float, optional
@@ -148,7 +148,7 @@ class Displacements:
     view, markers, size
         `Markers` of the reference, or `Flow` of a texture.
     region : Region or None
-        Where the gel is in the pictures; None: all over.
+        The part of the pictures that shows the gel; None: all of it.
     faults : dict of int to str
         Unusable pictures so far, and why.
 

@@ -72,7 +72,7 @@ class Found:
     positions : array (n, 2)
         (column, row) [pixels].
     strength : array (n,)
-        Response over that of the typical dot: 1 for a whole one.
+        Response relative to that of the typical dot: 1 for a whole one.
     print : Print
     """
 
@@ -183,12 +183,12 @@ def find_dots(
     ----------
     image : array (row, column) or (row, column, 3)
     print : Print, optional
-        Of an earlier picture of the same gel (`Found.print`): its size and brightness are reused, which is faster and finds the visible part of a
-        print that is partly hidden.
+        Print found in an earlier picture of the same gel (`Found.print`): its size and brightness are reused, which is
+        faster and finds the visible part of a print that is partly hidden.
     level : array (row, column), optional
         The picture over its light, if computed already.
     region : Region, optional
-        Where the gel is in the picture.
+        The part of the picture that shows the gel.
 
     Returns
     -------

@@ -66,7 +66,7 @@ class Flow(Followed):
     spacing : float
         Between places [pixels]. A window is a little wider, and averages finer detail.
     region : Region, optional
-        Where the gel is in the picture.
+        The part of the picture that shows the gel.
     positions : array (n, 2)
         , optional
         Places [pixels] in place of a whole grid.

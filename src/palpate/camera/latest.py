@@ -24,7 +24,7 @@ class Latest:
     Attributes
     ----------
     pictures : Pictures
-        What to iterate over.
+        Pictures to iterate over.
     skipped : int
         Pictures skipped so far, because another was being processed.
 

@@ -61,9 +61,9 @@ class Markers(Followed):
     reference : array (row, column) or (row, column, 3), or sequence of these
         The gel at rest: one picture, or several, whose mean has less noise.
     positions : array (n, 2), optional
-        Where the dots are in it [pixels]; by default they are found.
+        Positions of the dots in the reference picture [pixels]; by default they are detected.
     region : Region, optional
-        Where the gel is in the picture.
+        The part of the picture that shows the gel.
 
     Raises
     ------

@@ -38,7 +38,7 @@ def overlay(
     ----------
     image : array (row, column) or (row, column, 3)
     touch : Touch or xarray.Dataset
-        Of this picture: one frame; or one of a file, ``read_touch("touch.nc").isel(time=7)``.
+        Touch of this picture: one frame, or a frame from a file, ``read_touch("touch.nc").isel(time=7)``.
     view : View, optional
         Position of the picture; by default that of the touch or the file (`Touch.view`).
     show : str

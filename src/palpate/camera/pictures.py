@@ -105,11 +105,11 @@ class Pictures:
     Attributes
     ----------
     name : str
-        Of the source, for messages.
+        Name of the source, for messages.
     size : (int, int)
         Columns and rows of the first picture.
     count : int or None
-        Of pictures as the source states, or None.
+        Number of pictures that the source states, or None.
     timed : bool
         Whether times come from the source; otherwise they are the number of the picture over ``rate``, or the number itself.
     notes : list of str

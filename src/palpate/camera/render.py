@@ -191,19 +191,19 @@ class Scene:
     ----------
     pad : Pad
     depth : float
-        Of the print below the touched surface [m].
+        Depth of the print below the touched surface [m].
     print : Dots or Texture
     size : (int, int)
         Columns and rows of the picture.
     scale : float or (float, float)
         Metres per pixel at rest, along x and y.
     distance : float, optional
-        Of the camera's centre behind the print at rest [m]; None: infinite, without perspective.
+        Distance of the camera's centre from the print at rest [m]; None: infinite, without perspective.
     distortion : sequence of float
-        Of the lens, as OpenCV counts (k1, k2, p1, p2).
+        Distortion of the lens in the order of OpenCV (k1, k2, p1, p2).
     looks : Looks
     spacing : float, optional
-        Of the grid on which displacement is computed [m]; by default a sixtieth of the picture's width.
+        Spacing of the grid on which displacement is computed [m]; by default a sixtieth of the picture's width.
 
     Examples
     --------
@@ -345,9 +345,9 @@ class Scene:
         contact : AreaContact or array (component, *surface), optional
             A closed-form contact, or traction on `surface` [Pa]; None: nothing touches.
         shift, rotation : (float, float), float
-            Of the gel in front of the camera [m, rad].
+            Shift and rotation of the gel in front of the camera [m, rad].
         rng : numpy Generator, optional
-            Of the noise; None: the same noise in every picture, which no camera has.
+            Random numbers for the noise; None: the same noise in every picture, unlike any camera.
 
         Raises
         ------

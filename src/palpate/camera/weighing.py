@@ -61,15 +61,15 @@ class Weighed:
     Attributes
     ----------
     youngs_modulus, std : float
-        Of the uppermost layer [Pa]; layers below in the same proportion.
+        Modulus of the uppermost layer and its standard deviation [Pa]; moduli of layers below change in proportion.
     factor : float
-        Over that of the skin; NaN if that is "unknown".
+        Ratio of the modulus to that of the skin; NaN if the latter is "unknown".
     ratios, ratio_std : array (press,)
         Known force over the force with the skin's modulus (if unknown: with `youngs_modulus`), and its standard deviation.
     agreement : float
         Probability of ratios that differ as much if the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
     fit : array (press,)
-        How well the pad explains the dots: `Touch.fit`.
+        Misfit probability of each press: `Touch.fit`.
     before : float
         Relative standard deviation of the skin's modulus; infinite if that is "unknown".
     """
@@ -153,7 +153,7 @@ def weigh(
     reference : int, optional
         Frames at the start that show the gel at rest; default: 5, or that of the skin.toml for pictures.
     **options
-        Of `Skin.reconstruct`, such as friction.
+        Options of `Skin.reconstruct`, such as friction.
 
     Raises
     ------

@@ -93,7 +93,7 @@ class Followed:
     level : array (row, column)
         The same, levelled (`as_bytes`).
     positions : array (n, 2)
-        Where the windows are in it [pixels].
+        Positions of the windows in the reference picture [pixels].
     half : int
         Half their side.
     reach : float

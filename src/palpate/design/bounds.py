@@ -36,13 +36,14 @@ class Bound:
     Attributes
     ----------
     force : array (component,)
-        Of each component sought [N].
+        Standard deviation of each estimated component of the force [N].
     center : array (axis,)
-        Of the place (x, y), or (x,) [m].
+        Standard deviation of the position (x, y), or (x,) [m].
     radius : float
-        Of the contact radius [m].
+        Standard deviation of the contact radius [m].
     slip_margin : float
-        Of the reserve before the whole contact slips, mu F_z - |F_t| [N]; NaN unless shear and pressure are both sought.
+        Standard deviation of the reserve before the whole contact slips, mu F_z - |F_t| [N]; NaN unless shear and
+        pressure are both estimated.
     """
 
     force: Floats

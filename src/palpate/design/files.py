@@ -60,10 +60,10 @@ class DesignFile:
     Attributes
     ----------
     pad, planes, uncertainty
-        Of the skin, as in a skin.toml.
+        Pad, arrays and uncertainty of the skin, as in a skin.toml.
     press : Press
     values : dict of lists
-        What is varied, in SI units.
+        Values of the variables, in SI units.
     keep : "taxels" or "area"
     goals : dict of float
         In SI units.

@@ -38,7 +38,7 @@ class Placement:
     ----------
     array : ScatteredArray
     places : array (n, 2) [m]
-        Where presses were tried, (y, x).
+        Places (y, x) at which presses were tried.
     force_std, center_std : array (n,)
         Bounds of the normal force [N] and of the centre [m] there, with noise and offsets unknown.
 
@@ -93,12 +93,12 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
     extent : (float, float)
         Width (x) and height (y) of the rectangle that is pressed and that taxels lie in [m].
     press : Press, optional
-        What is pressed; 1 N over a radius of 2 mm where nothing is given.
+        The press to measure; default: 1 N over a radius of 2 mm.
 
     Raises
     ------
     InvalidInput
-        Fewer taxels than tell a press, more than there are sites, or an extent that is not two positive lengths.
+        Too few taxels to determine a press, more than there are places, or an extent that is not two positive lengths.
     Unsupported
         Line contact, or an array without noise.
 

@@ -55,7 +55,7 @@ class Design:
     farthest : float
         Largest tested distance of a pair.
     noise_unit : str
-        Of the first channel.
+        Unit of the first channel.
 
     Examples
     --------
@@ -90,7 +90,7 @@ class Design:
         Raises
         ------
         InvalidInput
-            A component that is not sought.
+            A component that is not estimated.
 
         Examples
         --------

@@ -76,7 +76,7 @@ class Sweep:
     Attributes
     ----------
     points : tuple of dict
-        What was varied, for each design.
+        Values of the variables for each design.
     designs : tuple of Design
     skipped : tuple of (dict, str)
         Combinations that cannot be built, and why.
@@ -407,7 +407,7 @@ def swept(
     Raises
     ------
     InvalidInput
-        A goal, an axis or a value that there is not, or a sweep of which no combination can be built; the message says why.
+        An unknown goal, axis or value, or a sweep of which no combination can be built; the message says why.
     """
     if keep not in ("taxels", "area"):
         raise InvalidInput(f'keep must be "taxels" or "area": what a new pitch leaves as it is; got {keep!r}.')
@@ -454,7 +454,7 @@ def sweep(
     press : Press, optional
         The press; default: 1 N over a radius of 2 mm.
     keep : "taxels" or "area"
-        What stays constant when the pitch changes.
+        Property that stays constant when the pitch changes.
     goals : dict, optional
         Numbers that a design must not exceed, in SI units; of "range" must reach.
     jobs : int

@@ -97,7 +97,7 @@ class Channel:
     line : bool
         Whether line contact (plane strain) has it.
     read : callable (Fields) -> array
-        How it follows from the fields; linear.
+        Computes the channel from the fields; linear.
 
     Examples
     --------

@@ -73,7 +73,7 @@ class BondedLayers:
     layers : sequence of Layer
         The first is at the surface.
     base : HalfSpace, optional
-        What the last layer is bonded to; by default a rigid base.
+        Half-space to which the last layer is bonded; by default a rigid base.
 
     Raises
     ------

@@ -72,7 +72,7 @@ def misfit_probability(
     Parameters
     ----------
     residual : array (reading,)
-        What is left, in units of the noise (0 if nothing was observed).
+        Residuals in units of the noise (0 if nothing was observed).
     observed : array (reading,) of bool
     pairs : two arrays (pair,)
         Readings that are neighbours (`neighbours`).
@@ -81,7 +81,7 @@ def misfit_probability(
     known : bool
         Whether the noise was given: its size is then tested too, by chi^2.
     detail : float
-        What the model itself cannot follow, in units of the noise.
+        Error of the model itself, in units of the noise.
     others : sequence of float
         Probabilities of other tests: the least of all counts, times their number (Bonferroni).
 

@@ -87,12 +87,12 @@ class Problem:
         The elastic body (without creep).
     planes : tuple of arrays
     surface : LineGrid or AreaGrid
-        Where the result lives.
+        Grid of the traction.
     boundary : "free" or "periodic"
     components : tuple of str
-        What is sought.
+        Components of the traction to estimate.
     fixed : bool
-        Whether the user gave the surface: contact is then sought only there.
+        Whether the user gave the surface, so that contact is estimated only there.
     nuisance : tuple of str or None
         Nuisances of the readings (`palpate.sensing.nuisance`); None: the readings decide.
     uncertainty : Uncertainty

@@ -30,16 +30,16 @@ class CameraSource:
     reference : int, optional
         Pictures at the start in which nothing touches; default: what [camera] says.
     options : mapping
-        Of `Skin.track`.
+        Options of `Skin.track`.
 
     Attributes
     ----------
     touches : Touches
         Its skin has the dots where they were found.
     report : callable
-        Told in one sentence what becomes of pictures; a session's ``note``.
+        Called with a sentence for each event of the pictures; a session's ``note``.
     skip : callable
-        Called for each picture that came too early to be looked at.
+        Called for each picture that came before the previous one was processed.
 
     Raises
     ------

@@ -25,7 +25,7 @@ class FoxgloveServer:
     Parameters
     ----------
     channels : sequence of str
-        Of the readings.
+        Channels of the readings.
     port : int
         0 takes a free one; see ``port``. Open ws://127.0.0.1:PORT in Foxglove.
     host : str

@@ -120,8 +120,8 @@ class Response:
     noise : array (channel,)
         Standard deviation of the table's readings.
     error : array (channel,)
-        What the response is off by between the places that were pressed, for a press as in the table: root mean square over its readings, as a part of
-        their root mean square.
+        Error of the response between the pressed places, for a press like those of the table: root mean square over its
+        readings, relative to their root mean square.
     held_out : array (channel,)
         The same of presses that were left out, noise and all.
     """
@@ -192,7 +192,7 @@ def fitted(
         Places (y, x) [m].
     forces : array (press, component) [N]
     radius : array (press,)
-        Of the disc that was touched [m].
+        Radius of the disc that was touched [m].
     readings : array (press, channel, taxel)
     """
     odd = np.array(

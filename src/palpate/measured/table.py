@@ -45,9 +45,9 @@ class Table:
     positions : array (taxel, 2)
         (x, y) of each taxel or marker [m].
     channels : sequence of str
-        What each taxel reads.
+        Channels of each taxel.
     radius : float or array (press,)
-        Of the disc that the indenter touched [m]; 0 for a point.
+        Radius of the disc that the indenter touched [m]; 0 for a point.
     indenter : str
         How its pressure is spread over that disc: "hertz" (a ball), "disc" (evenly), "punch" (a rigid flat end).
     components : tuple of str

@@ -315,7 +315,7 @@ def cell_forces(
     picture : array (row, column), optional
         The cell, to be drawn beneath.
     depth : float
-        Of the beads below the surface [m].
+        Depth of the beads below the surface [m].
     noise : float, optional
         Standard deviation of the displacements [m]; by default that of the field (`Field.noise`), or else an estimate.
     method : str

@@ -51,11 +51,11 @@ class Field:
     aperture : float
         Side [m] of the square over which each vector is a mean, such as a window; 0: a point.
     notes : tuple of str
-        What was assumed.
+        Assumptions that were made.
     normal : array (row, column), optional
         Displacement of the surface out of the gel [m], towards the cell; NaN where there is none.
     left_out : int
-        How many vectors were excluded (now NaN); ``notes`` say why.
+        Number of vectors that were excluded (now NaN); ``notes`` say why.
 
     Raises
     ------

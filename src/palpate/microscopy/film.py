@@ -75,7 +75,7 @@ class Film:
     pad, pixel, window, step, depth, noise, method, uncertainty, drift
         As for `bead_displacements`, `read_field` and `cell_forces`.
     unit, up, v_up, start, name : optional
-        Of displacement fields, as for `read_field`; ``name`` says which film of a file of several.
+        Options for displacement fields, as for `read_field`; ``name`` selects one of several films in a file.
     channel : int, optional
         Which channel shows the beads, from 1, of pictures of several.
     cells, labels : path, optional

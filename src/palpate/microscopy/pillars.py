@@ -238,7 +238,7 @@ def read_pillars(
     Raises
     ------
     InvalidInput
-        No table, columns that are not named, a unit that neither the file nor the caller says, another than the file's.
+        No table, missing columns, a unit that neither the file nor the caller states, or one that contradicts the file.
 
     Examples
     --------

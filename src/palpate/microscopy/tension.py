@@ -68,7 +68,7 @@ class RegionTension:
     average, largest : Quantity
         Mean of both principal tensions, and the larger one [N/m].
     angle : float
-        Of the larger one, degrees from x towards y (down), 0 to 180.
+        Angle of the larger principal tension, degrees from x towards y (down), 0 to 180.
     """
 
     label: str
@@ -240,7 +240,7 @@ def sheet_tension(
     size : (int, int), optional
         Columns and rows of the picture of labels; default: the area of the field.
     poissons_ratio : float, optional
-        Of the sheet; default: random from 0 to 1, at which a sheet keeps its area.
+        Poisson's ratio of the sheet; default: random from 0 to 1, at which a sheet keeps its area.
     own : float
         Balanced tensions of the cells, which leave no traction, as a part of the sheet's; a uniform elastic sheet has none (0).
     draws : int

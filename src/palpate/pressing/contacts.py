@@ -41,7 +41,7 @@ class Contacts:
     disc : array (contact, 3)
         x, y of the middle and the radius [m] of a flat disc that presses; radius 0 without a disc.
     length : array (contact,)
-        Of the straight line along which a cylinder or a capsule presses [m], or 0.
+        Length of the straight line along which a cylinder or a capsule presses [m], or 0.
 
     Raises
     ------

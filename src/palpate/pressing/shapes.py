@@ -36,7 +36,7 @@ class Local:
     center : array (3,)
         Middle of that disc.
     length : float
-        Of the straight line along which a cylinder or capsule touches [m], 0 if there is none.
+        Length of the straight line along which a cylinder or capsule touches [m], 0 if there is none.
 
     Examples
     --------

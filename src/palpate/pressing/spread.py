@@ -70,9 +70,10 @@ class Pressed:
     Attributes
     ----------
     wrench : array (world, 6)
-        Net force and moment about the middle of the surface [N, N m], as the simulator says.
+        Net force and moment about the middle of the surface [N, N m] according to the simulator.
     felt : array (world, 6)
-        The same of the traction: it lacks what presses from the side, pulls, or lies beyond the skin's surface.
+        Net force and moment of the traction, which excludes contacts from the side, pulls, and loads beyond the skin's
+        surface.
     missed : array (world,) of int
         Contacts that are not, or not wholly, in the traction.
 
@@ -120,7 +121,7 @@ class Surface:
     Parameters
     ----------
     skin : Skin
-        Of area contact, free boundary and no creep.
+        A skin for area contact with a free boundary and without creep.
     least : float, optional
         Radius [m] over which edges, corners and shapes that are not known press. Default: half a cell of the surface.
 

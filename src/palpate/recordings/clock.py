@@ -89,7 +89,7 @@ class Clock:
     note : str
         The repairs in words, or "".
     source : str
-        What messages call the recording.
+        Name of the recording in messages.
 
     Examples
     --------
@@ -147,7 +147,7 @@ def read_clock(
     stamps : array (frame,)
         As received; NaN for frames without. Numbers times ``unit`` are seconds; dates need no unit.
     source : str
-        What messages call it.
+        Name of the recording in messages.
     recorded : array (frame,), optional
         Seconds at which the frames were recorded, by another clock.
     unit : float, optional

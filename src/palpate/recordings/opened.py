@@ -34,7 +34,7 @@ class OpenRecording:
     expected : int or None
         The checksum that the file holds.
     name : str
-        What messages call it.
+        Name of the recording in messages.
     remedy : str
         What to do if the checksum does not match.
 

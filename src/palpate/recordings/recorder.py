@@ -23,9 +23,9 @@ def recorder(
     path : str or Path
         Must not exist yet: a recording is never overwritten.
     channels : sequence of str
-        Of the readings.
+        Channels of the readings.
     positions : array (taxel, 2) or (taxel,), optional
-        Of scattered taxels [m].
+        Positions of scattered taxels [m].
     meta : mapping
         Anything worth keeping, by names: text, numbers, truth values, None, and lists and mappings of them.
 

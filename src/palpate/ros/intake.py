@@ -68,17 +68,17 @@ class Intake(FrameSource):
     Parameters
     ----------
     mapping : TopicMapping
-        What is where in a message.
+        Layout of the messages.
     shape : sequence of int
         (channel, *array) that the skin describes.
     now : callable
-        The clock of ROS [ns]; that of a simulation where there is one.
+        The clock of ROS [ns], or of a simulation if there is one.
     rest : array (channel, marker), optional
-        Where markers are at rest; without it the first message says so, where ``mapping.markers``.
+        Positions of the markers at rest; without them the first message gives them if ``mapping.markers``.
     publishers : callable, optional
         Names of the publishers that there are, by their identifiers in hexadecimal digits.
     limits : Limits, optional
-        How long a publisher may be silent until another is served.
+        Time limits, such as how long a publisher may be silent until another is accepted.
     waiting : int
         Messages that wait to be read, at most.
 
@@ -87,7 +87,7 @@ class Intake(FrameSource):
     counts : dict
         As of a `FrameListener`; and "messages" that came, and "lost" ones, which publishers sent and the middleware did not deliver.
     header : Header
-        Of the frame that was given out last.
+        Header of the frame that was returned last.
     """
 
     def __init__(

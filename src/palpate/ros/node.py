@@ -54,7 +54,7 @@ class Ros:
     arguments : sequence of str
         After ``--ros-args``: remappings, parameters, as every node takes them.
     name : str
-        Of the node, unless ``-r __node:=...`` names it.
+        Name of the node, unless ``-r __node:=...`` names it.
     """
 
     def __init__(self, arguments: Sequence[str] = (), *, name: str = "palpate") -> None:
@@ -148,13 +148,13 @@ class TouchNode:
     baseline : int or array
         Frames at the start that are the zero, or readings that are. Of pictures: how many show the gel at rest; 0: as [camera] says.
     budget : float, optional
-        What a frame may take [s].
+        Time limit for a frame [s].
     max_pressure, max_force : float, optional
         [Pa], [N].
     rest : array, optional
         Where markers are at rest.
     frame : str
-        Frame of reference of what is published.
+        Frame of reference of the published messages.
     sinks : sequence of Sink
         Recorders and the like.
     report : callable, optional

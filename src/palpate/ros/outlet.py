@@ -56,7 +56,7 @@ class Outlet:
     messages : dict
         Class of messages for each type's name.
     intake : Intake
-        Where the frames come from: its header is that of the answer.
+        The intake of the frames, whose header the results carry.
     monitor : GraspMonitor
     frame : str
         Frame of reference; "": that of the messages, or "palpate" where they name none.

@@ -83,7 +83,7 @@ class PictureIntake(Intake):
         reference : int, optional
             Pictures of the gel at rest; default: what [camera] says.
         options : mapping
-            Of `Skin.track`.
+            Options of `Skin.track`.
 
         Raises
         ------

@@ -41,7 +41,7 @@ class Recorded:
     rest : array (frame, channel, *array)
         Nothing touches.
     steps : array (frame, channel, *array)
-        What follows; the last one is judged.
+        The frames after those at rest; the last one is judged.
     times : array (frame,)
         The sensor's clock [s], of rest and steps.
     clean : array (frame, channel, *array)

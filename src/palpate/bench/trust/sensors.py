@@ -64,7 +64,7 @@ class Sensor:
     kind : str
         "line", "area" or "tiny".
     shape, pitch, depth, aperture, channels
-        Of the array [m].
+        Properties of the array; lengths in m.
     modulus, ratio : float
         Young's modulus [Pa] and Poisson's ratio of the pad (of its lowest layer).
     layers : tuple of (thickness [m], modulus over that of the pad)

@@ -45,15 +45,16 @@ class Line:
     row : str
     frames : int
     wrong, wrong_silent : int
-        Frames whose net force is off by more than 30 % of the load; those of them without a note.
+        Number of frames whose net force is wrong by more than 30 % of the load, and of those among them without a note.
     far, far_silent, peak_far, peak_far_silent : int
-        Frames whose true net force, or peak pressure, lies far outside its 95 % interval; those of them without a note.
+        Number of frames whose true net force, or peak pressure, lies far outside its 95 % interval, and of those among
+        them without a note.
     betrays : int
         Frames that are wrong without a note, by the force's error or its interval.
     warned : int
         Frames that are as wrong and have a note.
     words, though_right : int
-        Frames with a note; those of them whose force is neither wrong nor far outside.
+        Number of frames with a note, and of those among them whose force is neither wrong nor far outside.
     coverage : dict
         Part of the true values inside the 95 % interval, each frame counting once; NaN if no frame has an interval.
     without : int

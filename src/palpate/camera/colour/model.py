@@ -60,7 +60,8 @@ class Relief:
     known : array (row, column) of bool
         False for pixels without information (saturated, dust, a dot, another coat); their depth is interpolated.
     contact, near : array (row, column) of bool
-        Where colours changed by more than noise and drift; and that plus the surroundings in which slopes are used.
+        Where colours changed by more than noise and drift; and this area plus the surroundings in which slopes are
+        used.
     noise : float
         Standard deviation of the depth where nothing touches [m], from this picture.
     errors : array (cause, row, column)
@@ -96,7 +97,7 @@ class SlopeModel:
     left_out : array (press, ...)
         Its coefficients without each press: their spread is the standard error (the jackknife).
     covariance : array (channel, channel)
-        Of colour round the model, in cross-validation.
+        Covariance of the colour residuals of the model, in cross-validation.
     rest : array (row, column, 3)
         The gel at rest, from 0 to 1, in blocks.
     size : (int, int)
@@ -110,7 +111,7 @@ class SlopeModel:
     slope_error, depth_error : float
         Root mean square error inside the contact of presses that were left out: of the slope, and of depth [m].
     table : tuple
-        Of each press: its name, contact radius [m], gain, error of slope and of depth [m], left out.
+        For each press: its name, contact radius [m], gain, error of slope and of depth [m], whether it was left out.
     said : tuple of str Notes.
     """
 
@@ -177,9 +178,10 @@ class SlopeModel:
         image : array (row, column, 3)
             Red, green, blue, of the calibration's size.
         rest : array (row, column, 3), optional
-            The gel at rest of the same session, in blocks (`prepared`); default: that of the calibration. Lights and coats change from day to day.
+            Picture of the gel at rest in the same session, in blocks (`prepared`); default: that of the calibration.
+            Lights and coats change from day to day.
         name : str
-            Of the picture, for messages.
+            Name of the picture, for messages.
 
         Raises
         ------

@@ -104,7 +104,7 @@ class ColourTouches:
     pictures : Pictures
         The source.
     last : Relief or None
-        Of the last picture.
+        Relief of the last picture.
     picture : Picture or None
         That picture.
     faults : dict of int to str
@@ -329,15 +329,16 @@ def feel(
     skin : path of a calibrated.toml, or Skin
         Its pad and how well that is known; its array is replaced by depth all over the picture.
     model : SlopeModel, optional
-        By default what the section [colour] of the file names.
+        Model of the colours; default: the one that the section [colour] of the file names.
     baseline : int
-        Pictures at the start that show the gel at rest, in place of that of the calibration: better, since lights change from day to day.
+        Number of pictures at the start that show the gel at rest, which replace that of the calibration: better,
+        because lights change from day to day.
     rate : float, optional
         Pictures a second, for sources without times.
     every : int
         Solve only every so manyeth picture.
     **options
-        Of `Skin.reconstruct`, such as method.
+        Options of `Skin.reconstruct`, such as method.
 
     Raises
     ------

@@ -54,7 +54,7 @@ class ConstantFriction(Method):
     friction : float
         Coefficient mu; its sign is the direction of sliding.
     order, parameter, rule
-        Of the inversion for pressure, as for `Tikhonov`.
+        Options of the inversion for pressure, as for `Tikhonov`.
 
     Examples
     --------
