@@ -41,11 +41,11 @@ class Stage:
     drag : float
         Tangential force at the end over friction times normal force, 0 to 1; at 1 the contact slides from the stage's start.
     twist : float
-        Twist at the end as a part of what slides, -1 to 1.
+        Twist at the end of the stage as a fraction of the twist at which the contact slides, -1 to 1.
     move : (float, float)
-        How far the contact moves in this stage, x and y [m].
+        Distance that the contact moves in this stage, x and y [m].
     direction : float
-        Of the drag [rad from +x].
+        Direction of the drag [rad from +x].
     """
 
     name: str
@@ -147,11 +147,11 @@ def stream(
     friction : float
         Coefficient mu.
     radius : float
-        Of the ball or cylinder [m].
+        Radius of the ball or cylinder [m].
     rate : float
         Frames a second.
     start : (float, float)
-        Where the contact begins, x and y [m].
+        Position x and y of the contact at the start [m].
     rng : numpy Generator, optional
         Adds the arrays' own noise.
     """

@@ -63,7 +63,7 @@ class Skin(SkinProperties):
     pad : Pad
         The body: `HalfSpace`, `BondedLayers`, or one of these as `Viscoelastic`.
     array : LineArray, AreaArray, ScatteredArray, or a sequence of them
-        What is measured; several planes at different depths as a list.
+        The sensing elements; several planes at different depths as a list.
     surface : LineGrid or AreaGrid, optional
         The grid of the traction. By default it covers the array, reaches past its edge and is no finer than the depth
         allows (see `palpate.sensing.default_surface`).
@@ -374,7 +374,7 @@ class Skin(SkinProperties):
             "automatic" (default): "adaptive" (learned, constrained, with error bars), and "tikhonov" for frames that pull, without pressure, on a
             periodic boundary, or with ``order``, ``parameter`` or ``rule``.
         components : sequence of str, optional
-            The components sought, e.g. ["z"]; the others are zero. Default: `Skin.components`.
+            The components to estimate, e.g. ["z"]; the others are zero. Default: `Skin.components`.
         friction : float, optional
             Coefficient of friction, for methods with the option ``friction``: |shear| <= friction * pressure in every cell.
         rng : numpy Generator
@@ -492,7 +492,7 @@ class Skin(SkinProperties):
         presses : Recording, array (frame, channel, *array), or a list of them
             Readings in the sensor's own unit.
         again : bool
-            Start from the calibration that this skin has: its labels are kept, and whether the sensor has aged is said.
+            Start from the existing calibration of this skin: its labels are kept, and a note says whether the sensor has aged.
         **options
             Of `palpate.calibrate.calibrate`: ``reference`` and ``reference_time`` (a force sensor, on a clock of its own), ``weights``
             (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``, ``constants``, ``pad_models``.

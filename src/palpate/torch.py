@@ -219,7 +219,7 @@ class Sense(_Layer):
     skin : Skin
         Planes of one shape, no creep.
     depth_range : float
-        How far ``depth`` may lie from 1, at most 0.5; 0 (default) where it is not varied.
+        Largest difference of ``depth`` from 1, at most 0.5; 0 (default) if it is not varied.
 
     Examples
     --------
@@ -277,15 +277,16 @@ class Reconstruct(_Layer):
     skin : Skin
         Planes of one shape with noise, no creep.
     parameter : float
-        Weight of the penalty, as in `palpate.Tikhonov`; ``skin.reconstruct(readings, method="tikhonov").parameter`` tells a good one.
+        Weight of the penalty, as in `palpate.Tikhonov`; ``skin.reconstruct(readings, method="tikhonov").parameter``
+        gives a good value.
     friction : float, optional
         |shear| <= friction * pressure in every cell.
     constrained : bool
         Whether pressure is kept from pulling (default).
     components : sequence of str, optional
-        What is sought. Default: `palpate.Skin.components`.
+        Components to estimate. Default: `palpate.Skin.components`.
     depth_range : float
-        How far ``depth`` may lie from 1, at most 0.5; 0 (default) where it is not varied.
+        Largest difference of ``depth`` from 1, at most 0.5; 0 (default) if it is not varied.
 
     Notes
     -----

@@ -93,7 +93,7 @@ class SphereChart:
     reach : float
         Angle from the top to the rim [rad], below pi.
     center : (float, float, float)
-        Where the top lies [m]; the sphere's middle lies a radius further along z.
+        Position of the top [m]; the middle of the sphere is a radius further along z.
 
     Examples
     --------
@@ -151,9 +151,9 @@ class CylinderChart:
     radius : float
         [m]; positive where the pad lies inside the cylinder (a finger), negative where it lies round it (the crook of a bend).
     length, width : float
-        Of the patch along the arc and along y [m].
+        Size of the patch along the arc and along y [m].
     center : (float, float, float)
-        Where the middle of the patch lies [m].
+        Position of the middle of the patch [m].
 
     Examples
     --------
@@ -211,7 +211,7 @@ class CurvedGrid(AreaGrid):
     Attributes
     ----------
     chart : Chart
-        Where each cell lies, and how it is turned.
+        Position and orientation of each cell.
 
     Examples
     --------

@@ -35,7 +35,7 @@ class Nuisance:
     label : str
         Such as "offset of stress_zz".
     unit : str
-        Of its size c: that of the channel for an offset; per metre for a ramp; rad for a rotation.
+        Unit of its size c: that of the channel for an offset; per metre for a ramp; rad for a rotation.
     rows : array (reading,)
         Readings for a size of 1, in the order of the operator's rows (plane, channel, working taxel).
     """

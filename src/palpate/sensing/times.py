@@ -31,7 +31,7 @@ def as_seconds(time: Any, what: str = "time") -> Floats:
     time : array-like
         Numbers (seconds), ``datetime64`` or ``timedelta64`` of any unit, `datetime.datetime`, `datetime.timedelta`, or what pandas makes of them.
     what : str
-        What messages call it.
+        Name of the times in messages.
 
     Raises
     ------

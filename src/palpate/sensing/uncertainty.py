@@ -44,16 +44,19 @@ class Uncertainty:
     Parameters
     ----------
     youngs_modulus : float, optional
-        Of the whole pad, all layers together. Every force from strain or displacement is proportional to it; stress does not depend on it. Default:
-        15 %; 0 means exact.
+        Relative standard deviation of the modulus of the whole pad, common to all layers. Every force from strain or
+        displacement is proportional to it; stress does not depend on it. Default: 15 %; 0 means exact.
     thickness : float, optional
-        Of bonded layers, all together. Default: 10 % in constrained methods, exact in linear ones.
+        Relative standard deviation of the thickness of bonded layers, common to all. Default: 10 % in constrained
+        methods, exact in linear ones.
     depth : float, optional
-        Of the sensing elements, all together; as for thickness.
+        Relative standard deviation of the depth of the sensing elements, common to all; default as for thickness.
     gain : float, optional
-        Of each reading independently. Default: 5 % in the net force of constrained methods; 0 means exact.
+        Relative standard deviation of the gain of each reading, independent of the others. Default: 5 % in the net
+        force of constrained methods; 0 means exact.
     scale : float
-        Of all readings together, by their calibration. Every result is proportional to it. Default: 2 %; 0 means exact.
+        Relative standard deviation of the calibration of all readings together. Every result is proportional to it.
+        Default: 2 %; 0 means exact.
 
     Raises
     ------

@@ -100,7 +100,7 @@ class Lens:
     distortion : sequence of float
         k1, k2, p1, p2[, k3, ...]: 4, 5, 8, 12 or 14 numbers.
     error : float, optional
-        Root mean square of what the calibration leaves [pixels].
+        Root mean square of the residuals of the calibration [pixels].
 
     Examples
     --------

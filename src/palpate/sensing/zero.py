@@ -166,7 +166,8 @@ class Rest:
     zero : array (channel, *array)
         Mean of the frames.
     noise : array (channel,) or None
-        Standard deviation of a frame less the zero, of each channel; None if the frames do not tell it (fewer than five, or all the same).
+        Standard deviation of a frame minus the zero, for each channel; None if the frames do not show it (fewer than
+        five, or all equal).
     wanders : bool
         Whether the readings drift, or something begins to touch (`moved`).
 

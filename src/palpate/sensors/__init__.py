@@ -38,7 +38,7 @@ class Preset:
     ----------
     name : str
     text : str
-        Of its skin.toml.
+        Text of its skin.toml.
     """
 
     name: str

@@ -83,7 +83,7 @@ class SolidPad:
     readings_along : "surface" or "pad"
         Axes of the channels: on a curved pad ``displacement_x`` is along the tangent there, or with "pad" along the pad's own x axis, as a camera sees it.
     accuracy : float, optional
-        What the mesh leaves readings off by, in parts of them (`compared_with`): the gain's uncertainty of skins that state none.
+        Relative error of the readings due to the mesh (`compared_with`): the gain's uncertainty of skins that state none.
 
     Raises
     ------
@@ -200,7 +200,7 @@ class SolidPad:
         base : "bonded"
             The lower side is glued to what is rigid.
         sides : "free" or "bonded"
-            What holds the four sides.
+            Whether the four sides are free or fixed.
         element : float, optional
             Size of an element [m]; by default a quarter of the thickness.
 
@@ -235,13 +235,13 @@ class SolidPad:
         Parameters
         ----------
         radius, thickness : float
-            Of the outer surface, and of the shell [m].
+            Radius of the outer surface, and thickness of the shell [m].
         height : float, optional
             From the rim to the top of the outer surface [m]; by default the radius: a half sphere.
         base : "bonded"
             The inner surface is glued to what is rigid.
         sides : "free" or "bonded"
-            What holds the rim.
+            Whether the rim is free or fixed.
         element : float, optional
             Size of an element [m]; by default a third of the thickness.
         readings_along : "surface" or "pad"
@@ -279,7 +279,7 @@ class SolidPad:
         Parameters
         ----------
         radius : float
-            Of the surface that is touched [m]; positive outside of a bend (a finger), negative inside it (a crook).
+            Radius of the surface that is touched [m]; positive outside of a bend (a finger), negative inside it (a crook).
         length, width, thickness : float
             Along the arc, along y and through [m].
         base, sides, element, readings_along

@@ -74,7 +74,7 @@ class AreaContact:
     size : (float, float)
         Half-widths in x and y [m]: the contact radius twice for a circle.
     center : (float, float)
-        Where its middle (x, y) lies on the surface [m].
+        Position (x, y) of the middle on the surface [m].
 
     Examples
     --------

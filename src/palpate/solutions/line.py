@@ -43,7 +43,7 @@ class LineContact:
     half_width : float
         Half-width a of the contact [m] (0 for a line load).
     center : float
-        Where its middle lies on the surface [m].
+        Position of the middle on the surface [m].
 
     Examples
     --------

@@ -67,7 +67,7 @@ class Tracker:
     estimator : ConstrainedEstimator
         The problem of one frame.
     names : tuple of str
-        Components sought.
+        Components that are estimated.
     layout : Layout
         How readings are checked and ordered.
     baseline : int or array
@@ -205,7 +205,7 @@ class Tracker:
         channels : sequence of str, optional
             Only of these channels; the others keep theirs.
         frames : int
-            How many frames are averaged; they have the status "capturing zero".
+            Number of frames that are averaged; they have the status "capturing zero".
 
         Raises
         ------

@@ -152,8 +152,8 @@ class Case:
     Attributes
     ----------
     contact : str
-        "line", "area" (pressure alone), "area with shear", or "area, ambiguous": with shear that the channels alone do not tell from pressure;
-        ", few taxels" follows the second and third on arrays of 144 taxels or less.
+        "line", "area" (pressure alone), "area with shear", or "area, ambiguous": with shear that the channels alone do
+        not separate from pressure; ", few taxels" follows the second and third on arrays of 144 taxels or less.
     sensing : str
         Kind of the channels: "stress", "strain", "displacement", or "mixed".
     body : str
@@ -197,13 +197,13 @@ class Constants:
     Attributes
     ----------
     method, case
-        What they are for.
+        The method and the case that they are for.
     quantities : mapping
         `Calibration` of each quantity.
     outside : float
-        Relative standard deviation of what is found outside the outermost taxels.
+        Relative standard deviation of the part of a quantity that is estimated outside the outermost taxels.
     population : mapping
-        What made them: description, frames, seed, version of the code.
+        Origin of the constants: description, frames, seed, version of the code.
     """
 
     method: str
