@@ -308,7 +308,7 @@ class GraspMonitor:
             ("excess force", self.max_force, "force", float(force[-1])),
         ):
             if touching and limit is not None:
-                sure = overload or touch.errors is None  # an overload is at least its value
+                sure = overload or not touch.has_intervals  # an overload is at least its value
                 probabilities[kind] = float(value > limit if sure else touch.exceeds(limit, of))
         self.state = GraspState(
             time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, margins
@@ -433,14 +433,14 @@ class GraspMonitor:
         sharp, wide = PRESSURE_BLUR * resolution, SHEAR_BLUR * resolution
         outer = scipy.ndimage.gaussian_filter(p, math.sqrt(wide**2 - sharp**2))
         region = outer > 0.02 * outer.max()
-        if touch.errors is None:
+        if touch._errors is None:
             variance = np.full(p.shape, (0.1 * float(np.abs(q).max())) ** 2)
         else:
-            std = np.asarray(touch.errors.traction, dtype=np.float64)[:-1]
-            variance = np.tensordot(direction**2, std**2, 1)
+            std = np.asarray(touch._errors.posterior.traction, dtype=np.float64)
+            variance = np.tensordot(direction**2, std[:-1] ** 2, 1)
             # the template is made of the pressure found
             slope = float(np.linalg.norm(force[:-1])) / float(force[-1])
-            variance = variance + (slope * np.asarray(touch.errors.traction, dtype=np.float64)[-1]) ** 2
+            variance = variance + (slope * std[-1]) ** 2
         variance = variance + (TEMPLATE * float(np.abs(q).max())) ** 2
         total = float(p.sum())
         centers = [
@@ -504,9 +504,9 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
     if not whole > 0:
         return 0.0, 0.0
     moment = float((near * (dx * values[1] - dy * values[0])).sum())
-    if touch.errors is None:
+    if touch._errors is None:
         return abs(moment) / whole, 0.05
-    std = np.asarray(touch.errors.traction, dtype=np.float64)
+    std = np.asarray(touch._errors.posterior.traction, dtype=np.float64)
     cells = max(1.0, resolution) ** 2
     variance = cells * float((near * ((dx * std[1]) ** 2 + (dy * std[0]) ** 2)).sum())
     return abs(moment) / whole, TWIST_SPREAD * math.sqrt(max(variance, 0.0)) / whole
@@ -514,7 +514,7 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
 
 def _chance_of_pull(touch: Touch) -> float:
     """Probability that the net force pulls, of a touch whose net force does."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return 1.0
     low, high = touch.interval(0.6827, "force")
     middle, std = 0.5 * (low[-1] + high[-1]), 0.5 * (high[-1] - low[-1])
@@ -523,7 +523,7 @@ def _chance_of_pull(touch: Touch) -> float:
 
 def _chance_of_contact(touch: Touch, force: Floats) -> float:
     """Probability that the net force presses, given its bias and error."""
-    if touch.errors is None or not np.isfinite(touch.errors.force[-1]):
+    if touch._errors is None or not np.isfinite(touch._errors.posterior.force[-1]):
         return 1.0
     low, high = touch.interval(0.6827, "force")
     below = (
@@ -536,10 +536,10 @@ def _chance_of_contact(touch: Touch, force: Floats) -> float:
 
 def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
     """The most likely net force after subtracting its bias, and the standard deviation of Q/P."""
-    if touch.errors is None:
+    if touch._errors is None:
         return force, 0.05
     # a common error of pressure and shear does not change their ratio
-    low, high = replace(touch, common_std=0.0).interval(0.6827, "force")
+    low, high = replace(touch, _errors=replace(touch._errors, scale=0.0)).interval(0.6827, "force")
     net, std = 0.5 * (low + high), 0.5 * (high - low)
     if not net[-1] > 0:
         return force, 0.05

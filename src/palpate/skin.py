@@ -38,6 +38,7 @@ from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.zero import Rest, rest_frames
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.tracking.calibrated import CalibratedTracker
 from palpate.tracking.settings import check_settings, check_sought, creep_filters
 from palpate.tracking.single import SingleSolve
@@ -455,9 +456,7 @@ class Skin(SkinProperties):
             times,
             case=self.case(sought),
             friction=chosen.friction_given,
-            errors=estimate.errors,
-            stated=estimate.stated,
-            common_std=self._problem.common_std,
+            _errors=ErrorParts.of(estimate.errors, estimate.stated, self._problem.common_std),
             converged=estimate.converged,
             touching=estimate.contact,
             outliers=estimate.outliers,

@@ -267,7 +267,7 @@ def test_frames_without_an_answer_have_intervals_of_nan(track: bool) -> None:
                 touch.interval(0.95, "mass")
             assert np.isfinite(touch.exceeds(1.0, "force")) or unknown
             if touches.last.index == 5:
-                assert np.isnan(touch.std.values).all()
+                assert np.isnan(touch.std()).all()
                 assert int(touch.status) == int(pp.Status.MISSING)
 
 

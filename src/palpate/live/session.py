@@ -94,7 +94,7 @@ def packed(
     }
     if "z" in touch.components and text["touching"]:
         text["center"] = [_number(v) for v in np.ravel(to_numpy(touch.center_of_pressure))]
-    if touch.errors is not None:
+    if touch.has_intervals:
         named = [("force", "force"), ("peak", "peak_pressure")]
         for name, of in [*named, ("center", "center_of_pressure")] if "center" in text else named:
             low, high = touch.interval(0.95, of)

@@ -143,7 +143,7 @@ class Outlet:
         names = [n for n in ("wrench_low", "wrench_high") if self._wanted(n)]
         if not names:
             return {}
-        if touch.errors is None:
+        if not touch.has_intervals:
             lost = np.full(3, math.nan)
             return dict.fromkeys(names, (lost, lost))
         ends = zip(touch.interval(0.95, "force"), touch.interval(0.95, "moment"))
@@ -157,11 +157,10 @@ class Outlet:
         place[:d] = np.atleast_1d(to_numpy(touch.center_of_pressure))
         # on a line nothing is known of the other direction
         variance = np.array([UNKNOWN_COVARIANCE] * 6)
-        if touch.errors is None:
+        if not touch.has_intervals:
             variance[:d] = math.nan
         else:
-            low, high = touch.interval(0.6827, "center_of_pressure")
-            variance[:d] = (0.5 * (np.atleast_1d(high) - np.atleast_1d(low))) ** 2
+            variance[:d] = to_numpy(touch.std("center_of_pressure")) ** 2
         pose = out.pose.pose
         pose.position.x, pose.position.y, pose.position.z = map(float, place)
         pose.orientation.w = 1.0
@@ -182,7 +181,7 @@ class Outlet:
         points[..., 3] = values[0]
         points[..., 4] = values[1] if grid.dimensions == 2 else 0.0
         points[..., 5] = values[-1]
-        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.areas
+        points[..., 6] = math.nan if not touch.has_intervals else to_numpy(touch.std())[-1] * grid.areas
         field = self._messages["sensor_msgs/msg/PointField"]
         out.height, out.width = points.shape[:2]
         out.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(CLOUD)]

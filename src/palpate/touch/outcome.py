@@ -337,7 +337,7 @@ def _discrepancy(touch: Numbers) -> tuple[int, float]:
 
 def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
     """The longer side of the 95 % interval of the net force, worst component, in parts of the load (frame,); zero without contact or interval."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return np.zeros(0)
     surface = touch.surface
     low, high = (to_numpy(side) for side in interval(touch, 0.95, "force", None))

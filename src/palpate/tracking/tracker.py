@@ -28,6 +28,7 @@ from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.tracking.anchor import Anchor, beyond
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
@@ -677,9 +678,7 @@ class Tracker:
             None if learning.parameter is None else np.asarray(learning.parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if status.known else math.nan),
-            errors=errors,
-            stated=stated,
-            common_std=estimator.problem.common_std,
+            _errors=ErrorParts.of(errors, stated, estimator.problem.common_std),
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),
             outliers=self._check.unused,

@@ -387,7 +387,7 @@ def _known(touch: Touch) -> int:
 
 def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
     """The 95 % interval, or NaN without an interval."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         nothing = np.full(length, np.nan) if length else np.nan
         return nothing, np.copy(nothing)
     low, high = touch.interval(0.95, of)
@@ -396,7 +396,7 @@ def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
 
 def _cells(touch: Touch, truth: Floats, sought: list[int]) -> float:
     """Part of the cells in contact, in truth or as found, whose traction lies in its interval; components that are sought."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return np.nan
     low, high = (np.asarray(side)[sought] for side in touch.interval(0.95))
     values = to_numpy(touch.values)
