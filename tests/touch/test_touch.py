@@ -309,7 +309,9 @@ def test_numbers_of_a_frame_that_is_not_explained_are_not_told() -> None:
 def test_a_standard_deviation_is_half_the_interval_that_no_floor_cuts() -> None:
     skin = pp.Skin(
         pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5),
-        pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=20.0),
+        pp.AreaArray(
+            shape=(8, 8), pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=20.0
+        ),
     )
     readings = skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0), rng=np.random.default_rng(0))
     touch = skin.reconstruct(np.stack([readings, readings]), friction=0.5)

@@ -467,7 +467,7 @@ def test_a_given_zero_is_in_the_units_of_the_readings() -> None:
     skin = pp.Skin(PAD, replace(ARRAY, noise=[50.0, 50.0, 200.0]))
     rng = np.random.default_rng(0)
     offset = 2000.0 * rng.standard_normal((3, 14, 14))
-    tracker = skin.track(friction=MU, baseline=offset)
+    tracker = skin.track(friction=MU, zero=offset)
     assert not tracker.step(offset + rng.standard_normal(offset.shape)).touching
     touch = tracker.step(offset + skin.sense(BALL))
     assert touch.force[2] == pytest.approx(1.0, abs=0.02)

@@ -128,10 +128,10 @@ def check_channels(names: list[str]) -> list[str]:
 
 
 def zero_of_skin(skin: Skin, baseline: int) -> Any:
-    """The frames of the requested zero; by default the zero of the skin's calibration, if any."""
+    """The zero of the skin's calibration, if any and if no ``baseline`` takes a new one."""
     found = skin.calibration
     if baseline or found is None or found.zero is None:
-        return baseline
+        return None
     typer.echo(
         "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes a new one"
     )

@@ -118,7 +118,7 @@ def ros(
         kind = kind or _kind(connection, name)
         skin: Any = skin_file
         read: TopicMapping | str = name
-        rest, zero = None, baseline
+        rest, zero = None, None
         if camera is not None and are_pictures(kind):
             if "colour" in tomllib.loads(skin_text(skin_file)):
                 raise Unsupported(
@@ -144,7 +144,8 @@ def ros(
                 read,
                 kind=kind,
                 options=options,
-                baseline=zero,
+                baseline=baseline,
+                zero=zero,
                 budget=1e-3 * budget
                 if budget is not None
                 else BUDGET

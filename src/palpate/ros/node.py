@@ -143,8 +143,10 @@ class TouchNode:
         Type of the messages.
     options : dict
         For `Skin.track`: friction and others.
-    baseline : int or array
-        Frames at the start that are the zero, or readings that are. Of pictures: how many show the gel at rest; 0: as [camera] says.
+    baseline : int
+        Frames at the start that are the zero. Of pictures: how many show the gel at rest; 0: as [camera] says.
+    zero : array, optional
+        Frames at rest, as for `Skin.track`.
     budget : float, optional
         What a frame may take [s].
     max_pressure, max_force : float, optional
@@ -181,7 +183,8 @@ class TouchNode:
         *,
         kind: str,
         options: dict[str, Any] | None = None,
-        baseline: Any = 0,
+        baseline: int = 0,
+        zero: Any = None,
         budget: float | None = BUDGET,
         max_pressure: float | None = None,
         max_force: float | None = None,
@@ -196,7 +199,7 @@ class TouchNode:
         self._settings = self._declared(max_pressure, max_force, frame)
         self._options["friction"] = self._settings["friction"] or None
         #: That of a calibration, whose scatter is in the intervals; another is handed on by the tracker that took it.
-        self._zero = 0 if isinstance(baseline, int) else baseline
+        self._zero = zero
         self._topic = self._node.resolve_topic_name(mapping if isinstance(mapping, str) else mapping.topic)
         self.intake: Intake
         self.skin, tracker = self._begun(skin, mapping, kind, baseline, rest)
@@ -232,7 +235,7 @@ class TouchNode:
             self._subscribe(kind)
 
     def _begun(
-        self, skin: Skin | str | Path, mapping: TopicMapping | str, kind: str, baseline: Any, rest: Any
+        self, skin: Skin | str | Path, mapping: TopicMapping | str, kind: str, baseline: int, rest: Any
     ) -> tuple[Skin, Tracker]:
         """The skin and its tracker; the intake is there then."""
         node = self._node
@@ -252,7 +255,7 @@ class TouchNode:
             raise InvalidInput("messages hold planes of one shape; this skin has several.")
         shape = (sum(len(p.channels) for p in whole.planes), *shapes.pop())
         self.intake = Intake(mapping, shape, now=now, rest=rest, publishers=self._publishers)
-        return whole, whole.track(**self._options, baseline=baseline, budget=self._budget)
+        return whole, whole.track(**self._options, baseline=baseline, zero=self._zero, budget=self._budget)
 
     def _pictured(self, values: Any, time: float) -> Touch:
         """The touch of a picture by the tracker of now: see `_with_friction`."""
@@ -415,7 +418,7 @@ class TouchNode:
         """Continue with another friction and the same zero; other state is found again within some frames."""
         options = {**self._options, "friction": friction}
         try:
-            tracker = self.skin.track(**options, baseline=self._zero, budget=self._budget)
+            tracker = self.skin.track(**options, zero=self._zero, budget=self._budget)
         except PalpateError as error:
             self._failed(f"the friction stays as it was: {error}")
             return

@@ -25,8 +25,10 @@ __all__ = [
     "Levels",
     "Rest",
     "far_frames",
+    "given_rest",
     "moved",
     "rest_frames",
+    "with_noise",
     "zero_of",
 ]
 
@@ -202,15 +204,42 @@ class Rest:
 
     def taken_from(self, planes: Sequence[Array]) -> list[Array]:
         """The arrays for readings less the zero: their noise is that of the frames at rest where none is stated, and the ends of their ranges are as much lower."""
-        out, at = [], 0
-        for plane in planes:
-            part = slice(at, at + len(plane.channels))
-            at = part.stop
-            found = plane.rezeroed(self.zero[part])
-            if self.noise is not None and plane.noise is None:
-                found = replace(found, noise=[float(n) for n in self.noise[part]])
-            out.append(found)
-        return out
+        ends = np.cumsum([len(p.channels) for p in planes])
+        zeros = np.split(self.zero, ends[:-1])
+        return [p.rezeroed(zero) for p, zero in zip(self.with_noise(planes), zeros)]
+
+    def with_noise(self, planes: Sequence[Array]) -> list[Array]:
+        """The arrays with the noise of the frames at rest where none is stated."""
+        if self.noise is None:
+            return list(planes)
+        return [p if p.noise is not None else q for p, q in zip(planes, with_noise(planes, self.noise))]
+
+
+def with_noise(planes: Sequence[Array], noise: Any) -> list[Array]:
+    """The arrays with this noise: one standard deviation for all channels, or one for each channel of all planes in turn.
+
+    Raises
+    ------
+    InvalidInput
+        Standard deviations that are not positive, or as many as there are no channels.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing.zero import with_noise
+    >>> planes = [pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])]
+    >>> with_noise(planes, [3.0, 5.0])[0].noise_std
+    (3.0, 5.0)
+    """
+    if np.ndim(noise) == 0:
+        return [replace(p, noise=noise) for p in planes]
+    ends = np.cumsum([len(p.channels) for p in planes])
+    if np.shape(noise) != (ends[-1],):
+        names = ", ".join(c for p in planes for c in p.channels)
+        raise InvalidInput(
+            f"noise must be one standard deviation or one per channel ({ends[-1]}: {names}); got shape {np.shape(noise)}."
+        )
+    return [replace(p, noise=list(noise)[end - len(p.channels) : end]) for p, end in zip(planes, ends)]
 
 
 def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
@@ -243,6 +272,25 @@ def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
             f"zero must hold frames at rest of shape (frame, {', '.join(map(str, expected))}); got {frames.shape}."
         )
     return frames
+
+
+def given_rest(zero: Any, baseline: int, planes: Sequence[Array]) -> Rest | None:
+    """What frames at rest tell that were given; None if there are none, and the first ``baseline`` frames are to be the zero.
+
+    Raises
+    ------
+    InvalidInput
+        Frames of another shape, or both ways to say what the zero is.
+    """
+    if isinstance(baseline, bool) or not isinstance(baseline, int | np.integer) or baseline < 0:
+        raise InvalidInput(
+            f"baseline must be a number of frames >= 0; got {baseline!r}. Readings without contact go into zero=."
+        )
+    if zero is None:
+        return None
+    if baseline:
+        raise InvalidInput(f"zero= and baseline={baseline!r} both say what the zero is: leave one out.")
+    return Rest.of(rest_frames(zero, planes))
 
 
 class Levels:

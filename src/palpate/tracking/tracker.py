@@ -134,14 +134,12 @@ class Tracker:
         self.reset()
 
     def _check_baseline(self, baseline: Any) -> tuple[int, Floats | None]:
-        if isinstance(baseline, bool) or (isinstance(baseline, int | np.integer) and baseline < 0):
-            raise InvalidInput(f"baseline must be a number of frames >= 0, or one frame of readings; got {baseline!r}.")
         if isinstance(baseline, int | np.integer):
             return int(baseline), np.zeros(len(self._std)) if baseline == 0 else None
         flat, _ = self._flat(baseline)
         if not np.isfinite(flat).all():
             raise InvalidInput(
-                f"the baseline holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
+                f"the zero holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
                 "these taxels out (Skin.masked)."
             )
         return 0, flat / self._std
