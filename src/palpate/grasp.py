@@ -70,7 +70,7 @@ LEARN = 5
 #: would give alone: neighbours' errors cancel in a moment. On balls of 8 and 15 mm at 0.3 and 1 % noise full twist was then 0.98 to 1.01 of the limit
 #: (at 3 % 0.8: the penalty shrinks it), with 0.06 to 0.2 of that deviation.
 TWIST_BLUR, TWIST_SPREAD = 0.7, 0.25
-#: Cells of less than this part of the peak have no margin: at the rim pressure and shear both vanish.
+#: Cells of less than this part of the peak do not count in a twist: at the rim pressure and shear both vanish.
 RIM = 0.1
 
 
@@ -111,7 +111,7 @@ class GraspState:
     ``utilisation`` is Q/(mu P), 0 without shear and 1 when all slides, with its standard deviation; NaN without contact. With a given or learnt
     friction, a twist counts too. ``friction`` and its standard deviation are given, learned or inferred from the shape of the shear.
     ``twist`` is M/int p r dA, the moment about the normal over that of pressure across its arm: it equals the friction when all of the contact turns;
-    NaN on a line. ``margins`` (y, x) is 1 - |q|/(mu p) of every cell of the contact, 0 where it slips, NaN elsewhere; None without contact.
+    NaN on a line. ``utilisation_map`` (y, x) is |q|/(mu p) of every cell of the contact, 1 where it slips, NaN elsewhere; None without contact.
     """
 
     time: float
@@ -123,22 +123,7 @@ class GraspState:
     friction_std: float
     probabilities: dict[str, float] = field(default_factory=dict)
     twist: float = math.nan
-    margins: Floats | None = None
-
-    @property
-    def slip_margin(self) -> float:
-        """1 - Q/(mu P): the part of the friction that is left.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.grasp import GraspState
-        >>> force = np.array([0.3, 1.0])
-        >>> state = GraspState(0.0, True, force, 0.75, utilisation_std=0.05, friction=0.4, friction_std=0.0)
-        >>> state.slip_margin
-        0.25
-        """
-        return 1.0 - self.utilisation
+    utilisation_map: Floats | None = None
 
 
 class GraspMonitor:
@@ -276,7 +261,7 @@ class GraspMonitor:
             self.state = GraspState(time, touching, force, math.nan, math.nan, *self._friction())
             return self._watch({"unexplained": (1.0, float(force[-1]), 0.0)}, time)
         utilisation = std = twist = math.nan
-        margins: Floats | None = None
+        cells: Floats | None = None
         friction, friction_std = self._friction()
         overload = status is Status.OVERLOAD
         if not touching:
@@ -301,7 +286,8 @@ class GraspMonitor:
                     ratio = both
                 utilisation, std = self._from_forces(ratio, error, friction, friction_std, probabilities)
             self._learn(probabilities["slip"], ratio)
-            margins = _margins(values, friction)
+            size, p = to_numpy(touch._shear_size()), values[-1]
+            cells = np.where(touch.contact(), size / np.where(p > 0, friction * p, 1.0), math.nan)
             self._settled += 1
         for kind, limit, of, value in (
             ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
@@ -311,7 +297,7 @@ class GraspMonitor:
                 sure = overload or not touch.has_intervals  # an overload is at least its value
                 probabilities[kind] = float(value > limit if sure else touch.exceeds(limit, of))
         self.state = GraspState(
-            time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, margins
+            time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, cells
         )
         watched = {
             "contact": (self._contact(touch, force) if touching else 0.0, float(force[-1]), 0.0),
@@ -472,14 +458,6 @@ class GraspMonitor:
         if len(self._slid) >= LEARN:
             now = float(np.median(self._slid[-LEARN:]))
             self.learned = now if self.learned is None else 0.8 * self.learned + 0.2 * now
-
-
-def _margins(values: Floats, friction: float) -> Floats:
-    """1 - |q|/(mu p) of the cells in contact."""
-    p = values[-1]
-    contact = p > RIM * float(p.max())
-    size = np.sqrt((values[:-1] ** 2).sum(axis=0))
-    return np.where(contact, 1.0 - size / (friction * np.where(contact, p, 1.0)), math.nan)
 
 
 def _twist(touch: Touch, values: Floats) -> tuple[float, float]:

@@ -459,10 +459,12 @@ def test_intervals_respect_the_constraints() -> None:
         touch.interval(1.5)
     with pytest.raises(pp.InvalidInput, match="of must be"):
         touch.interval(0.5, "mass")
+    given = touch.interval(0.95, "slip_margin")  # the friction it was found with
+    np.testing.assert_array_equal(given, (a, b))
     with pytest.raises(pp.InvalidInput, match="friction"):
-        touch.interval(0.5, "slip_margin")
+        replace(touch, friction=None).interval(0.5, "slip_margin")
     with pytest.raises(pp.Unsupported, match="no error bars"):
-        _ = skin.reconstruct(readings, method="nnls").std
+        skin.reconstruct(readings, method="nnls").std()
 
 
 def test_draws_lie_in_the_cone_and_spread_like_the_closed_form() -> None:

@@ -78,7 +78,7 @@ def ros(
 ) -> None:
     """Run as a node of ROS 2: readings, or pictures of a gel with dots, from a topic in; forces, traction, slip and events out.
 
-    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/slip_margin, ~/events and /diagnostics; takes ~/rezero.
+    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/utilisation, ~/events and /diagnostics; takes ~/rezero.
     Arguments of ROS come last, e.g. --ros-args -r __ns:=/left -p friction:=0.6.
     """
     import os

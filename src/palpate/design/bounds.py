@@ -38,14 +38,14 @@ class Bound:
         Of the place (x, y), or (x,) [m].
     radius : float
         Of the contact radius [m].
-    slip_margin : float
+    friction_reserve : float
         Of the reserve before the whole contact slips, mu F_z - |F_t| [N]; NaN unless shear and pressure are both sought.
     """
 
     force: Floats
     center: Floats
     radius: float
-    slip_margin: float
+    friction_reserve: float
 
 
 def nuisance_columns(responses: Responses, kinds: Sequence[str] | None) -> Floats:

@@ -42,7 +42,7 @@ __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 MAGIC = b"PLP1"
 #: Events that a page that connects late is sent.
 REMEMBERED = 200
-#: Frames whose forces and slip margin it is shown.
+#: Frames whose forces and friction left it is shown.
 HISTORY = 1000
 TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", "utilisation_std")
 

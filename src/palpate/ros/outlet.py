@@ -33,7 +33,7 @@ TOPICS = {
     "wrench_high": "geometry_msgs/msg/WrenchStamped",
     "center": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "traction": "sensor_msgs/msg/PointCloud2",
-    "slip_margin": "std_msgs/msg/Float32",
+    "utilisation": "std_msgs/msg/Float32",
     "events": "std_msgs/msg/String",
 }
 #: Fields of the cloud, float32: where a cell is [m], the force on it and the standard deviation of fz [N].
@@ -100,8 +100,8 @@ class Outlet:
         if self._wanted("center") and "z" in touch.components:
             self._send("center", self._center(header, touch))
         state = self._monitor.state
-        margin = math.nan if state is None or not state.touching else float(state.slip_margin)
-        self._send("slip_margin", self._messages[TOPICS["slip_margin"]](data=margin))
+        used = math.nan if state is None or not state.touching else float(state.utilisation)
+        self._send("utilisation", self._messages[TOPICS["utilisation"]](data=used))
         self._publish_cloud(header, touch)
         self.answered += 1
         self.latency.append(1e-9 * (clock.monotonic_ns() - self._intake.header.came))

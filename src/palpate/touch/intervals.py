@@ -122,6 +122,8 @@ def interval(
     if not (is_number(level) and 0 < level < 1):
         raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
     errors(touch)
+    if of == "slip_margin" and friction is None:
+        friction = touch.friction
 
     def bounds(known: Constants) -> tuple[Floats, Floats]:
         table = known.quantities
@@ -323,16 +325,14 @@ def _outside_load(touch: Numbers) -> Floats:
 def _slip(touch: Numbers, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:
     """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
     value = to_numpy(touch.slip_margin(friction))
-    values, d = to_numpy(touch.values), touch.surface.dimensions
+    d = touch.surface.dimensions
     variance = np.moveaxis(found.traction**2, -1 - d, 0)
-    traction = np.moveaxis(values, -1 - d, 0)
-    shear, p = traction[:-1], traction[-1]
-    size = np.sqrt((shear**2).sum(axis=0))
+    shear, size = np.moveaxis(to_numpy(touch.values), -1 - d, 0)[:-1], to_numpy(touch._shear_size())
     along = (shear**2 * variance[:-1]).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         along = np.where(size > 0, along / size**2, variance[:-1].mean(axis=0))
     total = friction**2 * variance[-1] + along
-    margin = np.where(to_numpy(touch.contact()), friction * p - size, math.inf)
+    margin = to_numpy(touch._margins(friction))
     flat = margin.reshape(*margin.shape[: margin.ndim - d], -1)
     index = np.argmin(flat, axis=-1)[..., None]
     variance_there = np.take_along_axis(total.reshape(flat.shape), index, axis=-1)[..., 0]

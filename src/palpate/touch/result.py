@@ -408,7 +408,7 @@ class Touch(Numbers):
             Between 0 and 1, e.g. 0.5 or 0.95.
         of : str
             "traction" (every cell and component), "force", "moment", "center_of_pressure", "peak_pressure" or
-            "slip_margin" (which needs ``friction``).
+            "slip_margin" (with ``friction``, by default that of the touch).
 
         Returns
         -------
