@@ -349,7 +349,7 @@ REMEDIES = [
     value("{} must be a positive number; got", lambda r: SKIN.track(rate=r), 0.0, 100.0, room="tracking.settings"),
     value("baseline must be a number of frames >= 0; got", lambda b: SKIN.track(baseline=b), PRESS, 5),
     value(
-        "Readings without contact go into zero=",
+        "Readings at rest go into zero=",
         lambda given: SKIN.track(**given),
         {"baseline": PRESS},
         {"zero": PRESS},

@@ -348,8 +348,9 @@ def test_single_precision_and_several_planes() -> None:
     ("options", "words"),
     [
         ({"baseline": -1}, "baseline"),
-        ({"baseline": np.zeros((2, 3))}, "shape"),
-        ({"baseline": np.full((3, 14, 14), np.nan)}, "finite"),
+        ({"baseline": np.zeros((2, 3))}, "zero="),
+        ({"zero": np.zeros((2, 3))}, "shape"),
+        ({"zero": np.full((3, 14, 14), np.nan)}, "finite"),
         ({"tolerance": 0.0}, "tolerance"),
         ({"budget": -1.0}, "budget"),
         ({"rate": 0.0}, "rate"),

@@ -53,11 +53,9 @@ class Ros:
     ----------
     arguments : sequence of str
         After ``--ros-args``: remappings, parameters, as every node takes them.
-    name : str
-        Of the node, unless ``-r __node:=...`` names it.
     """
 
-    def __init__(self, arguments: Sequence[str] = (), *, name: str = "palpate") -> None:
+    def __init__(self, arguments: Sequence[str] = ()) -> None:
         client = ros_client()
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
@@ -69,7 +67,7 @@ class Ros:
                 context=self._context,
                 signal_handler_options=SignalHandlerOptions.NO,
             )
-            self.node = client.create_node(name, context=self._context)
+            self.node = client.create_node("palpate", context=self._context)
         except Exception as error:  # of the arguments, or of the middleware: rclpy has a class for each
             self._context.try_shutdown()
             raise InvalidInput(f"ROS does not begin ({' '.join(str(error).split())}).") from error

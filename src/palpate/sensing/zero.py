@@ -283,9 +283,8 @@ def given_rest(zero: Any, baseline: int, planes: Sequence[Array]) -> Rest | None
         Frames of another shape, or both ways to say what the zero is.
     """
     if isinstance(baseline, bool) or not isinstance(baseline, int | np.integer) or baseline < 0:
-        raise InvalidInput(
-            f"baseline must be a number of frames >= 0; got {baseline!r}. Readings without contact go into zero=."
-        )
+        got = repr(baseline) if np.ndim(baseline) == 0 else f"an array of shape {np.shape(baseline)}"
+        raise InvalidInput(f"baseline must be a number of frames >= 0; got {got}. Readings at rest go into zero=.")
     if zero is None:
         return None
     if baseline:
