@@ -184,3 +184,17 @@ def test_what_is_no_recording_and_no_touch() -> None:
     ):
         with pytest.raises(pp.InvalidInput, match=words):
             touch_of(bad)
+
+
+def test_files_keep_the_parts_of_the_errors_under_the_names_they_had() -> None:
+    """`errors_*`, `stated_*` and `common_std` are what files before `palpate.touch.fields.ErrorParts` hold."""
+    grid = LineGrid(count=4, spacing=1e-3)
+    sizes = {"traction": (2, 4), "force": (2,), "moment": (1,), "center": (1,), "peak": ()}
+    parts = {name: np.full(size, 0.1) for name, size in sizes.items()}
+    posterior = Errors(**parts, variance_reduction=parts["traction"], **{f"outside_{n}": v for n, v in parts.items()}, beyond_force=parts["force"])  # fmt: skip
+    touch = pp.Touch(np.ones((2, 4)), grid, ("x", "z"), "tikhonov", _errors=ErrorParts(posterior, Stated(**parts), 0.2))
+    held = touch_dataset(touch)
+    assert {f"errors_{f.name}" for f in fields(Errors)} | {f"stated_{f.name}" for f in fields(Stated)} <= set(held)
+    assert held.attrs["common_std"] == 0.2
+    back = touch_of(held)
+    np.testing.assert_array_equal(back.interval(0.95, "force"), touch.interval(0.95, "force"))

@@ -2,7 +2,7 @@
 
 An estimate t = K y has a fixed parameter, and the readings are y = A(theta) t. An error d of theta gives an error K (dA/dtheta t) d to first order.
 Modulus, depth and thickness are one direction each; the gains of n readings are n directions, or `SKETCHES` sums of them with random signs, whose
-squares have the same mean. `palpate.Touch.common_std` covers factors of all results (the scale; the modulus if every reading depends on it).
+squares have the same mean. `ErrorParts.scale` (`palpate.touch.fields`) covers factors of all results (the scale; the modulus if every reading depends on it).
 
 They are separate from the closed-form errors: the constants of a method correct its prior, which does not depend on the uncertainty of the pad.
 """
