@@ -1,4 +1,4 @@
-"""Exceptions by which a file or store shows that it is damaged."""
+"""Exceptions that indicate a damaged file or store."""
 
 from __future__ import annotations
 
