@@ -360,7 +360,6 @@ REMEDIES = [
         {"baseline": 5, "zero": PRESS},
         {"zero": PRESS},
     ),
-    value("noise must be one standard deviation or one per channel", lambda n: SKIN.track(noise=n), [1.0] * 9, 5.0),
     value(
         "or leave these taxels out (Skin.masked)",
         lambda s: s.track(zero=np.where(WORKING, PRESS, np.nan)),

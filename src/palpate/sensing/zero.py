@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate._arrays import as_double, to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-
-if TYPE_CHECKING:
-    from palpate.sensing.arrays import Array
+from palpate.sensing.arrays import Array, check_noise
 
 __all__ = [
     "FRAMES",
@@ -237,15 +235,9 @@ def with_noise(planes: Sequence[Array], noise: Any) -> list[Array]:
     >>> with_noise(planes, [3.0, 5.0])[0].noise_std
     (3.0, 5.0)
     """
-    if np.ndim(noise) == 0:
-        return [replace(p, noise=noise) for p in planes]
+    stds = check_noise(noise, [c for p in planes for c in p.channels]) or ()
     ends = np.cumsum([len(p.channels) for p in planes])
-    if np.shape(noise) != (ends[-1],):
-        names = ", ".join(c for p in planes for c in p.channels)
-        raise InvalidInput(
-            f"noise must be one standard deviation or one per channel ({ends[-1]}: {names}); got shape {np.shape(noise)}."
-        )
-    return [replace(p, noise=list(noise)[end - len(p.channels) : end]) for p, end in zip(planes, ends)]
+    return [replace(p, noise=stds[end - len(p.channels) : end]) for p, end in zip(planes, ends)]
 
 
 def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
