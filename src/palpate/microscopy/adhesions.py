@@ -22,7 +22,7 @@ from palpate.inverse.problem import Problem
 from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
 from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance
-from palpate.microscopy.sampler import MOST, Chain, Places
+from palpate.microscopy.sampler import MOST, SIZE, Chain, Places
 from palpate.microscopy.vectors import Vectors, find_doubtful, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
@@ -45,6 +45,8 @@ MODEL = 1e-3
 #: A vector with a residual of this many times the noise is an outlier; one that the median test excluded and with a smaller residual than the second
 #: number is none.
 LEFT, BACK = 5.0, 3.0
+#: Expected part of outliers, which counts as much as so many vectors: the outliers far from traction determine the part of a field.
+WRONG, COUNTED = 0.05, 20.0
 #: Blobs follow the displacement to this part of it.
 DETAIL = 0.2
 #: Fields of more vectors along a side are averaged over tiles.
@@ -55,12 +57,16 @@ SHARED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,), ``forces`` (blob, 2) [N], and what profile each has (numbers of `PROFILES`)."""
+    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,), ``forces`` (blob, 2) [N], and what profile each has (numbers of `PROFILES`).
+
+    ``score`` is the derivative of its log prior by the middle of the log sizes.
+    """
 
     places: Floats
     variance: Floats
     forces: Floats
     profiles: npt.NDArray[np.intp] | None = None
+    score: float = 0.0
 
     def on(self, x: Floats, y: Floats, side: float) -> Floats:
         """Mean traction (2, y, x) [Pa] over squares of a side about columns and rows."""
@@ -158,6 +164,8 @@ def sampled(
         shape_of_noise, level = Noise.of(field.std, window if window > pitch else 0.0)
     elif not level:
         level = noise_of(u)
+        # outliers make it larger: 1.4 times where they are 3 %
+        level = noise_of(np.where(outliers(u, level), np.nan, u))
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
     bad = outliers(u, level * shape_of_noise.relative) & there
     # an adhesion finer than the vectors looks like an outlier: which it is belongs to what is sampled
@@ -187,12 +195,24 @@ def sampled(
     chain = partial(
         Chain, response=response, places=places, sizes=sizes, least_noise=level if stated else 0.0, drift=drift
     )
+
+    def odds() -> float:
+        """Log odds that a vector near traction is an outlier."""
+        wrong = WRONG * COUNTED + float(bad.sum())
+        return math.log(wrong / (COUNTED + float((there & ~doubtful).sum()) - wrong))
+
     for number in range(CHAINS):
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
         rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
         walk = _start_blobs(
-            chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+            chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
+            u,
+            there & ~bad,
+            guess,
+            margin,
+            every,
+            window,
         )
         walk.walk(BURN)
         if number == 0:
@@ -209,14 +229,22 @@ def sampled(
                 bad = found
                 vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
                 walk = _start_blobs(
-                    chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+                    chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
+                    u,
+                    there & ~bad,
+                    guess,
+                    margin,
+                    every,
+                    window,
                 )
                 walk.walk(BURN)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # no window tells the profile of an adhesion that it does not resolve
             profiles = shapes.integers(len(PROFILES), size=len(walk.blobs))
-            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles))
+            x, y, size, _ = walk.blobs.T
+            score = float((size - walk.middle).sum()) / SIZE**2
+            samples.append(Sample(np.stack([x, y], axis=1), np.exp(2 * size), walk.forces()[1], profiles, score))
             noises.append(walk.noise)
             wrong[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
     bad |= wrong > 0.5
