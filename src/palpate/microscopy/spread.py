@@ -20,12 +20,14 @@ WIDER: dict[str, tuple[float, float]] = {
     "strain_energy": (1.65, 0.04),
     "traction_peak": (1.0, 0.10),
     "contractile_moment": (1.6, 0.02),
-    "contractility": (1.2, 0.02),
+    "contractility": (1.4, 0.03),
     "force": (1.6, 0.03),
 }
 OTHER_SPREAD = (1.2, 0.02)
 # Of the energy the fit says 1.3, about the shift below. The shift is a mean over cells, and a cell's own is uncertain by 0.6 of it: what is hidden, and how wide adhesions are that no window
 # resolves, is common to all adhesions of a cell. 1.65 is both; set on cells 5000 to 5030 with 5 % noise (27 of 31 held with 1.3).
+# Of contractility the fit says 1.1. Weak adhesions that no vector tells are missing from it too (0.98 of the truth): at 5 % noise 1.2 and 0.02 held 0.85 to 0.88 of 51 cells
+# (7000 to 7011, 20000 to 20014, 30000 to 30023), 1.4 and 0.03 all of the last 24, and 0.97 of cells 3000 to 3030, which did not set them.
 #: Forces that no vector tells are missing from the samples, and wide blobs stand for several adhesions: the number is larger by so many standard deviations of its logarithm,
 #: by the same cells, and by no more than the next.
 SHIFT: dict[str, float] = {"strain_energy": 1.7, "traction_peak": 0.2}
