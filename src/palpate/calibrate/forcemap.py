@@ -1,4 +1,6 @@
-"""One quantity from readings: members averaged by how well they predict presses that were left out, with intervals."""
+"""Map readings to one quantity, with intervals: an average of several models, weighted by how well each predicts
+presses that were left out.
+"""
 
 from __future__ import annotations
 
@@ -14,26 +16,30 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["ForceMap"]
 
-#: Labels that one map keeps: its work grows with their cube (500: 4 s).
+#: Largest number of labels that a map keeps: computing time grows with the cube (500: 4 s).
 MAX_LABELS = 500
-#: Weights of members use the score over this power of the number of labels: labels of one recording are no independent proofs.
+#: Weights of the models use the score divided by this power of the number of labels, because labels of one recording
+#: are not independent evidence.
 TEMPER = 0.5
-#: Prior count of presses that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
+#: Number of presses as which the prior (errors are as large as the model predicts) counts; largest squared error, in
+#: variances, that one label contributes.
 PRIOR_COUNT, LARGEST = 8.0, 25.0
-#: Degrees of freedom of an interval: this many, and one more per this many presses.
+#: Degrees of freedom of an interval: FREEDOM, plus one for every PRESSES_OF_ONE presses.
 FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
-#: Spread of gains from one run to the next before labels of several runs show it, and how many runs that counts for. Presses at the same places: 3 and 11 % between
-#: two streams of four barometers, 2 and 3 % between two runs of five magnetometers.
+#: Prior standard deviation of gains between runs, used until labels of several runs show it, and the number of runs as
+#: which it counts. Presses at the same places differed by 3 and 11 % between two streams of four barometers, and by 2
+#: and 3 % between two runs of five magnetometers.
 RUN, RUNS_OF_PRIOR = 0.08, 1.0
-#: Error of a value, as a part of the usual one, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
+#: Error of a value, relative to the usual one, for each unit of distance between the direction of its readings and the
+#: nearest direction of a label. Readings below STRONG of the largest have no direction.
 NOVEL, STRONG = 2.0, 0.2
-#: Prior count of the sum of squared distances: one press at a distance of 0.3.
+#: Prior of the sum of squared distances: one press at a distance of 0.3.
 FIRST_NOVELTY = 0.09
 
 
 @dataclass(frozen=True, eq=False)
 class ForceMap:
-    """A map from readings (frame, reading) to one quantity, with its standard deviation.
+    """A map from readings (frame, reading) to one quantity and its standard deviation.
 
     Attributes
     ----------
@@ -53,18 +59,18 @@ class ForceMap:
 
     @classmethod
     def fit(cls, process: Process) -> ForceMap:
-        """All members for these labels, and their weights."""
+        """Fit all models to these labels, and weight them."""
         return cls.of(process, tuple(process.fit(without) for without in MEMBERS))
 
     @classmethod
     def of(cls, process: Process, members: tuple[Fitted, ...]) -> ForceMap:
-        """The average of fitted members."""
+        """Build the average of fitted models."""
         count = len(process.values)
         score = np.array([m.score for m in members])
         weights = np.exp((score - score.max()) / count**TEMPER)
         weights /= weights.sum()
         squares = sum(w * (m.left_out / m.left_out_std) ** 2 for w, m in zip(weights, members))
-        # labels of one press share their error: they count as one
+        # labels of the same press share their error and count as one
         each = [
             float(np.minimum(np.asarray(squares)[process.press == p], LARGEST).mean()) for p in np.unique(process.press)
         ]
@@ -73,25 +79,27 @@ class ForceMap:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of Student's distribution for intervals."""
+        """Degrees of freedom of Student's distribution for the intervals."""
         return FREEDOM + len(np.unique(self.process.press)) / PRESSES_OF_ONE
 
     def predict(self, readings: Floats) -> tuple[Floats, Floats]:
-        """Value and standard deviation of each frame."""
+        """Return value and standard deviation for each frame."""
         found = [self.process.predict(m, readings) for m in self.members]
         mean = np.asarray(sum(w * m for w, (m, _) in zip(self.weights, found)))
         square = sum(w * (s**2 + (m - mean) ** 2) for w, (m, s) in zip(self.weights, found))
         own = self.inflation * np.sqrt(square)
         p = self.process
-        # what is usual for readings of this size: a component of either sign may be 0 by chance, and is no better known there
+        # use the typical value for readings of this size: a component that is 0 by chance is not known better for that
         usual = p.unit * Scaled.of(readings, p.scale).size
         return mean, np.sqrt(own**2 + (self.run_share * mean) ** 2 + (self.novelty(readings) * usual) ** 2)
 
     def novelty(self, readings: Floats) -> Floats:
-        """Standard deviation because no label resembles the frame (frame, reading), as a part of the usual value for readings of its size.
+        """Return the standard deviation due to frames (frame, reading) that resemble no label, relative to the typical
+        value for readings of their size.
 
-        Two parts: beyond the largest labelled readings a map goes on as it began, and pads do not; and a press at another place than any label's has readings
-        of another direction u = z/|z|, at a distance from that of the nearest label.
+        It has two parts. Beyond the largest labelled readings a map extrapolates, which pads do not follow exactly.
+        And a press at a place without labels has readings of another direction u = z/|z|, at some distance from that
+        of the nearest label.
         """
         p = self.process
         labels, frames = Scaled.of(p.readings, p.scale), Scaled.of(readings, p.scale)
@@ -99,12 +107,14 @@ class ForceMap:
         beyond = 1.0 - largest / np.maximum(frames.size, largest)
         strong = labels.size > STRONG * largest
         away = chord(frames.direction @ labels.direction[strong].T)
-        # faint readings have the direction of their noise
+        # the direction of faint readings is that of their noise
         return np.hypot(beyond, self.direction_share * away * np.minimum(frames.size / (STRONG * largest), 1.0))
 
     @cached_property
     def direction_share(self) -> float:
-        """Error of a value, as a part of the usual one, for each unit of distance between directions: the prior, and what each press shows when it is left out."""
+        """Return the error of a value, relative to the typical one, for each unit of distance between directions: the
+        prior combined with the error of each press when it is left out.
+        """
         p = self.process
         labels, error = Scaled.of(p.readings, p.scale), self.left_out
         strong = labels.size > STRONG * float(labels.size.max())
@@ -119,19 +129,21 @@ class ForceMap:
 
     @property
     def run_share(self) -> float:
-        """Standard deviation of a new run's gain: the prior, and the cross-validation of each run."""
+        """Return the standard deviation of the gain of a new run: the prior combined with the cross-validation of each
+        run.
+        """
         gains = np.asarray(sum(w * m.run_gains for w, m in zip(self.weights, self.members)))
         return float(np.sqrt((RUNS_OF_PRIOR * RUN**2 + (gains**2).sum()) / (RUNS_OF_PRIOR + len(gains))))
 
     @property
     def left_out(self) -> Floats:
-        """Error of each label when its press is left out."""
+        """Return the error of each label when its press is left out of the fit."""
         return np.asarray(sum(w * m.left_out for w, m in zip(self.weights, self.members)))
 
     # -- files ---------------------------------------------------------------------------------------------------------
 
     def arrays(self) -> dict[str, Any]:
-        """The arrays for a file: labels, scale, physics, and the hyperparameters of each member."""
+        """Return the arrays to write to a file: labels, scale, physics, and the hyperparameters of each model."""
         p = self.process
         out: dict[str, Any] = {
             "readings": p.readings, "values": p.values, "std": p.std, "scale": p.scale, "press": p.press,
@@ -147,9 +159,9 @@ class ForceMap:
 
     @classmethod
     def from_arrays(cls, held: Mapping[str, Any]) -> ForceMap:
-        """The map of `arrays`."""
+        """Return the map that `arrays` describes."""
         log = held["log"]
-        # files of before have fewer members, in the same order
+        # older files have fewer models, in the same order
         if log.ndim != 2 or not 1 <= len(log) <= len(MEMBERS) or log.shape[1] != len(NAMES):
             raise ValueError(f"holds {log.shape} hyperparameters for {(len(MEMBERS), len(NAMES))}")
         process = Process(
@@ -161,12 +173,14 @@ class ForceMap:
 
 
 def chord(cosine: Floats) -> Floats:
-    """Distance of each direction from the nearest of others, from the cosines between them (direction, other)."""
+    """Return the distance of each direction from the nearest of others, given the cosines between them (direction,
+    other).
+    """
     return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * cosine.max(axis=1), 0.0)))
 
 
 def usual_scale(readings: Floats) -> Floats:
-    """The divisor of each reading that gives the usual frame length 1."""
+    """Return the divisor of each reading with which the typical frame has length 1."""
     square = (readings**2).mean(axis=0)
     if not square.any():
         return np.ones(len(square))
