@@ -24,8 +24,9 @@ from palpate.calibrate.labels import press_numbers, spread_over
 from palpate.calibrate.process import Process
 
 sys.path.insert(0, str(Path(__file__).parent))
-from calibrate import Array, eflesh
 from real import bonded
+
+from calibrate import Array, eflesh
 
 GENERATED = Path(__file__).parents[1] / "docs" / "_generated" / "calibrate_runs.md"
 LABELS, ASKED = 100, 400

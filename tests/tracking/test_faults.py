@@ -60,7 +60,7 @@ def check(touch: pp.Touch) -> None:
         assert np.isfinite(touch.interval(0.95, "force")).all()
     elif status(touch) is Status.UNDECIDED:  # a number where an interval bounds it, else none
         assert np.isfinite(values).all() or np.isnan(values).all()
-        assert np.isnan(values).any() == (touch.errors is None)
+        assert np.isnan(values).any() == (not touch.has_intervals)
     elif known:
         assert np.isfinite(values).all()
     else:
