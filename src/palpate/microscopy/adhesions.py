@@ -24,7 +24,7 @@ from palpate.inverse.problem import Problem
 from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
 from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance
-from palpate.microscopy.sampler import MOST, Chain, Places
+from palpate.microscopy.sampler import MOST, SIZE, Chain, Places
 from palpate.microscopy.vectors import Vectors, find_doubtful, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
@@ -53,6 +53,9 @@ MODEL = 1e-3
 #: A vector whose residual is LEFT times the noise is an outlier. A vector that the median test excluded is used again
 #: if its residual is below BACK times the noise.
 LEFT, BACK = 5.0, 3.0
+#: Expected fraction of outliers, and the number of vectors that this expectation is worth. The outliers far from
+#: traction determine the fraction of a field.
+WRONG, COUNTED = 0.05, 20.0
 #: The blobs reproduce the modelled displacement to within this fraction.
 DETAIL = 0.2
 #: A field with more vectors than this along a side is averaged over tiles.
@@ -64,13 +67,15 @@ SHARED = 0.1
 @dataclass(frozen=True, eq=False)
 class Sample:
     """One sample: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,) [m^2],
-    ``forces`` (blob, 2) [N], and the index of each blob's profile in `PROFILES`.
+    ``forces`` (blob, 2) [N], and the index of each blob's profile in `PROFILES`; ``score`` is the derivative of the log
+    prior with respect to the middle of the log sizes.
     """
 
     places: Floats
     variance: Floats
     forces: Floats
     profiles: npt.NDArray[np.intp] | None = None
+    score: float = 0.0
 
     def on(self, x: Floats, y: Floats, side: float) -> Floats:
         """Return the mean traction (2, y, x) [Pa] over squares of side ``side`` [m] that are centred on the columns
@@ -180,6 +185,8 @@ def sampled(
         shape_of_noise, level = Noise.of(field.std, window if window > pitch else 0.0)
     elif not level:
         level = noise_of(u)
+        # outliers inflate the estimate: 3 % of them by a factor of 1.4
+        level = noise_of(np.where(outliers(u, level), np.nan, u))
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
     bad = outliers(u, level * shape_of_noise.relative) & there
     # an adhesion finer than the spacing of vectors looks like an outlier: the chain samples which of the two it is
@@ -209,12 +216,24 @@ def sampled(
     chain = partial(
         Chain, response=response, places=places, sizes=sizes, least_noise=level if stated else 0.0, drift=drift
     )
+
+    def odds() -> float:
+        """Return the log prior odds that a vector near traction is an outlier."""
+        wrong = WRONG * COUNTED + float(bad.sum())
+        return math.log(wrong / (COUNTED + float((there & ~doubtful).sum()) - wrong))
+
     for number in range(CHAINS):
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
         rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
         walk = _start_blobs(
-            chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+            chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
+            u,
+            there & ~bad,
+            guess,
+            margin,
+            every,
+            window,
         )
         walk.walk(BURN)
         if number == 0:
@@ -231,14 +250,22 @@ def sampled(
                 bad = found
                 vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
                 walk = _start_blobs(
-                    chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+                    chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
+                    u,
+                    there & ~bad,
+                    guess,
+                    margin,
+                    every,
+                    window,
                 )
                 walk.walk(BURN)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # the data cannot tell the profile of an adhesion smaller than the window: draw one at random
             profiles = shapes.integers(len(PROFILES), size=len(walk.blobs))
-            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles))
+            x, y, size, _ = walk.blobs.T
+            score = float((size - walk.middle).sum()) / SIZE**2
+            samples.append(Sample(np.stack([x, y], axis=1), np.exp(2 * size), walk.forces()[1], profiles, score))
             noises.append(walk.noise)
             wrong[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
     bad |= wrong > 0.5

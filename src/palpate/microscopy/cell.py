@@ -568,6 +568,7 @@ def _numbers(
                 cell * sums["net_view"][:, i],
                 0.0,
             )
+    scores = np.array([s.score for s in done.samples]) if done.samples is not None else None
     plain = set()
     if done.normal is not None:
         found |= done.normal.quantities(inside, cell)
@@ -577,7 +578,7 @@ def _numbers(
         # traction is proportional to modulus and displacement, the energy to modulus and squared displacement
         common = math.hypot(known.modulus, (2.0 if key.startswith("strain_energy") else 1.0) * known.scale)
         if sampled and key not in plain:
-            value, std, ends = read(key, values, common)
+            value, std, ends = read(key, values, common, scores)
             quantities[key] = Quantity(label, unit, value, std, expected, why, ends)
             continue
         value, samples = float(values[0]), values[1:]

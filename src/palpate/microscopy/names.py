@@ -25,7 +25,7 @@ __all__ = [
 
 #: Pairs of names of displacements along x and y, in lower case.
 VECTORS = (
-    ("u", "v"), ("ux", "uy"), ("u_x", "u_y"), ("dx", "dy"), ("displacement_x", "displacement_y"), ("disp_x", "disp_y"), ("u_filtered", "v_filtered"),
+    ("upost", "vpost"), ("u", "v"), ("ux", "uy"), ("u_x", "u_y"), ("dx", "dy"), ("displacement_x", "displacement_y"), ("disp_x", "disp_y"), ("u_filtered", "v_filtered"),
     ("u_original", "v_original"), ("u_smoothed", "v_smoothed"), ("u_component", "v_component"), ("ux1", "uy1"), ("vx", "vy"), ("umat", "vmat"),
 )  # fmt: skip
 #: Names of positions, of standard deviations, and of columns that mark bad vectors.

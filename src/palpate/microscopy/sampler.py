@@ -30,9 +30,11 @@ COUNT, MOST = 15.0, 60
 TRACTION, SIZE = 0.8, 0.5
 #: Prior standard deviation of a drift, as a multiple of the root mean square of the vectors.
 DRIFT = 10.0
-#: Prior probability that a doubtful vector is an outlier, standard deviation of outliers' offsets as a multiple of the
-#: largest displacement, and number of steps after which a switch is tried.
-WRONG, OUTLYING, DOUBT = 0.05, 2.0, 3
+#: Standard deviation of outliers' offsets as a multiple of the largest displacement of the other vectors, and number of
+#: steps after which a switch is tried.
+OUTLYING, DOUBT = 2.0, 3
+#: Distance of a blob from the vector whose offset it replaces: standard deviation in pitches.
+NEAR = 0.5
 #: Increase of the log evidence from which a blob is added or kept when a chain starts.
 WORTH = 3.0
 #: Probability of each kind of step: birth, death, move, change of size, change of scale. Otherwise the step moves a
@@ -87,6 +89,7 @@ class Chain:
         known: bool,
         least_noise: float = 0.0,
         drift: bool = True,
+        odds: float = 0.0,
         rng: np.random.Generator,
     ) -> None:
         self.vectors, self.response, self.places, self.rng = vectors, response, places, rng
@@ -107,7 +110,10 @@ class Chain:
         self.scales = np.zeros(q)
         self.scales[:3] = float(drift) * DRIFT * size
         self.wrong = np.zeros(len(vectors.doubtful), dtype=bool)
-        self.offset = OUTLYING * float(np.abs(vectors.values).max())
+        #: Log prior odds that a doubtful vector is an outlier.
+        self.odds = odds
+        normal = np.delete(vectors.values, np.array(vectors.doubtful, dtype=int), axis=1)
+        self.offset = OUTLYING * float(np.abs(normal).max(initial=0.0))
         self.blobs: Floats = np.zeros((0, 4))
         self.evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
 
@@ -116,17 +122,27 @@ class Chain:
     def _factor(
         self, gram: Floats, linear: Floats, blobs: Floats, noise: float
     ) -> tuple[Floats, Floats, Floats] | None:
-        """Return the Cholesky factor of the posterior precision of the unknowns (scaled to unit variance), the
+        """Return the Cholesky factor of the posterior precision of the used unknowns (scaled to unit variance), the
         solution of the factor for the right side, and the scales.
         """
         count = self.fixed + 2 * len(blobs)
         scale = np.concatenate([self.scales, np.repeat(np.exp(blobs[:, 3]), 2)])
-        precision = gram[:count, :count] * (scale[:, None] * scale / noise**2)
-        precision[np.diag_indices(count)] += 1.0
+        gram, linear = gram[:count, :count], linear[:count]
+        if not self.wrong.all():  # offsets of normal vectors are zero
+            used = self._used(count)
+            gram, linear, scale = gram[np.ix_(used, used)], linear[used], scale[used]
+        precision = gram * (scale[:, None] * scale / noise**2)
+        precision[np.diag_indices(len(scale))] += 1.0
         lower, failed = scipy.linalg.lapack.dpotrf(precision, lower=1, overwrite_a=1, clean=1)
         if failed:
             return None
-        return lower, scipy.linalg.blas.dtrsv(lower, scale * linear[:count], lower=1), scale
+        return lower, scipy.linalg.blas.dtrsv(lower, scale * linear, lower=1), scale
+
+    def _used(self, count: int) -> npt.NDArray[np.intp]:
+        """Return the indices of those of ``count`` unknowns that are not fixed at zero."""
+        used = np.ones(count, dtype=bool)
+        used[3 : self.fixed] = np.repeat(self.wrong, 2)
+        return np.flatnonzero(used)
 
     def _evidence(self, gram: Floats, linear: Floats, blobs: Floats, noise: float) -> float:
         """Return the log evidence of blobs, with their forces integrated out."""
@@ -210,32 +226,54 @@ class Chain:
         if self._accepts(evidence - self.evidence + prior):
             self._take(k, rows, gram, linear, blobs, evidence)
 
-    def _born(self) -> None:
-        """Propose one more blob."""
+    def _born(self, place: Floats | None = None, odds: float = 0.0) -> bool:
+        """Propose one more blob, anywhere or near ``place``; ``odds`` is the log prior ratio of what else changes."""
         if len(self.blobs) >= MOST:
-            return
+            return False
         rng = self.rng
-        x, y = self.places.drawn(rng)
+        x, y = self.places.drawn(rng) if place is None else place + NEAR * self.places.pitch * rng.standard_normal(2)
         size = self.middle + SIZE * rng.standard_normal()
-        density, proposed = self.places.at(x, y)
+        density = self.places.at(x, y)[0]
         if not self.least <= size <= self.largest or not density > 0:
-            return
+            return False
         scale = self.level + math.log(4 * math.pi) + 2 * size + TRACTION * rng.standard_normal()
         blob = np.array([x, y, size, scale])
         rows = self._response_of(blob)
         gram, linear = self._with(len(self.blobs), rows)
         blobs = np.vstack([self.blobs, blob])
         evidence = self._evidence(gram, linear, blobs, self.noise)
-        if self._accepts(evidence - self.evidence + math.log(COUNT * density / proposed / len(blobs))):
+        accepted = self._accepts(evidence - self.evidence + odds + self._added(blobs, -1, place))
+        if accepted:
             self._take(len(self.blobs), rows, gram, linear, blobs, evidence)
+        return accepted
 
-    def _dies(self) -> None:
-        """Propose to remove one blob."""
-        k = int(self.rng.integers(len(self.blobs)))
+    def _dies(self, place: Floats | None = None, odds: float = 0.0) -> bool:
+        """Propose to remove one blob, any or one near ``place``."""
+        chosen = self._near(self.blobs, place)
+        total = float(chosen.sum())
+        if not total > 0:
+            return False
+        k = int(self.rng.integers(len(chosen)) if place is None else self.rng.choice(len(chosen), p=chosen / total))
         stay, blobs, evidence = self._without(k)
-        density, proposed = self.places.at(*self.blobs[k, :2])
-        if self._accepts(evidence - self.evidence - math.log(COUNT * density / proposed / len(self.blobs))):
+        accepted = self._accepts(evidence - self.evidence + odds - self._added(self.blobs, k, place))
+        if accepted:
             self._leave(stay, blobs, evidence)
+        return accepted
+
+    def _near(self, blobs: Floats, place: Floats | None) -> Floats:
+        """Return the relative probability of each blob to be removed: the density [1/m^2] of births near ``place``, or 1."""
+        if place is None:
+            return np.ones(len(blobs))
+        variance = (NEAR * self.places.pitch) ** 2
+        squares = ((blobs[:, :2] - place) ** 2).sum(axis=1)
+        return np.asarray(np.exp(-0.5 * squares / variance) / (2 * math.pi * variance))
+
+    def _added(self, blobs: Floats, k: int, place: Floats | None) -> float:
+        """Return the log of prior over proposal of blob ``k``, times the probability that it is the one to be removed."""
+        density, proposed = self.places.at(*blobs[k, :2])
+        # near a place, the density of the proposal and of the choice cancel
+        each = proposed * len(blobs) if place is None else float(self._near(blobs, place).sum())
+        return math.log(COUNT * density / each)
 
     def _hyper(self) -> None:
         """Sample the typical traction, and the noise if it is unknown."""
@@ -252,17 +290,28 @@ class Chain:
                 self.noise, self.evidence = noise, evidence
 
     def _doubts(self) -> None:
-        """Propose to switch a doubtful vector between an outlier, with an offset of its own, and a normal vector."""
-        k = int(self.rng.integers(len(self.wrong)))
-        before = self.scales[3 + 2 * k]
-        now = 0.0 if self.wrong[k] else self.offset
-        self.scales[3 + 2 * k : 5 + 2 * k] = now
-        evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
-        odds = math.log(WRONG / (1.0 - WRONG))
-        if self._accepts(evidence - self.evidence + (odds if now else -odds)):
-            self.wrong[k], self.evidence = bool(now), evidence
+        """Propose to switch a doubtful vector between an outlier, with an offset of its own, and a normal vector. Half of
+        the proposals replace the offset with a blob near the vector, because neither alone would explain it.
+        """
+        k, alone = int(self.rng.integers(len(self.wrong))), self.rng.random() < 0.5
+        now = not self.wrong[k]
+        self._switch(k, now)
+        odds = self.odds if now else -self.odds
+        place = self.vectors.places[self.vectors.doubtful[k]]
+        if alone:
+            evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
+            accepted = self._accepts(evidence - self.evidence + odds)
+            if accepted:
+                self.evidence = evidence
         else:
-            self.scales[3 + 2 * k : 5 + 2 * k] = before
+            accepted = self._dies(place, odds) if now else self._born(place, odds)
+        if not accepted:
+            self._switch(k, not now)
+
+    def _switch(self, k: int, wrong: bool) -> None:
+        """Let a doubtful vector have an offset, or none."""
+        self.wrong[k] = wrong
+        self.scales[3 + 2 * k : 5 + 2 * k] = self.offset if wrong else 0.0
 
     def walk(self, steps: int, *, count: bool = True) -> None:
         """Do ``steps`` steps. With ``count=False`` the number of blobs does not change."""
@@ -323,9 +372,12 @@ class Chain:
         if found is None:
             raise RuntimeError("an accepted state has a factor")
         lower, right, scale = found
+        used = self._used(self.count)
 
         def back(values: Floats) -> Floats:
-            return np.asarray(scale * scipy.linalg.solve_triangular(lower, values, lower=True, trans=1))
+            out = np.zeros(self.count)
+            out[used] = scale * scipy.linalg.solve_triangular(lower, values, lower=True, trans=1)
+            return out
 
         mean = back(right) / self.noise**2
         drawn = mean + back(self.rng.standard_normal(len(right)))
