@@ -185,8 +185,7 @@ class SkinCalibration:
         value, std = self.force(rows)
         place = self.center(rows, value, std)
         notes: tuple[str, ...] = (() if self.elastic else (FORCE_ONLY_NOTE,)) + ((OPEN,) if self.open_zero else ())
-        unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
-        if unlike > UNLIKE:
+        if max(m.unlike(rows) for m in self.maps.values()) > UNLIKE:
             notes += (
                 "readings are unlike those of any labelled press (larger, or of another place): the force there is a guess, see its interval; calibrate with presses there",
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,17 +18,18 @@ __all__ = ["ForceMap"]
 MAX_LABELS = 500
 #: Weights of members use the score over this power of the number of labels: labels of one recording are no independent proofs.
 TEMPER = 0.5
-#: Prior count of presses that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
-PRIOR_COUNT, LARGEST = 8.0, 25.0
-#: Degrees of freedom of an interval: this many, and one more per this many presses.
-FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
+#: Degrees of freedom of an interval before any press, which is also the number of presses that say beforehand that errors are as large as the members say;
+#: each press in so many adds one. The largest squared error, in variances, that one label counts for.
+FREEDOM, PRESSES_OF_ONE, LARGEST = 4.0, 3.0, 25.0
 #: Spread of gains from one run to the next before labels of several runs show it, and how many runs that counts for. Presses at the same places: 3 and 11 % between
 #: two streams of four barometers, 2 and 3 % between two runs of five magnetometers.
 RUN, RUNS_OF_PRIOR = 0.08, 1.0
-#: Error of a value, as a part of the usual one, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
-NOVEL, STRONG = 2.0, 0.2
-#: Prior count of the sum of squared distances: one press at a distance of 0.3.
-FIRST_NOVELTY = 0.09
+#: Error of a value beyond what the members say, as a part of the usual one, for each unit of `distance` of its readings from those of every label; readings have a direction from this part of the largest on.
+NOVEL, STRONG = 1.0, 0.2
+#: The prior counts as one press at this distance.
+FIRST_DISTANCE = 0.3
+#: Labels that count as much as the assumption that all readings of a sensor have one size: a taxel that no press came near is not a small one.
+ALIKE_LABELS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class ForceMap:
     weights : array (member,)
         They add up to 1.
     inflation : float
-        Factor on the members' standard deviations, from cross-validation errors.
+        Factor on the members' standard deviations, from cross-validation errors; below 1 where these are smaller than the members say.
     """
 
     process: Process
@@ -53,23 +54,20 @@ class ForceMap:
 
     @classmethod
     def fit(cls, process: Process) -> ForceMap:
-        """All members for these labels, and their weights."""
-        return cls.of(process, tuple(process.fit(without) for without in MEMBERS))
+        """All members for these labels, and their weights; without times those that differ by the lag alone are one."""
+        timed = process.time is not None
+        return cls.of(process, tuple(process.fit(without) for without in MEMBERS if timed or "lag" not in without))
 
     @classmethod
     def of(cls, process: Process, members: tuple[Fitted, ...]) -> ForceMap:
         """The average of fitted members."""
-        count = len(process.values)
         score = np.array([m.score for m in members])
-        weights = np.exp((score - score.max()) / count**TEMPER)
-        weights /= weights.sum()
-        squares = sum(w * (m.left_out / m.left_out_std) ** 2 for w, m in zip(weights, members))
+        weights = np.exp((score - score.max()) / len(process.values) ** TEMPER)
+        made = cls(process, members, weights / weights.sum(), 1.0)
+        squares = np.minimum((made.left_out / made.left_out_std) ** 2, LARGEST)
         # labels of one press share their error: they count as one
-        each = [
-            float(np.minimum(np.asarray(squares)[process.press == p], LARGEST).mean()) for p in np.unique(process.press)
-        ]
-        inflation = np.sqrt(max((PRIOR_COUNT + sum(each)) / (PRIOR_COUNT + len(each)), 1.0))
-        return cls(process, members, weights, float(inflation))
+        each = [float(squares[process.press == p].mean()) for p in np.unique(process.press)]
+        return replace(made, inflation=float(np.sqrt((FREEDOM + sum(each)) / (FREEDOM + len(each)))))
 
     @property
     def freedom(self) -> float:
@@ -90,32 +88,35 @@ class ForceMap:
     def novelty(self, readings: Floats) -> Floats:
         """Standard deviation because no label resembles the frame (frame, reading), as a part of the usual value for readings of its size.
 
-        Two parts: beyond the largest labelled readings a map goes on as it began, and pads do not; and a press at another place than any label's has readings
-        of another direction u = z/|z|, at a distance from that of the nearest label.
+        What presses that were left out show holds near the labels. Beyond the largest of them a map goes on as it began, and pads do not: an error that grows with the square, as curvature does.
         """
         p = self.process
         labels, frames = Scaled.of(p.readings, p.scale), Scaled.of(readings, p.scale)
-        largest = float(labels.size.max())
-        beyond = 1.0 - largest / np.maximum(frames.size, largest)
-        strong = labels.size > STRONG * largest
-        away = chord(frames.direction @ labels.direction[strong].T)
-        # faint readings have the direction of their noise
-        return np.hypot(beyond, self.direction_share * away * np.minimum(frames.size / (STRONG * largest), 1.0))
+        return np.hypot(self.distance_share * distance(labels, frames), beyond(labels, frames) ** 2)
+
+    def unlike(self, readings: Floats) -> float:
+        """The largest of the novelties of frames (frame, reading), or of the parts of their readings that are beyond the largest label."""
+        p = self.process
+        past = beyond(Scaled.of(p.readings, p.scale), Scaled.of(readings, p.scale))
+        return float(max(np.nanmax(self.novelty(readings), initial=0.0), np.nanmax(past, initial=0.0)))
 
     @cached_property
-    def direction_share(self) -> float:
-        """Error of a value, as a part of the usual one, for each unit of distance between directions: the prior, and what each press shows when it is left out."""
+    def distance_share(self) -> float:
+        """Error of a value, as a part of the usual one, for each unit of `distance`: the slope of squared errors over squared distances of presses that were left out, and the prior.
+
+        It is what errors have beyond the members' own intervals, which grow with that distance too.
+        """
         p = self.process
-        labels, error = Scaled.of(p.readings, p.scale), self.left_out
+        labels, more = Scaled.of(p.readings, p.scale), self.left_out**2 - self.left_out_std**2
         strong = labels.size > STRONG * float(labels.size.max())
-        squares, distances = FIRST_NOVELTY * NOVEL**2, FIRST_NOVELTY
+        slope, weight = FIRST_DISTANCE**4 * NOVEL**2, FIRST_DISTANCE**4
         for press in np.unique(p.press[strong]):
-            one, other = strong & (p.press == press), strong & (p.press != press)
-            size = float(((p.unit * labels.size[one]) ** 2).mean())
+            at, other = strong & (p.press == press), p.press != press
             if other.any():
-                squares += float((error[one] ** 2).mean()) / size
-                distances += float((chord(labels.direction[one] @ labels.direction[other].T) ** 2).mean())
-        return float(np.sqrt(squares / distances))
+                square = float((distance(labels[other], labels[at]) ** 2).mean())
+                slope += square * float(more[at].mean() / ((p.unit * labels.size[at]) ** 2).mean())
+                weight += square**2
+        return float(np.sqrt(max(slope, 0.0) / weight))
 
     @property
     def run_share(self) -> float:
@@ -127,6 +128,12 @@ class ForceMap:
     def left_out(self) -> Floats:
         """Error of each label when its press is left out."""
         return np.asarray(sum(w * m.left_out for w, m in zip(self.weights, self.members)))
+
+    @property
+    def left_out_std(self) -> Floats:
+        """Its standard deviation by the members."""
+        mean, found = self.left_out, zip(self.weights, self.members)
+        return self.inflation * np.sqrt(sum(w * (m.left_out_std**2 + (m.left_out - mean) ** 2) for w, m in found))
 
     # -- files ---------------------------------------------------------------------------------------------------------
 
@@ -160,15 +167,26 @@ class ForceMap:
         return cls.of(process, members)
 
 
-def chord(cosine: Floats) -> Floats:
-    """Distance of each direction from the nearest of others, from the cosines between them (direction, other)."""
-    return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * cosine.max(axis=1), 0.0)))
+def beyond(labels: Scaled, frames: Scaled) -> Floats:
+    """Part of the size of each frame by which it is larger than the largest label."""
+    largest = float(labels.size.max())
+    return np.asarray(1.0 - largest / np.maximum(frames.size, largest))
+
+
+def distance(labels: Scaled, frames: Scaled) -> Floats:
+    """How unlike all labels each frame is: in size, beyond the largest label, and in the direction u = z/|z| of its readings, which is that of a place."""
+    strong = labels.size > STRONG * float(labels.size.max())
+    cosine = (frames.direction @ labels.direction[strong].T).max(axis=1)
+    # faint readings have the direction of their noise
+    away = np.minimum(frames.size / (STRONG * labels.size.max()), 1.0) * np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0))
+    return np.hypot(beyond(labels, frames), away)
 
 
 def usual_scale(readings: Floats) -> Floats:
-    """The divisor of each reading that gives the usual frame length 1."""
+    """The divisor of each of the ``readings`` (label, reading) that gives the usual frame length 1."""
     square = (readings**2).mean(axis=0)
     if not square.any():
         return np.ones(len(square))
-    scale = np.sqrt(square + FLOOR * square.mean())
+    common = max(FLOOR, ALIKE_LABELS / (len(readings) + ALIKE_LABELS))
+    scale = np.sqrt((1.0 - common) * square + common * square.mean())
     return np.asarray(scale * np.sqrt(((readings / scale) ** 2).sum(axis=1).mean()))

@@ -20,6 +20,7 @@ members with fewer terms (`MEMBERS`), weighted by cross-validation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,7 @@ MEMBERS: tuple[tuple[str, ...], ...] = (
 )
 #: Bounds of the hyperparameters in standard deviations of their prior; added to the diagonal, as a part of the mean square; least reading, as a part of the usual.
 REACH, JITTER, LEAST = 5.0, 1e-9, 1e-3
-#: Each reading is divided by its own size, but by no less than this part of the usual (squared): channels that hold noise alone stay small.
+#: Each reading is divided by its own size, of whose square at least this part is that of the usual reading: channels that hold noise alone stay small.
 FLOOR = 0.1
 
 
@@ -84,6 +85,9 @@ class Scaled:
         z = readings / scale
         size = np.sqrt((z * z).sum(axis=1) + LEAST**2)
         return cls(z, size, z / size[:, None])
+
+    def __getitem__(self, frames: Any) -> Scaled:
+        return Scaled(self.z[frames], self.size[frames], self.direction[frames])
 
 
 @dataclass(frozen=True, eq=False)
