@@ -647,16 +647,16 @@ class Skin(SkinProperties):
         10
         """
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
-        names = self._names(components)
+        known = self._calibration  # without elastic model it alone tells the force, whatever its tracker seeks
+        everything = components is None and known is not None and not known.elastic
+        names = self.surface.components if everything else self._names(components)
         check_sought(names, self.boundary)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
         solver = self._prepared(method, names)
-        filters: Callable[[], list[CreepFilter | None]] | None = None
+        filters = None
         if isinstance(self._pad, Viscoelastic):
             filters = partial(creep_filters, self._pad.prony, [bool(creeping(a).any()) for a in self._planes])
-        made: Callable[..., Tracker] = Tracker
-        if self._calibration is not None:
-            made = partial(CalibratedTracker, calibration=self._calibration)
+        made = Tracker if known is None else partial(CalibratedTracker, calibration=known)
         return made(
             solver,
             names,

@@ -24,7 +24,7 @@ from palpate.touch import Touch
 __all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
 #: Note of a touch whose pad model was rejected or not checked.
-FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
+FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the presses that calibrated this skin did not confirm the elastic model"
 #: Components of the force, and coordinates of the centre, by the names that references use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
 #: What is said where the zero of the calibration serves.
