@@ -1,8 +1,8 @@
-"""The front door: a pad and its array."""
+"""The main entry point: a pad and its array."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate._arrays import from_numpy
 from palpate._skin_properties import SkinProperties
 from palpate.elastic.pad import Floats, Pad, check_pad
-from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
+from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.methods import Constrained
 from palpate.inverse.method import Method, Prepared
@@ -63,7 +63,7 @@ class Skin(SkinProperties):
     pad : Pad
         The body: `HalfSpace`, `BondedLayers`, or one of these as `Viscoelastic`.
     array : LineArray, AreaArray, ScatteredArray, or a sequence of them
-        What is measured; several planes at different depths as a list.
+        The sensing elements; several planes at different depths as a list.
     surface : LineGrid or AreaGrid, optional
         The grid of the traction. By default it covers the array, reaches past its edge and is no finer than the depth
         allows (see `palpate.sensing.default_surface`).
@@ -114,12 +114,12 @@ class Skin(SkinProperties):
             raise InvalidInput("the planes mix line and area contact; use one kind.")
         planes = tuple(p.at_base(pad.thickness) for p in planes)
         for p in planes:
-            pad.compliance(p.depth)  # refuses a depth below a rigid base
+            pad.compliance(p.depth)  # raises an error for a depth below a rigid base
         if boundary not in ("free", "periodic"):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
-        # every spatial computation is that of the instantaneous pad; creep is a filter in time
+        # spatial computations use the instantaneous pad; creep is a filter in time
         self._elastic: Pad = check_creep(pad, planes) if isinstance(pad, Viscoelastic) else pad
-        # a finite pad is not touched beyond its end
+        # a finite pad cannot be touched beyond its end
         self._given = surface is not None or body_of(self._elastic) is not None
         if surface is None:
             if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
@@ -207,7 +207,7 @@ class Skin(SkinProperties):
         return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)], whole=self._whole)
 
     def without_creep(self) -> Skin:
-        """The same skin with the instantaneous pad: for readings that the creep was taken out of.
+        """The same skin with the instantaneous pad, for readings from which creep was removed.
 
         Examples
         --------
@@ -374,7 +374,7 @@ class Skin(SkinProperties):
             "automatic" (default): "adaptive" (learned, constrained, with error bars), and "tikhonov" for frames that pull, without pressure, on a
             periodic boundary, or with ``order``, ``parameter`` or ``rule``.
         components : sequence of str, optional
-            The components sought, e.g. ["z"]; the others are zero. Default: `Skin.components`.
+            The components to estimate, e.g. ["z"]; the others are zero. Default: `Skin.components`.
         friction : float, optional
             Coefficient of friction, for methods with the option ``friction``: |shear| <= friction * pressure in every cell.
         rng : numpy Generator
@@ -492,7 +492,7 @@ class Skin(SkinProperties):
         presses : Recording, array (frame, channel, *array), or a list of them
             Readings in the sensor's own unit.
         again : bool
-            Start from the calibration that this skin has: its labels are kept, and whether the sensor has aged is said.
+            Start from the existing calibration of this skin: its labels are kept, and a note says whether the sensor has aged.
         **options
             Of `palpate.calibrate.calibrate`: ``reference`` and ``reference_time`` (a force sensor, on a clock of its own), ``weights``
             (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``, ``constants``, ``pad_models``.
@@ -526,7 +526,7 @@ class Skin(SkinProperties):
         return out
 
     def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
-        """`reconstruct` of a calibrated skin."""
+        """Do `reconstruct` for a calibrated skin."""
         from palpate.calibrate.answer import calibrated_touch, for_pad
 
         if self._plain is None and found.elastic:
@@ -536,7 +536,7 @@ class Skin(SkinProperties):
         return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:
-        """`at_rest`, cached for the next frames of the same zero."""
+        """Do `at_rest`, cached for the next frames with the same zero."""
         key = (rest.zero.tobytes(), b"" if rest.noise is None else rest.noise.tobytes())
         found: Skin = self._rests.get(key, lambda: self.at_rest(rest))
         return found
@@ -561,7 +561,7 @@ class Skin(SkinProperties):
         self._ready(requested_method(method, options), components)
 
     def save_prepared(self, path: str | Path) -> None:
-        """Write what is prepared by now (influences, decompositions), whole or not at all, for `load_prepared` in another run.
+        """Write the prepared arrays (influences, decompositions) to a file, completely or not at all, for `load_prepared` in another run.
 
         `Unsupported` for a pad of your own class, which has no digest; `InvalidInput` if nothing is prepared yet.
 
@@ -588,12 +588,12 @@ class Skin(SkinProperties):
         >>> skin.load_prepared("a.prepared") if Path("a.prepared").exists() else skin.prepare()
         """
         self._problem.recall = read_prepared(self._problem, path)
-        # what was prepared before still serves its holders
+        # objects prepared before remain valid for those who hold them
         self._problem.kept.clear()
         self._methods.clear()
 
     def _ready(self, chosen: Method, components: Sequence[str] | None) -> tuple[Method, tuple[str, ...], Any]:
-        """The method for this skin, what it seeks, and the method prepared for it."""
+        """Return the method for this skin, the components it estimates, and the prepared method."""
         names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
         chosen = chosen.resolved(self._problem.seeking(names))
         return chosen, names, self._prepared(chosen, names)
@@ -687,7 +687,7 @@ class Skin(SkinProperties):
         return self._problem.seeking(self._names(components))
 
     def _prepared(self, method: Method, names: tuple[str, ...]) -> Any:
-        """The method prepared for these components, made once."""
+        """Return the method prepared for these components; it is prepared once."""
 
         def prepare() -> Prepared:
             free = self._boundary == "free"

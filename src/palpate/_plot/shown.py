@@ -1,4 +1,4 @@
-"""The part of a `palpate.Touch` that figures use, so that they need not import it."""
+"""The part of a `palpate.Touch` that figures use, so that they need not import that class."""
 
 from __future__ import annotations
 

@@ -16,14 +16,15 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_report"]
 
-#: Letters in a line of the sentences.
+#: Characters in a line of the findings.
 WIDE = 110
-#: Height of one of them [inch].
+#: Height of a line [inch].
 LINE = 0.115
 
 
 def draw_report(found: SkinCalibration) -> Figure:
-    """Draw the cross-validation force of each labelled frame with its 95 % interval against the true force; errors beside regressions; findings.
+    """Draw the cross-validated force of each labelled frame with its 95 % interval against the true force, the errors
+    beside those of regressions, and the findings.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""palpate live: the contact in a browser."""
+"""palpate live: show the contact in a browser."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def live(
         typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
     if rerun:
         sinks.append(RerunSink())
-    if record is not None:  # last, so that nothing remains if the others fail
+    if record is not None:  # start the recording last, so that no file remains if another step fails
         sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), name)))
     session = Session(
         skin,

@@ -1,4 +1,4 @@
-"""palpate ros: a node of ROS 2."""
+"""palpate ros: run as a node of ROS 2."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def ros(
                 frame=frame,
                 pages=page is not None,
             )
-        if record is not None:  # last, so that nothing is left where the others fail
+        if record is not None:  # start the recording last, so that no file remains if another step fails
             node.session.add(recorder(record, **recorded(node.skin), meta=provenance(skin_text(skin_file), name)))
         for note in node.session.tracker.notes:
             typer.echo(f"note: {note}", err=True)
@@ -181,7 +181,7 @@ def _no_stream(skin_file: Path, topic: str) -> str:
 
 
 def _kind(connection: Any, topic: str) -> str:
-    """Type of the topic, once it has a publisher."""
+    """Return the type of the topic, once it has a publisher."""
     found: str | None = connection.type_of(topic, wait=1.0)
     if found is None:
         full = connection.node.resolve_topic_name(topic)
@@ -192,7 +192,7 @@ def _kind(connection: Any, topic: str) -> str:
 
 
 def _skin(connection: Any, skin_file: Path, mapping: Any, kind: str) -> tuple[Any, Any]:
-    """The skin, and the rest positions of its markers from the first message."""
+    """Return the skin, and the rest positions of its markers from the first message."""
     import numpy as np
 
     from palpate.recordings import Recording
@@ -217,14 +217,14 @@ def _skin(connection: Any, skin_file: Path, mapping: Any, kind: str) -> tuple[An
 
 
 def _run(node: Any, page: int | None) -> None:
-    """Until Ctrl-C, or the stream fails."""
+    """Run until Ctrl-C, or until the stream fails."""
     import time
 
     try:
         if page is not None:
             from palpate.live import Live, address, serve
 
-            view = Live(node.session)  # it begins and ends the session
+            view = Live(node.session)  # the live view starts and stops the session
             typer.echo(f"open {address(view, '127.0.0.1', page)}")
             serve(view, port=page)
             return

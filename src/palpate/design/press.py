@@ -88,7 +88,7 @@ class Press:
         return math.pi * self.contact_radius**2 if dimensions == 2 else 2.0 * self.contact_radius
 
     def components(self, names: tuple[str, ...]) -> dict[str, float]:
-        """Net force of each component among ``names``: the drag is along x.
+        """Return the net force of each component among ``names``; the drag is along x.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""The resolution of one design, in numbers and in words."""
+"""The resolution of one design, as numbers and as text."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Design", "evaluate"]
 
-#: Largest distance of a press from the edge of the array, as a part of its extent: no taxel is below a press further out.
+#: Largest distance of a press from the edge of the array, as a fraction of the array's extent: farther out no taxel is
+#: below the press.
 MAX_DISTANCE_OUTSIDE = 0.5
-#: Largest distance of a pair, in depths plus contact radii; cells extend as far.
+#: Largest distance of a pair, in units of depth plus contact radius; the cells extend as far.
 FARTHEST = 3.0
 
 
@@ -54,7 +55,7 @@ class Design:
     farthest : float
         Largest tested distance of a pair.
     noise_unit : str
-        Of the first channel.
+        Unit of the first channel.
 
     Examples
     --------
@@ -84,12 +85,12 @@ class Design:
     noise_unit: str
 
     def width(self, component: str = "z") -> float:
-        """Full width at half maximum of the point-spread function of a component [m].
+        """Return the full width at half maximum of the point-spread function of a component [m].
 
         Raises
         ------
         InvalidInput
-            A component that is not sought.
+            A component that is not estimated.
 
         Examples
         --------
@@ -106,7 +107,8 @@ class Design:
 
     @property
     def range(self) -> float:
-        """Normal force that can be measured: up to the end of a reading's range or of linear elasticity, whichever comes first.
+        """Largest normal force that can be measured: up to the end of a reading's range or of linear elasticity,
+        whichever comes first.
 
         Examples
         --------
@@ -120,7 +122,7 @@ class Design:
         return min(self.saturation, self.linear)
 
     def numbers(self) -> dict[str, float]:
-        """One number for each column of a table of designs, in SI units.
+        """Return one number for each column of a table of designs, in SI units.
 
         Examples
         --------
@@ -160,7 +162,7 @@ class Design:
         return "\n".join(self.lines())
 
     def lines(self) -> list[str]:
-        """The numbers, one a line, then the notes.
+        """Return the numbers, one to a line, then the notes.
 
         Examples
         --------
@@ -245,7 +247,7 @@ class Design:
         return out
 
     def plot(self) -> object:
-        """Picture of the point-spread functions and of the smallest noticed force over the array (a matplotlib Figure).
+        """Plot the point-spread functions and the smallest detectable force over the array (a matplotlib Figure).
 
         Examples
         --------
@@ -329,5 +331,5 @@ def evaluate(
 
 
 def np_ptp(points: Floats) -> float:
-    """Largest extent of points (n, axis) [m]."""
+    """Return the largest extent of points (n, axis) [m]."""
     return float((points.max(axis=0) - points.min(axis=0)).max())

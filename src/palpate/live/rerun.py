@@ -1,4 +1,4 @@
-"""A stream for Rerun, in its viewer or in a file (``pip install palpate[rerun]``)."""
+"""Send a stream to Rerun: to its viewer or to a file (``pip install palpate[rerun]``)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RerunSink:
             raise InvalidInput(f"Rerun cannot be reached ({error}).") from error
 
     def readings(self, time: float, values: Any) -> None:
-        """One frame (channel, *array) at ``time`` [s]."""
+        """Log the readings of one frame (channel, *array) at ``time`` [s]."""
         self._stream.set_time("time", duration=time)
         self._stream.log("readings", self._rerun.Tensor(to_numpy(values).astype(np.float32)))
 
@@ -77,13 +77,13 @@ class RerunSink:
                 self._stream.log(f"force/{name}/high", rr.Scalars(float(high[i])))
 
     def event(self, event: Event) -> None:
-        """Something that a `palpate.GraspMonitor` noticed."""
+        """Log an event of a `palpate.GraspMonitor`."""
         warning = event.began and event.kind != "contact"
         self._stream.set_time("time", duration=event.time)
         self._stream.log("events", self._rerun.TextLog(str(event), level="WARN" if warning else "INFO"))
 
     def close(self) -> None:
-        """Send the queue.
+        """Send the messages that are still queued.
 
         Raises
         ------

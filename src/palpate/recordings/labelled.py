@@ -1,6 +1,7 @@
-"""Recording and Touch to labelled arrays (xarray) and back: the one place for names, units and dimensions in files.
+"""Convert Recording and Touch to labelled arrays (xarray) and back: the only place for names, units and dimensions in
+files.
 
-A Dataset made here converts back to an equal object. NetCDF, HDF5 and Zarr store these data sets as they are.
+A Dataset created here converts back to an equal object. NetCDF, HDF5 and Zarr store these data sets unchanged.
 """
 
 from __future__ import annotations
@@ -69,17 +70,17 @@ RESULT_ATTRIBUTES = (
     "friction",
     "common_std",
 )
-#: Fields that are text by frame; kept as codes of what an attribute lists, because Zarr 3 has no settled form of text.
+#: Text fields per frame, stored as codes into a list in an attribute, because Zarr 3 has no stable form of text.
 _TEXT = ("found_by",)
 
 
 def _declared(record: type, *, without: tuple[str, ...] = ()) -> dict[str, tuple[str, ...]]:
-    """Field -> its dimensions after those of the batch, of every field with batch axes."""
+    """Dimensions after those of the batch, for each field with batch axes."""
     return {f.name: f.metadata["dims"] for f in fields(record) if f.metadata.get("per_frame") and f.name not in without}
 
 
 def missing_value(name: str) -> Any:
-    """The value of a variable of `touch_dataset` for frames without it."""
+    """Fill value of a variable of `touch_dataset` for frames that lack it."""
     found = {f.name: f.metadata["missing"] for f in fields(Touch) if f.metadata.get("per_frame")}
     return 0 if name in _TEXT else found.get(name, np.nan)
 
@@ -125,7 +126,7 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
 
 
 def recording_of(dataset: xarray.Dataset) -> Recording:
-    """The recording in a Dataset; `InvalidInput` if it holds none."""
+    """The recording in a Dataset; `InvalidInput` if there is none."""
     name = "the data set"
     missing = [n for n in ("readings", "channel", "time") if n not in dataset.variables]
     if missing:
@@ -191,7 +192,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     surface = ("x",) if touch.surface.dimensions == 1 else ("y", "x")
     batch = tuple(str(d) for d in traction.dims[: traction.ndim - 1 - len(surface)])
     unit = "N/m" if touch.surface.dimensions == 1 else "N"
-    # gathered first: a Dataset aligns all that it holds for each variable that comes later
+    # Collect variables first: a Dataset aligns all existing variables for each one added later.
     found: dict[str, Any] = {"traction": traction}
     found["force"] = ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"})
     if touch.errors is not None:
@@ -243,7 +244,7 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
 
 
 def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
-    """The result in a Dataset of `touch_dataset`; `InvalidInput` if it holds none."""
+    """The result in a Dataset of `touch_dataset`; `InvalidInput` if there is none."""
     attrs = dataset.attrs
     missing = [n for n in ("traction", "component") if n not in dataset.variables]
     missing += [n for n in ("surface", "sought", "method") if n not in attrs]
@@ -262,7 +263,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     errors = None
     if "errors_traction" in dataset:
         if "errors_beyond_force" not in dataset:
-            # written before the error of contact beyond the outermost taxels existed
+            # The file was written before the error of contact beyond the outermost taxels existed.
             dataset = dataset.assign(errors_beyond_force=0.0 * dataset["errors_force"])
         errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
     stated = None
@@ -317,7 +318,7 @@ def _loaded(text: Any, name: str) -> Any:
 
 
 def _found_by(dataset: xarray.Dataset, name: str) -> Any:
-    """The method of each frame, by its place among those that are listed."""
+    """The method of each frame, from its index in the list of methods."""
     if "found_by" not in dataset:
         return None
     names, codes = np.array(_loaded(dataset.attrs.get("methods", "[]"), name)), dataset["found_by"].values
@@ -342,12 +343,12 @@ def _listed(text: str) -> tuple[str, ...]:
     return tuple(text.split(",")) if text else ()
 
 
-#: Charts of curved surfaces that can be written.
+#: Charts of curved surfaces that can be stored.
 CHARTS: dict[str, Any] = {chart.__name__: chart for chart in (SphereChart, CylinderChart, MeshChart)}
 
 
 def _described(grid: Grid) -> dict[str, Any]:
-    """The arguments that recreate the same grid exactly: coordinates alone would not."""
+    """The arguments that recreate exactly the same grid, which coordinates alone would not."""
     if isinstance(grid, LineGrid):
         return {"count": grid.count, "spacing": grid.spacing, "center": grid.center}
     out: dict[str, Any] = {"shape": grid.shape, "spacing": grid.spacing, "center": grid.center}

@@ -65,7 +65,7 @@ Pressure = Annotated[float, BeforeValidator(_modulus)]
 
 
 def percent(value: Any) -> float:
-    """ "10 %" -> 0.1."""
+    """Parse a percentage: "10 %" -> 0.1."""
     match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", value) if isinstance(value, str) else None
     if match is None:
         raise InvalidInput(f'an uncertainty must be a part such as "10 %"; got {value!r}.')
@@ -85,7 +85,7 @@ Named = Annotated[str, BeforeValidator(_named)]
 
 
 class Strict(BaseModel):
-    """A section without unknown keys."""
+    """A section that does not accept unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 

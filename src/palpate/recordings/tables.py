@@ -1,4 +1,4 @@
-"""Tables that other programs made: positions of taxels, and positions and vectors of one frame."""
+"""Tables of other programs with positions of taxels, or with positions and vectors of one frame."""
 
 from __future__ import annotations
 

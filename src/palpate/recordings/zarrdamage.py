@@ -1,4 +1,4 @@
-"""Errors by which a Zarr store shows that it is damaged."""
+"""Exceptions that indicate a damaged Zarr store."""
 
 from __future__ import annotations
 

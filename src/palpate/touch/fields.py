@@ -27,7 +27,7 @@ __all__ = ["Fields", "pulling"]
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """The fields of a frame or a batch of frames; `palpate.Touch` documents each."""
+    """The fields of one frame or of a batch; `palpate.Touch` documents each."""
 
     values: Any = field(metadata=per_frame("component", "*"))
     surface: Grid
@@ -117,7 +117,7 @@ class Fields:
 
     @property
     def calibration_case(self) -> Case:
-        """The case of the error bars' constants.
+        """The case whose constants scale the error bars.
 
         Examples
         --------
@@ -132,7 +132,7 @@ class Fields:
 
 
 def pulling(touch: Fields) -> npt.NDArray[np.bool_]:
-    """Frames (*batch) that were found to pull as a whole."""
+    """Mask of frames (*batch) that pull as a whole."""
     if touch.pushing is None:
         return np.zeros(touch.batch, dtype=bool)
     d = touch.surface.dimensions

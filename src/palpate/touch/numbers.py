@@ -1,4 +1,4 @@
-"""Numbers read off a traction map: force, moment, centre, contact, slip margin."""
+"""Numbers computed from a traction map: force, moment, centre, contact, slip margin."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Numbers"]
 
 
 class Numbers(Fields):
-    """What `Touch` computes from its traction; arrays of the caller's kind, batch axes first."""
+    """The numbers that `Touch` computes from its traction; arrays of the caller's kind, batch axes first."""
 
     def _require(self, *names: str) -> None:
         missing = [n for n in names if n not in self.components]
@@ -90,7 +90,8 @@ class Numbers(Fields):
 
     @property
     def center_of_pressure(self) -> Any:
-        """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`; NaN without contact.
+        """Centre of pressure, (*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`;
+        NaN without contact.
 
         Only the contact counts: far from it the recovered pressure is noise around zero, which a long lever would amplify.
 
@@ -117,7 +118,7 @@ class Numbers(Fields):
 
     @property
     def peak_pressure(self) -> Any:
-        """Largest pressure (*batch) [Pa]; of a frame that pulls as a whole its largest pull, negative.
+        """Largest pressure (*batch) [Pa]; for a frame that pulls as a whole, its largest pull, negative.
 
         Examples
         --------
@@ -145,7 +146,7 @@ class Numbers(Fields):
         return namespace(x).max(x, axis=tuple(range(-self.surface.dimensions, 0)))
 
     def contact(self, *, threshold: float = 0.1) -> Any:
-        """True (*batch, *surface) where the pressure exceeds ``threshold`` times its peak.
+        """Mask (*batch, *surface) of the cells whose pressure exceeds ``threshold`` times its peak.
 
         Examples
         --------
@@ -168,7 +169,8 @@ class Numbers(Fields):
         return (p > threshold * peak) & (peak > 0)
 
     def contact_area(self, *, threshold: float = 0.1) -> Any:
-        """Area (*batch) [m^2] (a width [m] on a line) where the pressure exceeds ``threshold`` times its peak.
+        """Area (*batch) [m^2] (a width [m] on a line) of the cells whose pressure exceeds ``threshold`` times its
+        peak.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""The result: traction on the surface, and what can be read off it."""
+"""The result: traction on the surface, and numbers computed from it."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ class Touch(Numbers):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """What was assumed of frames, in words: the line "assumed" of `summary`.
+        """Assumptions about the frames, in words: the line "assumed" of `summary`.
 
         Examples
         --------
@@ -386,7 +386,8 @@ class Touch(Numbers):
 
     @property
     def variance_reduction(self) -> xarray.DataArray:
-        """How much of the traction in each cell is measured (1) rather than assumed (0): 1 - posterior over prior variance.
+        """Fraction of the prior uncertainty that the readings remove in each cell: 1 - posterior over prior variance;
+        1 is measured, 0 is assumed.
 
         NaN outside the contact. Where it is low, the map shows the prior, not data: features much finer than the depth, and cells beyond the array.
 
@@ -406,7 +407,7 @@ class Touch(Numbers):
         return self._map(intervals.errors(self).variance_reduction, "variance_reduction", unit="1")
 
     def interval(self, level: float = 0.95, of: str = "traction", *, friction: float | None = None) -> tuple[Any, Any]:
-        """Lower and upper end of the interval that holds the true value with probability ``level``.
+        """Lower and upper bound of the interval that contains the true value with probability ``level``.
 
         Parameters
         ----------

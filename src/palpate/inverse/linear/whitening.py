@@ -1,4 +1,4 @@
-"""Noise that neighbouring taxels share, and patterns that are no contact, taken out of readings."""
+"""Vector of working readings: whitening of correlated noise, and marginalisation of nuisances."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Readings", "axis_roots", "inverse_root"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Roots that are cached, one for each set of working taxels.
+#: Number of cached roots, one for each set of working taxels.
 CACHE_SIZE = 16
 
 
@@ -29,9 +29,9 @@ def inverse_root(points: Floats, length: float) -> Floats:
 
 
 def axis_roots(array: Array) -> list[Floats] | None:
-    """R^{-1/2} of each axis of a regular array, whose product is that of the whole; None for independent noise.
+    """R^{-1/2} for each axis of a regular array, whose product is R^{-1/2} of the array; None for independent noise.
 
-    Being symmetric and stationary they commute with the array's mirror symmetry.
+    They are symmetric and stationary, so that they commute with the array's mirror symmetry.
     """
     if not array.noise_correlation or isinstance(array, ScatteredArray):
         return None
@@ -51,19 +51,21 @@ class Readings:
         self.independent = not any(a.noise_correlation for a in self.arrays)
         self._roots: dict[tuple[int, bytes], Floats] = {}
 
-        #: Patterns (reading, nuisance) over the readings, divided by their noise, that may have any size.
+        #: Patterns (reading, nuisance) of any size, divided by the noise of the readings.
         self.patterns: Floats | None = None
         self._spans: dict[bytes, Floats] = {}
 
     def allowing(self, patterns: Floats | None) -> Readings:
-        """The same with ``patterns`` (reading, nuisance), in the unit of the channels, marginalised: the part that they explain has no weight."""
+        """A copy that marginalises ``patterns`` (reading, nuisance), in the unit of the channels: the part of readings
+        that they explain has no weight.
+        """
         out = copy.copy(self)
         out.patterns = None if patterns is None else patterns / self.std[:, None]
         out._spans = {}
         return out
 
     def sizes_of(self, scaled: Floats, observed: Flags) -> Floats:
-        """Sizes (nuisance,) of the patterns in readings that are divided by ``std``, by least squares."""
+        """Least-squares sizes (nuisance,) of the patterns in readings divided by ``std``."""
         if self.patterns is None:
             return np.zeros(0)
         white = self._uncorrelated(self.patterns[observed], observed)
@@ -93,8 +95,8 @@ class Readings:
         return self.independent and self.patterns is None
 
     def white(self, scaled: Floats, observed: Flags) -> Floats:
-        """R^{-1/2} of the readings that are ``observed``, applied to rows (observed reading, ...) already divided by their noise, without
-        what the patterns explain.
+        """Multiply rows (observed reading, ...), already divided by their noise, by R^{-1/2} of the ``observed``
+        readings, and remove the part that the patterns explain.
         """
         out = self._uncorrelated(scaled, observed)
         if self.patterns is None:

@@ -1,7 +1,9 @@
-"""What a frame is taken to be before it is solved: contact that pushes, that pulls, or both; with offsets and ramps of the readings or without.
+"""Propose explanations of a frame: contact that pushes, pulls, or both; with or without offsets and ramps in the
+readings.
 
-Each file proposes one kind of explanation: ``propose(search)`` yields rough explanations, each of which is taken up before the next is asked for, so that it knows
-what was tried. A new kind is a file and a line in `PROPOSALS`; they are compared by `palpate.inverse.contact.score` alone.
+Each file proposes one kind of explanation. ``propose(search)`` yields rough explanations; each is recorded before the
+next is requested, so that later proposals know the earlier ones. To add a kind, add a file and a line in `PROPOSALS`.
+Only `palpate.inverse.contact.score` compares them.
 """
 
 from __future__ import annotations
@@ -46,9 +48,10 @@ def explanation_of(
     signs: Sequence[int],
     noise: float | None = None,
 ) -> Explanation:
-    """What a frame is taken to be, with its rivals.
+    """The best explanation of a frame, with its rivals.
 
-    ``terms`` are the nuisances that may be there; ``signs``: what contact may do (`Explanation.sign`); ``noise`` is that of `Explanation`.
+    ``terms`` are the nuisances to consider; ``signs`` are the signs of contact to consider (`Explanation.sign`);
+    ``noise`` is stored as `Explanation.noise`.
     """
     readings, policy = estimator.readings, estimator.policy
     white = readings.white((data / readings.std)[observed], observed)
@@ -67,7 +70,7 @@ def explanation_of(
     trace.chosen("best of these", best, terms)
     free = next((h for h in search.tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
-        # one sign leaves an order that noise does not have
+        # A contact of one sign leaves a residual too regular for noise.
         chance = rough_fit(estimator, best, data, observed)
         trace.decided(
             "probability that noise has the order which one sign leaves", chance, policy.explanations.structured_chance
