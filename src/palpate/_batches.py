@@ -101,8 +101,17 @@ def stacked(records: Sequence[Any], *, new_axis: bool, counts: Sequence[int]) ->
 
 def _absent(known: Any, count: int, new_axis: bool) -> Any:
     """Return a record shaped like ``known`` that has only missing values."""
-    missing = {f.name: f.metadata["missing"] for f in fields(known) if getattr(known, f.name) is not None}
-    return replace(known, **{n: _filled(getattr(known, n), fill, count, new_axis) for n, fill in missing.items()})
+    held = {f: getattr(known, f.name) for f in fields(known) if f.metadata.get("per_frame")}
+    return replace(
+        known,
+        **{
+            f.name: _absent(value, count, new_axis)
+            if is_dataclass(value)
+            else _filled(value, f.metadata["missing"], count, new_axis)
+            for f, value in held.items()
+            if value is not None
+        },
+    )
 
 
 def _filled(known: Any, missing: Any, count: int, new_axis: bool) -> Any:

@@ -296,6 +296,19 @@ class SkinProperties:
         problem = self._problem.seeking(self._names(components))
         return Case.of(self._elastic, self._planes, problem.components, ambiguous=problem.ambiguous)
 
+    def problem(self, *, components: Sequence[str] | None = None) -> Problem:
+        """The input of a method: operator, surface and the components sought, with caches that methods share.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> skin.problem(components=["z"]).components
+        ('z',)
+        """
+        return self._problem.seeking(self._names(components))
+
     def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
         if components is None:
             return self.components

@@ -76,7 +76,7 @@ LEARN = 5
 #: and 15 mm at 0.3 and 1 % noise a full twist was then estimated as 0.98 to 1.01 of the limit (at 3 % as 0.8, because
 #: the penalty shrinks it), with 0.06 to 0.2 of that standard deviation.
 TWIST_BLUR, TWIST_SPREAD = 0.7, 0.25
-#: Cells with less than this fraction of the peak pressure get no margin: at the rim pressure and shear both vanish.
+#: Cells with less than this fraction of the peak pressure do not count in a twist: at the rim pressure and shear both vanish.
 RIM = 0.1
 
 
@@ -118,7 +118,7 @@ class GraspState:
     ``utilisation`` is Q/(mu P), 0 without shear and 1 when all slides, with its standard deviation; NaN without contact. With a given or learnt
     friction, a twist counts too. ``friction`` and its standard deviation are given, learned or inferred from the shape of the shear.
     ``twist`` is M/int p r dA, the moment about the normal over that of pressure across its arm: it equals the friction when all of the contact turns;
-    NaN on a line. ``margins`` (y, x) is 1 - |q|/(mu p) of every cell of the contact, 0 where it slips, NaN elsewhere; None without contact.
+    NaN on a line. ``utilisation_map`` (y, x) is |q|/(mu p) of every cell of the contact, 1 where it slips, NaN elsewhere; None without contact.
     """
 
     time: float
@@ -130,22 +130,7 @@ class GraspState:
     friction_std: float
     probabilities: dict[str, float] = field(default_factory=dict)
     twist: float = math.nan
-    margins: Floats | None = None
-
-    @property
-    def slip_margin(self) -> float:
-        """1 - Q/(mu P): the part of the friction that is left.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.grasp import GraspState
-        >>> force = np.array([0.3, 1.0])
-        >>> state = GraspState(0.0, True, force, 0.75, utilisation_std=0.05, friction=0.4, friction_std=0.0)
-        >>> state.slip_margin
-        0.25
-        """
-        return 1.0 - self.utilisation
+    utilisation_map: Floats | None = None
 
 
 class GraspMonitor:
@@ -283,7 +268,7 @@ class GraspMonitor:
             self.state = GraspState(time, touching, force, math.nan, math.nan, *self._friction())
             return self._watch({"unexplained": (1.0, float(force[-1]), 0.0)}, time)
         utilisation = std = twist = math.nan
-        margins: Floats | None = None
+        cells: Floats | None = None
         friction, friction_std = self._friction()
         overload = status is Status.OVERLOAD
         if not touching:
@@ -308,17 +293,18 @@ class GraspMonitor:
                     ratio = both
                 utilisation, std = self._from_forces(ratio, error, friction, friction_std, probabilities)
             self._learn(probabilities["slip"], ratio)
-            margins = _margins(values, friction)
+            size, p = to_numpy(touch._shear_size()), values[-1]
+            cells = np.where(touch.contact(), size / np.where(p > 0, friction * p, 1.0), math.nan)
             self._settled += 1
         for kind, limit, of, value in (
             ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
             ("excess force", self.max_force, "force", float(force[-1])),
         ):
             if touching and limit is not None:
-                sure = overload or touch.errors is None  # an overload is at least as large as its value
+                sure = overload or not touch.has_intervals  # an overload is at least as large as its value
                 probabilities[kind] = float(value > limit if sure else touch.exceeds(limit, of))
         self.state = GraspState(
-            time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, margins
+            time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, cells
         )
         watched = {
             "contact": (self._contact(touch, force) if touching else 0.0, float(force[-1]), 0.0),
@@ -440,14 +426,14 @@ class GraspMonitor:
         sharp, wide = PRESSURE_BLUR * resolution, SHEAR_BLUR * resolution
         outer = scipy.ndimage.gaussian_filter(p, math.sqrt(wide**2 - sharp**2))
         region = outer > 0.02 * outer.max()
-        if touch.errors is None:
+        if touch._errors is None:
             variance = np.full(p.shape, (0.1 * float(np.abs(q).max())) ** 2)
         else:
-            std = np.asarray(touch.errors.traction, dtype=np.float64)[:-1]
-            variance = np.tensordot(direction**2, std**2, 1)
+            std = np.asarray(touch._errors.posterior.traction, dtype=np.float64)
+            variance = np.tensordot(direction**2, std[:-1] ** 2, 1)
             # the template is computed from the estimated pressure
             slope = float(np.linalg.norm(force[:-1])) / float(force[-1])
-            variance = variance + (slope * np.asarray(touch.errors.traction, dtype=np.float64)[-1]) ** 2
+            variance = variance + (slope * std[-1]) ** 2
         variance = variance + (TEMPLATE * float(np.abs(q).max())) ** 2
         total = float(p.sum())
         centers = [
@@ -481,14 +467,6 @@ class GraspMonitor:
             self.learned = now if self.learned is None else 0.8 * self.learned + 0.2 * now
 
 
-def _margins(values: Floats, friction: float) -> Floats:
-    """Return 1 - |q|/(mu p) for the cells in contact."""
-    p = values[-1]
-    contact = p > RIM * float(p.max())
-    size = np.sqrt((values[:-1] ** 2).sum(axis=0))
-    return np.where(contact, 1.0 - size / (friction * np.where(contact, p, 1.0)), math.nan)
-
-
 def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
     """Return M/int p r dA about the centre of pressure and its standard deviation; NaN and 0 in line contact, or if
     nothing presses.
@@ -513,9 +491,9 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
     if not whole > 0:
         return 0.0, 0.0
     moment = float((near * (dx * values[1] - dy * values[0])).sum())
-    if touch.errors is None:
+    if touch._errors is None:
         return abs(moment) / whole, 0.05
-    std = np.asarray(touch.errors.traction, dtype=np.float64)
+    std = np.asarray(touch._errors.posterior.traction, dtype=np.float64)
     cells = max(1.0, resolution) ** 2
     variance = cells * float((near * ((dx * std[1]) ** 2 + (dy * std[0]) ** 2)).sum())
     return abs(moment) / whole, TWIST_SPREAD * math.sqrt(max(variance, 0.0)) / whole
@@ -523,7 +501,7 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
 
 def _chance_of_pull(touch: Touch) -> float:
     """Return the probability that the net force pulls, for a touch whose estimated net force does."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return 1.0
     low, high = touch.interval(0.6827, "force")
     middle, std = 0.5 * (low[-1] + high[-1]), 0.5 * (high[-1] - low[-1])
@@ -532,7 +510,7 @@ def _chance_of_pull(touch: Touch) -> float:
 
 def _chance_of_contact(touch: Touch, force: Floats) -> float:
     """Return the probability that the net force presses, given its bias and error."""
-    if touch.errors is None or not np.isfinite(touch.errors.force[-1]):
+    if touch._errors is None or not np.isfinite(touch._errors.posterior.force[-1]):
         return 1.0
     low, high = touch.interval(0.6827, "force")
     below = (
@@ -545,10 +523,10 @@ def _chance_of_contact(touch: Touch, force: Floats) -> float:
 
 def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
     """Return the most likely net force, with the bias subtracted, and the standard deviation of Q/P."""
-    if touch.errors is None:
+    if touch._errors is None:
         return force, 0.05
     # a common error of pressure and shear does not change their ratio
-    low, high = replace(touch, common_std=0.0).interval(0.6827, "force")
+    low, high = replace(touch, _errors=replace(touch._errors, scale=0.0)).interval(0.6827, "force")
     net, std = 0.5 * (low + high), 0.5 * (high - low)
     if not net[-1] > 0:
         return force, 0.05

@@ -160,8 +160,8 @@ def tactile_columns(
                 f"readings must hold the {frames} frames of the touch; got {len(given)}. Pass the readings that the touch was reconstructed from."
             )
         out["readings"] = given
-    if touch.errors is not None:
-        out["std"] = np.asarray(touch.std)
+    if touch.has_intervals:
+        out["std"] = np.asarray(touch.std())
     force, moment = np.asarray(touch.force), np.asarray(touch.moment)
     out["wrench"] = np.concatenate([force, moment.reshape(frames, -1)], axis=1)
     if friction is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -119,10 +119,10 @@ class ExpectedForce:
         return f"{said}; were pad and modulus exact, +-{100 * self.exact[0]:.0f} % and +-{100 * self.exact[1]:.0f} %"
 
 
-def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> ExpectedForce | None:
+def expected_force(skin: Skin) -> ExpectedForce | None:
     """Sense a ball that slides in the middle and return the widths of the intervals of its force; None unless all components are sought.
 
-    ``noise`` is relative to each channel's largest reading. The stated uncertainty counts.
+    Noise is 1 % of each channel's largest reading. The stated uncertainty counts.
 
     Examples
     --------
@@ -143,26 +143,32 @@ def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> Expecte
     radius = float(np.ptp(skin.planes[0].points, axis=0).min()) / 5
     middle = [float(a.mean()) for a in reversed(skin.surface.axes)]
     contact = hertz_point(contact_radius=radius, force=1.0).shifted(*middle).sliding(0.3)
-    rng = np.random.default_rng(seed)
-    readings = [
-        r + noise * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
-        for r in skin.operator.forward(skin.sample(contact))
-    ]
+    readings = _noisy(skin.operator.forward(skin.sample(contact)))
     both = []
     sure = Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
     exact = Skin(skin.pad, skin.planes, surface=skin.surface, boundary=skin.operator.boundary, uncertainty=sure)
     for one in (skin, exact):
-        touch = one.reconstruct(readings[0] if len(readings) == 1 else readings)
+        touch = one.reconstruct(readings)
         low, high = touch.interval(0.95, "force")
         half = 0.5 * (np.asarray(high) - np.asarray(low))
         both.append((float(half[2]), float(half[0]) / 0.3))
     return ExpectedForce(radius, *both[0], both[1])
 
 
-def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfSpaceError:
+def _noisy(parts: Sequence[Floats]) -> Any:
+    """Readings of each plane with noise of 1 % of each channel's largest one."""
+    rng = np.random.default_rng(0)
+    noisy = [
+        r + 0.01 * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
+        for r in parts
+    ]
+    return noisy[0] if len(noisy) == 1 else noisy
+
+
+def half_space_error(skin: Skin) -> HalfSpaceError:
     """Sense a typical contact with the skin's pad and reconstruct it as if the pad were a half-space.
 
-    ``noise`` is relative to each channel's largest reading.
+    Noise is 1 % of each channel's largest reading.
     """
     extents = np.ptp(skin.planes[0].points, axis=0)
     radius = float(extents[extents > 0].min()) / 5  # along a single row, its length
@@ -174,17 +180,11 @@ def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfS
     truth = skin.sample(contact)
     keep = [c in skin.components for c in skin.surface.components]
     truth[~np.array(keep)] = 0.0
-    rng = np.random.default_rng(seed)
-    readings = skin.operator.forward(truth)
-    readings = [
-        r + noise * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
-        for r in readings
-    ]
-    shared = readings[0] if len(readings) == 1 else readings
+    readings = _noisy(skin.operator.forward(truth))
     elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad
     right = Skin(elastic, skin.planes, surface=skin.surface, boundary=skin.operator.boundary)
     wrong = Skin(surface_half_space(skin.pad), skin.planes, surface=skin.surface, boundary=skin.operator.boundary)
-    results = [s.reconstruct(shared, components=skin.components).values for s in (right, wrong)]
+    results = [s.reconstruct(readings, components=skin.components).values for s in (right, wrong)]
     error = [float(np.linalg.norm(r - truth) / np.linalg.norm(truth)) for r in results]
     pressure = "z" in skin.components
     return HalfSpaceError(

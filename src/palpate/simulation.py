@@ -106,7 +106,7 @@ def handling(force: float, reach: float = 2e-3) -> list[Stage]:
 DEMONSTRATED = 0.6
 
 
-def demonstration(rate: float = 60.0) -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
+def demonstration() -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
     """Return the skin of a robot's fingertip, and a source of (time [s], readings) that repeats the demonstration.
 
     16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source plays the story of
@@ -116,7 +116,7 @@ def demonstration(rate: float = 60.0) -> tuple[Skin, Callable[[], Iterator[tuple
     array = AreaArray(shape=(16, 16), pitch=1.2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
     skin = Skin(pad, array)
     story = list(
-        stream(skin, handling(1.2, 2.5e-3), friction=DEMONSTRATED, radius=15e-3, rate=rate, start=(-2e-3, 0.0))
+        stream(skin, handling(1.2, 2.5e-3), friction=DEMONSTRATED, radius=15e-3, rate=60.0, start=(-2e-3, 0.0))
     )
     size = 0.01 * max(float(np.abs(np.asarray(f.readings)).max()) for f in story)
     rng = np.random.default_rng(0)

@@ -544,13 +544,13 @@ def test_the_zero_of_a_calibration_serves_where_none_is_taken(skin: pp.Skin, tmp
     assert kept.zero == pytest.approx(offset, abs=2.0 * noise)
     assert 0.3 * noise < float(np.median(kept.zero_std)) < 3.0 * noise
     new = ball(3.0, 1e-3, 1e-3, depth=3.4e-3) / 41.0 * (1.0 + 0.1 * np.random.default_rng(21).normal(size=(1, 4, 4)))
-    with found.track(baseline=kept.zero) as tracker:
+    with found.track(zero=kept.zero) as tracker:
         touch = tracker.step(offset + new)
     assert float(touch.force[2]) == pytest.approx(3.0, rel=0.2)
     flat = new.reshape(1, -1)
     own, opened = (c.force(flat)[1][0, 2] for c in (kept, kept.opened()))
     assert opened > own
-    with found.track(baseline=np.asarray(kept.zero) + 0.0 * noise) as tracker:
+    with found.track(zero=np.asarray(kept.zero) + 0.0 * noise) as tracker:
         assert tracker.calibration.open_zero
 
 

@@ -213,7 +213,7 @@ def test_gains_are_divided_out_of_what_the_pad_sees(tmp_path: Path) -> None:
     assert read.uncertainty == found.uncertainty
     same = read.reconstruct(reading).pressure
     np.testing.assert_allclose(np.asarray(same), np.asarray(found.reconstruct(reading).pressure))
-    tracked = read.track(baseline=np.zeros_like(reading)).step(reading)
+    tracked = read.track(zero=np.zeros_like(reading)).step(reading)
     assert np.abs(np.asarray(tracked.pressure) - truth).sum() < 0.8 * off[0]
 
 

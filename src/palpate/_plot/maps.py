@@ -87,9 +87,9 @@ def plot_touch(
 
 def _std(touch: Shown) -> Floats | None:
     """Standard deviation of the traction, if available."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return None
-    std = np.asarray(touch.std.values, dtype=np.float64)
+    std = np.asarray(to_numpy(touch.std()), dtype=np.float64)
     return std if np.isfinite(std).any() else None
 
 
@@ -111,7 +111,7 @@ def _plot_line(touch: Shown, values: Floats, true: Floats | None, title: str | N
         if touch.surface.components[row] not in touch.components:
             continue
         if bounds is not None:
-            low, high = (np.asarray(b.values)[row] * factor for b in bounds)
+            low, high = (np.asarray(to_numpy(b))[row] * factor for b in bounds)
             axes.fill_between(x, low, high, color=INK[name], alpha=0.22, linewidth=0, label=f"{name}, 95 %")
         if true is not None:
             axes.plot(x, true[row] * factor, color=INK["truth"], lw=0.9, ls="--" if row else ":", label=f"{name}, true")

@@ -124,9 +124,9 @@ def _field(touch: Shown, name: str, known: npt.ArrayLike | None = None) -> Float
         return values[2] if "z" in touch.components else None
     if name == "shear":
         return np.asarray(np.hypot(values[0], values[1])) if {"x", "y"} & set(touch.components) else None
-    if known is None and touch.errors is None:
+    if known is None and not touch.has_intervals:
         return None
-    std = np.asarray(touch.std.values if known is None else known, dtype=np.float64)
+    std = np.asarray(to_numpy(touch.std()) if known is None else known, dtype=np.float64)
     if not np.isfinite(std).any():
         return None
     sought = [touch.surface.components.index(c) for c in touch.components]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import numpy.typing as npt
 
 import palpate
 from palpate._memory import require
@@ -32,7 +32,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
 from palpate.recordings.zarrstream import interrupted_run
 from palpate.sensing.readings import Creep, Layout, joined_planes
-from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest
+from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest, given_rest
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome, notes_with
@@ -156,7 +156,8 @@ def reconstruct_recording(
     resume: bool = False,
     overwrite: bool = False,
     frame: int | None = None,
-    baseline: int | Floats = 0,
+    baseline: int = 0,
+    zero: npt.ArrayLike | None = None,
     provenance: Mapping[str, str] | None = None,
     progress: Callable[[int, int], object] | None = None,
     **options: Any,
@@ -186,11 +187,11 @@ def reconstruct_recording(
         Replace a result, or an interrupted run.
     frame : int, optional
         Solve and write only this frame; -1 is the last. Default: all frames.
-    baseline : int or array
-        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the
-        intervals); or frames at the start without contact: their mean (`palpate.sensing.zero.zero_of`) is subtracted from all readings. Five or more
-        also give the noise, if the array states none. 0 (default): the readings have a zero. ``remarks`` notes readings that evidently do not (raw
-        counts).
+    baseline : int
+        Frames at the start that are the ``zero``. 0 (default): none of them, the readings are zero already or ``zero`` is given; ``remarks`` notes
+        readings that evidently have no zero (raw counts).
+    zero : array (frame, channel, *array), optional
+        As for `Skin.reconstruct`. That of a calibration (``skin.calibration.zero``) has its error in the intervals.
     provenance : mapping of str to str
         Kept as attributes of the result.
     progress : callable (done, frames)
@@ -257,23 +258,21 @@ def reconstruct_recording(
             raise InvalidInput(
                 f"frame {frame} is not among the {count} frames of {source.name}: give 0 to {count - 1}, or -1 for the last."
             )
-        given = None if isinstance(baseline, int) else np.asarray(baseline, dtype=np.float64)
-        if given is not None and given.shape != source.head.readings.shape[1:]:
-            raise InvalidInput(
-                f"baseline must be a number of frames, or one frame of shape {source.head.readings.shape[1:]}; got shape {given.shape}."
-            )
-        if isinstance(baseline, bool) or (isinstance(baseline, int) and not 0 <= baseline < max(count, 1)):
+        rest = given_rest(zero, baseline, skin.planes)
+        if not baseline < max(count, 1):
             raise InvalidInput(
                 f"baseline must be a number of frames at the start, from 0 to {count - 1} of the {count} in {source.name}; got {baseline!r}."
             )
         wanted = range(count) if frame is None else range(frame % count, frame % count + 1)
         elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
         settings: dict[str, Any] = {"method": chosen, "components": components}
-        rest = Rest.of(source.frames(0, baseline).readings) if isinstance(baseline, int) and baseline else None
-        zero = given if rest is None else rest.zero
-        if given is not None and skin.calibration is not None and skin.calibration.is_zero(given):
+        if baseline:
+            rest = Rest.of(source.frames(0, baseline).readings)
+        zero = None if rest is None else rest.zero
+        if not baseline and skin.calibration is not None and skin.calibration.is_zero(zero):
             elastic = at_calibrated_zero(elastic)
-        elastic = elastic if rest is None else elastic.at_rest(rest)
+        elif rest is not None:
+            elastic = elastic.at_rest(rest)
         pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)
         levels, layout = Levels(), Layout(elastic.planes, elastic.pad)
@@ -291,7 +290,7 @@ def reconstruct_recording(
             "frames": count,
             "chunk": length,
             "method": str(chosen),
-            "baseline": baseline if given is None else fingerprint([given]),
+            "baseline": baseline if baseline or zero is None else fingerprint([zero]),
             "options": fingerprint([chosen, components]),
             "skin": fingerprint(
                 [skin.pad, skin.planes, skin.surface, skin.boundary, skin.problem().nuisance, skin.uncertainty]
@@ -330,7 +329,7 @@ def reconstruct_recording(
         remarks = (OFFSETS,)
     elif zero is None and frame is None and levels.still(gathered.numbers.untouched()):
         remarks = (STANDS,)
-    if rest is not None and rest.wanders:
+    if baseline and rest is not None and rest.wanders:
         remarks += (
             f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
         )

@@ -97,10 +97,11 @@ def _outcome(sample: Sample, method: Ablated) -> Outcome:
     difference = float(np.linalg.norm((np.asarray(touch.values) - sample.truth)[columns]))
     true = float(np.asarray(Touch(sample.truth, skin.surface, touch.components, "truth").force)[-1])
     touching = bool(np.asarray(touch.values).any())
-    if touch.errors is None:
+    if touch._errors is None:
         return Outcome(difference / size if size > 0 else math.nan, None, None, touching, seconds)
     low, high = (np.asarray(v)[..., -1] for v in touch.interval(0.95, of="force"))
-    std = np.hypot(touch.errors.force[-1], touch.errors.outside_force[-1])
+    posterior = touch._errors.posterior
+    std = np.hypot(posterior.force[-1], posterior.outside_force[-1])
     bounds = Calibration().bounds(0.95, np.asarray(touch.force)[-1], std, np.zeros(()), np.asarray(-math.inf))
     return Outcome(
         difference / size if size > 0 else math.nan,

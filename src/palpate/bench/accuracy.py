@@ -137,7 +137,7 @@ def run(
             noisy, method=_with_friction(method, layout), components=list(layout.components)
         )
         error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
-        z = standardised(touch, truth, layout.friction, inside=inside) if touch.errors is not None else {}
+        z = standardised(touch, truth, layout.friction, inside=inside) if touch.has_intervals else {}
         records.append(Record(layout.name, name, noise, str(method), error, clairvoyant, z, touch.method))
     return records
 

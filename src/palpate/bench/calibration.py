@@ -217,9 +217,9 @@ def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
     """
     frame = pulled(rng)
     touch = frame.skin.reconstruct(frame.readings, method=Local.name, components=["x", "y"])
-    errors = touch.errors
-    if errors is None:
+    if touch._errors is None:
         raise InvalidInput(f'method="{Local.name}" has no error bars.')
+    errors = touch._errors.posterior
     if str(touch.methods) != Local.name or any(note.startswith(BLIND) for note in touch.notes):
         return touch.calibration_case, {}
     strong = np.hypot(*frame.truth)
@@ -280,13 +280,13 @@ def _one_beyond(task: tuple[int, int, str, set[str]]) -> tuple[str, tuple[float,
     readings = readings + noise * float(np.abs(readings).max()) * rng.standard_normal(readings.shape)
     options: dict[str, Any] = {} if method in GAUSSIAN else {"friction": layout.friction}
     touch = layout.skin.reconstruct(readings, method=method, components=list(layout.components), **options)
-    if touch.errors is None:
+    if touch._errors is None:
         raise InvalidInput(f'method="{method}" has no error bars.')
     true = float(touch.surface.integral(truth[-1]))
     return kind, (
         true - float(touch.force[-1]),
-        float(touch.errors.force[-1]),
-        float(touch.errors.outside_force[-1]),
+        float(touch._errors.posterior.force[-1]),
+        float(touch._errors.posterior.outside_force[-1]),
     )
 
 

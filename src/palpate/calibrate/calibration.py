@@ -22,6 +22,7 @@ from palpate.inverse.estimate import Errors
 from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 
 __all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
@@ -228,7 +229,10 @@ class SkinCalibration:
         names = {"fx": "x", "fy": "y", "fz": "z"}
         sought = tuple(c for c in surface.components if c in {names[n] for n in self.maps if n in names})
         touch = self.attach(
-            Touch(from_numpy(nan, like), surface, sought, "calibrated", errors=none, status=status, time=time), flat
+            Touch(
+                from_numpy(nan, like), surface, sought, "calibrated", _errors=ErrorParts(none), status=status, time=time
+            ),
+            flat,
         )
         value, std = np.asarray(touch.calibrated), np.asarray(touch.calibrated_std)
         with np.errstate(invalid="ignore"):

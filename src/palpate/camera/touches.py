@@ -16,7 +16,6 @@ from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.estimate import Stated
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing import Array, ScatteredArray
@@ -187,7 +186,7 @@ class Touches:
     def _censored(self, touch: Touch, values: Floats) -> Touch:
         """Widen the intervals for loads where dots are lost: the lost dots may be those that moved most."""
         lost = np.isnan(values).any(axis=0)
-        if not lost.any() or touch.errors is None or not bool(np.all(touch.touching)):
+        if not lost.any() or touch._errors is None or not bool(np.all(touch.touching)):
             return touch
         size = np.sqrt((to_numpy(touch.values) ** 2).sum(axis=0)).ravel()
         reach = BLIND * typical_distance(self.readings.positions)
@@ -206,9 +205,8 @@ class Touches:
             "center": np.full(2, reach),
             "peak": np.asarray(peak),
         }
-        old = touch.stated
-        stated = Stated(**{n: np.hypot(share * v, 0.0 if old is None else getattr(old, n)) for n, v in found.items()})
-        return replace(touch, stated=stated, assumptions=(*touch.assumptions, LOST))
+        wider = touch._errors.adding({name: share * value for name, value in found.items()})
+        return replace(touch, _errors=wider, assumptions=(*touch.assumptions, LOST))
 
     def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)

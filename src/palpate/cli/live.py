@@ -164,7 +164,8 @@ def live(
         tracker = seen.touches.tracker
     else:
         with busy("preparing the skin"):
-            tracker = skin.track(**options, baseline=zero_of_skin(skin, baseline or 0), budget=BUDGET)
+            zero = zero_of_skin(skin, baseline or 0)
+            tracker = skin.track(**options, baseline=baseline or 0, zero=zero, budget=BUDGET)
     sinks: list[Sink] = []
     if foxglove is not None:
         sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))

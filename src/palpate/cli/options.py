@@ -134,10 +134,10 @@ def check_channels(names: list[str]) -> list[str]:
 
 
 def zero_of_skin(skin: Skin, baseline: int) -> Any:
-    """Return the frames of the requested zero, or, by default, the zero of the skin's calibration if it has one."""
+    """Return the zero of the skin's calibration if it has one and no ``baseline`` replaces it."""
     found = skin.calibration
     if baseline or found is None or found.zero is None:
-        return baseline
+        return None
     typer.echo(
         "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes a new one"
     )

@@ -168,7 +168,8 @@ def reconstruct(
                 resume=resume,
                 overwrite=force,
                 frame=frame,
-                baseline=zero,
+                baseline=baseline,
+                zero=zero,
                 provenance=provenance(skin_text(skin_file), str(recording_file)),
                 progress=lambda finished, _: bar(finished),
             )

@@ -78,7 +78,7 @@ def ros(
 ) -> None:
     """Run as a node of ROS 2: readings, or pictures of a gel with dots, from a topic in; forces, traction, slip and events out.
 
-    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/slip_margin, ~/events and /diagnostics; takes ~/rezero.
+    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/utilisation, ~/events and /diagnostics; takes ~/rezero.
     Arguments of ROS come last, e.g. --ros-args -r __ns:=/left -p friction:=0.6.
     """
     import os
@@ -118,7 +118,7 @@ def ros(
         kind = kind or _kind(connection, name)
         skin: Any = skin_file
         read: TopicMapping | str = name
-        rest, zero = None, baseline
+        rest, zero = None, None
         if camera is not None and are_pictures(kind):
             if "colour" in tomllib.loads(skin_text(skin_file)):
                 raise Unsupported(
@@ -144,7 +144,8 @@ def ros(
                 read,
                 kind=kind,
                 options=options,
-                baseline=zero,
+                baseline=baseline,
+                zero=zero,
                 budget=1e-3 * budget
                 if budget is not None
                 else BUDGET

@@ -179,10 +179,10 @@ def track(
     forces, levels = Forces(), Levels()
     levels.look(recording.readings)
     zero = zero_of_skin(skin, baseline)
-    if isinstance(zero, int) and not zero and levels.standing():
+    if zero is None and not baseline and levels.standing():
         typer.echo(f"warning: {OFFSETS}.", err=True)
     with busy("preparing the skin"):
-        tracker = skin.track(**options, baseline=zero, budget=None if budget is None else 1e-3 * budget)
+        tracker = skin.track(**options, baseline=baseline, zero=zero, budget=None if budget is None else 1e-3 * budget)
     record = provenance(skin_text(skin_file), str(recording_file))
     with contextlib.ExitStack() as stack:
         stack.enter_context(tracker)

@@ -41,7 +41,7 @@ class Bound:
         Standard deviation of the position (x, y), or (x,) [m].
     radius : float
         Standard deviation of the contact radius [m].
-    slip_margin : float
+    friction_reserve : float
         Standard deviation of the reserve before the whole contact slips, mu F_z - |F_t| [N]; NaN unless shear and
         pressure are both estimated.
     """
@@ -49,7 +49,7 @@ class Bound:
     force: Floats
     center: Floats
     radius: float
-    slip_margin: float
+    friction_reserve: float
 
 
 def nuisance_columns(responses: Responses, kinds: Sequence[str] | None) -> Floats:

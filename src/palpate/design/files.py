@@ -19,7 +19,7 @@ youngs_modulus = ["100 kPa", "300 kPa"]
 keep = "area"                    # constant when the pitch changes: "taxels" (default) or "area"
 
 [goal]                           # optional: goals
-pair = "3 mm"                    # also force, shear, center, radius, slip_margin, width, wavelength, noticed, blind = "5 %", range
+pair = "3 mm"                    # also force, shear, center, radius, friction_reserve, width, wavelength, noticed, blind = "5 %", range
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class Press:
     shear : float
         Tangential force along +x over the normal force. Used only if the channels separate shear from pressure.
     friction : float
-        Coefficient of friction of the slip margin.
+        Coefficient of friction of the friction reserve.
     center : (float, float), optional
         Place (x, y) [m]; by default the middle of the array. In line contact y is not used.
 

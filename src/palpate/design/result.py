@@ -38,7 +38,7 @@ class Design:
     components : tuple of str
         The components that the channels separate; the force has this order.
     known : Bound
-        Standard deviations of force, center, radius and slip margin due to noise and unknown offsets, for an exact pad and exact sensors.
+        Standard deviations of force, center, radius and friction reserve due to noise and unknown offsets, for an exact pad and exact sensors.
     bound : Bound
         The same with modulus, depth, thickness, gains and scale uncertain as in the skin's `Uncertainty`.
     wavenumber : dict
@@ -149,7 +149,7 @@ class Design:
             "shear_known": shear_known,
             "center": float(self.bound.center.max()),
             "radius": self.bound.radius,
-            "slip_margin": self.bound.slip_margin,
+            "friction_reserve": self.bound.friction_reserve,
             "width": self.width(self.components[-1]),
             "pair": self.pair,
             "wavelength": math.inf if min(waves) == 0 else 2.0 * math.pi / min(waves),
@@ -184,9 +184,9 @@ class Design:
             )
         out.append(f"{'centre':<22}+-{_mm(float(self.bound.center.max()))}")
         out.append(f"{'contact ' + over:<22}+-{_mm(self.bound.radius)}")
-        if not math.isnan(self.bound.slip_margin):
+        if not math.isnan(self.bound.friction_reserve):
             out.append(
-                f"{'slip margin':<22}+-{_number(self.bound.slip_margin)} {n}   (friction {self.press.friction:g})"
+                f"{'friction reserve':<22}+-{_number(self.bound.friction_reserve)} {n}   (friction {self.press.friction:g})"
             )
         out.append(f"{'a point looks':<22}{_mm(self.width(self.components[-1]))} wide (half maximum)")
         out.append(f"{'pair told apart':<22}from {_mm(self.pair)}")

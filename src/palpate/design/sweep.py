@@ -32,7 +32,7 @@ NUMBERS: dict[str, tuple[str, float, str]] = {
     "shear": ("standard deviation of the shear force", 1e3, "mN"),
     "center": ("standard deviation of the centre", 1e3, "mm"),
     "radius": ("standard deviation of the contact radius", 1e3, "mm"),
-    "slip_margin": ("standard deviation of the slip margin", 1e3, "mN"),
+    "friction_reserve": ("standard deviation of the friction reserve", 1e3, "mN"),
     "width": ("width of a point", 1e3, "mm"),
     "pair": ("smallest separable pair", 1e3, "mm"),
     "wavelength": ("shortest wave recovered", 1e3, "mm"),
@@ -59,7 +59,7 @@ _GOALS = {
     "shear": "no design knows the shear force to +-{}",
     "center": "no design knows the centre to +-{}",
     "radius": "no design knows the contact radius to +-{}",
-    "slip_margin": "no design knows the slip margin to +-{}",
+    "friction_reserve": "no design knows the friction reserve to +-{}",
     "pair": "a pair {} apart cannot be told apart at this noise",
     "width": "a point looks wider than {}",
     "wavelength": "a wave {} long cannot be recovered at this noise",
@@ -286,7 +286,7 @@ class Sweep:
         >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
         >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
         >>> sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3]).csv().splitlines()[0]
-        'depth,force,shear,center,radius,slip_margin,width,pair,wavelength,noticed,blind,range,score'
+        'depth,force,shear,center,radius,friction_reserve,width,pair,wavelength,noticed,blind,range,score'
         """
         axes = list(dict.fromkeys(key for p in self.points for key in p))
         lines = [",".join([*axes, *NUMBERS, "score"])]

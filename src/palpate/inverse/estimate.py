@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -72,7 +72,7 @@ class Stated:
     >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["strain_zz"], noise=1e-4)
     >>> skin = pp.Skin(pad, array, uncertainty=pp.Uncertainty(gain=0.1))
     >>> touch = skin.reconstruct(skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)), method="tikhonov")
-    >>> bool(0.1 < touch.stated.force[1] / touch.force[1] < 0.2)
+    >>> bool(0.1 < touch._errors.pad.force[1] / touch.force[1] < 0.2)
     True
     """
 
@@ -84,6 +84,11 @@ class Stated:
 
     def __post_init__(self) -> None:
         freeze(self)
+
+    @classmethod
+    def added(cls, one: Stated | None, more: Mapping[str, Any]) -> Stated:
+        """The standard deviations ``one`` (0 if None) with others by the same names, in quadrature."""
+        return cls(**{name: np.hypot(0.0 if one is None else getattr(one, name), v) for name, v in more.items()})
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ class RerunSink:
             origins = np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
             self._stream.log("shear", rr.Arrows2D(origins=origins, vectors=shear * (step / longest)))
         names = ("x", "z") if grid.dimensions == 1 else ("x", "y", "z")
-        low, high = touch.interval(0.95, "force") if touch.errors is not None else (None, None)
+        low, high = touch.interval(0.95, "force") if touch.has_intervals else (None, None)
         for i, (name, value) in enumerate(zip(names, to_numpy(touch.force))):
             self._stream.log(f"force/{name}", rr.Scalars(float(value)))
             if low is not None and high is not None:

@@ -44,7 +44,7 @@ __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 MAGIC = b"PLP1"
 #: Number of past events that are sent to a page when it connects.
 REMEMBERED = 200
-#: Number of past frames whose forces and slip margin are sent to it.
+#: Number of past frames whose forces and friction left are sent to it.
 HISTORY = 1000
 TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", "utilisation_std")
 
@@ -96,7 +96,7 @@ def packed(
     }
     if "z" in touch.components and text["touching"]:
         text["center"] = [_number(v) for v in np.ravel(to_numpy(touch.center_of_pressure))]
-    if touch.errors is not None:
+    if touch.has_intervals:
         named = [("force", "force"), ("peak", "peak_pressure")]
         for name, of in [*named, ("center", "center_of_pressure")] if "center" in text else named:
             low, high = touch.interval(0.95, of)

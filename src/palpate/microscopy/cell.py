@@ -172,7 +172,7 @@ class CellForces:
         found = self.done.normal
         if found is None:
             return None
-        common = self.touch.common_std
+        common = self.touch._scale_std
         return found.traction, np.hypot(np.std(found.draws, axis=0, ddof=1), common * found.traction)
 
     def within(self, mask: Any, *, size: tuple[int, int] | None = None) -> CellForces:
@@ -424,7 +424,7 @@ def cell_forces(
         *doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
-        seen, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
+        seen, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch._scale_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
         done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done.response, done, known,
     )  # fmt: skip
 

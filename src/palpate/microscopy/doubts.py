@@ -71,7 +71,7 @@ def doubts(
 
     def own(q: Any) -> float:
         """The error but that of modulus and scale, which change no sign."""
-        return math.sqrt(max(q.std**2 - (done.touch.common_std * q.value) ** 2, 0.0))
+        return math.sqrt(max(q.std**2 - (done.touch._scale_std * q.value) ** 2, 0.0))
 
     moment = numbers["contractile_moment"]
     large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)

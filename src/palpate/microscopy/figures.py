@@ -273,14 +273,14 @@ def _assumed(forces: CellForces) -> str:
     return f"{gel}; {window}, one every {1e6 * field.pitch:.3g} µm; pixel {1e6 * field.pixel:.4g} µm\ntraction: {method}, along the surface; arrows: traction that differs from zero at 95 %; {mask}"
 
 
-def plot_field(field: Field, *, picture: Any = None) -> Figure:
+def plot_field(field: Field) -> Figure:
     """Plot the magnitude of the displacements in colour, and arrows."""
     require("figures", "matplotlib")
     size = np.hypot(*field.displacement)
     top = float(max(np.nanpercentile(size, 99.9), 1e-15))
     factor, unit = scaled(top, "m")
-    figure, axes, ends = _canvas(field, picture)
-    image = axes.imshow(size * factor, extent=square_ends(field), cmap="viridis", vmin=0.0, vmax=top * factor, alpha=0.85 if picture is not None else None, interpolation="nearest", zorder=1)  # fmt: skip
+    figure, axes, ends = _canvas(field, None)
+    image = axes.imshow(size * factor, extent=square_ends(field), cmap="viridis", vmin=0.0, vmax=top * factor, interpolation="nearest", zorder=1)  # fmt: skip
     axes.set_xlim(ends[0], ends[1])
     axes.set_ylim(ends[2], ends[3])
     _arrows(axes, field, field.displacement, "m", ends, "white", np.ones(field.shape, dtype=bool))

@@ -143,7 +143,7 @@ def inverted(
     skin = Skin(pad, array, nuisance=nuisance, uncertainty=uncertainty)
     readings = np.nan_to_num(field.displacement)
     touch = skin.reconstruct(readings, method=Iterated(order=order, rule=rule), components=COMPONENTS)
-    errors = touch.errors
+    errors = None if touch._errors is None else touch._errors.posterior
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]

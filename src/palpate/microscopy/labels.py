@@ -239,11 +239,11 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
             continue
         each = sums[:, :, i - 1]
         hidden = _hidden(forces, mask, area, each)
-        (fx, sx, _), (fy, sy, _) = (read("force", each[:, c], forces.touch.common_std) for c in (0, 1))
+        (fx, sx, _), (fy, sy, _) = (read("force", each[:, c], forces.touch._scale_std) for c in (0, 1))
         along = np.array([fx, fy]) / max(math.hypot(fx, fy), 1e-300)
         length = math.hypot(fx, fy)
         sx, sy = math.hypot(sx, hidden), math.hypot(sy, hidden)
-        std = math.hypot(read("force", each @ along, forces.touch.common_std)[1], hidden)
+        std = math.hypot(read("force", each @ along, forces.touch._scale_std)[1], hidden)
         middle = tuple(float(np.mean(m)) for m in np.nonzero(mask)[::-1])
         out.append(
             LabelForce(

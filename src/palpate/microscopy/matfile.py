@@ -126,7 +126,8 @@ def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
     require("MATLAB 7.3 and HDF5 files", "h5py")
     import h5py
 
-    from palpate.recordings.netcdf import DAMAGE, guard, opened
+    from palpate.recordings.damage import DAMAGE
+    from palpate.recordings.netcdf import guard, opened
 
     try:
         with opened(path) as file:

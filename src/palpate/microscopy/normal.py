@@ -90,7 +90,7 @@ def normal_of(
     )
     skin = Skin(pad, array, nuisance="auto" if drift else (), uncertainty=uncertainty)
     touch = skin.reconstruct(np.nan_to_num(u), method=Iterated(order=1, rule="evidence"), components=("x", "y", "z"))
-    errors = touch.errors
+    errors = None if touch._errors is None else touch._errors.posterior
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]

@@ -321,7 +321,7 @@ def sheet_tension(
     maps[:, :, ~inside] = np.nan
     # add the error of the outline: forces at the edge of the sheet have the longest lever
     border = sum(float(p.sheet.elements.border(_everywhere)[2].sum()) for p in parts)
-    common = math.hypot(float(forces.touch.common_std), OUTLINE * field.pitch * border / float(weight.sum()))
+    common = math.hypot(forces.touch._scale_std, OUTLINE * field.pitch * border / float(weight.sum()))
     average = 0.5 * (tension[:, 0] + tension[:, 1]) @ weight / weight.sum()
     numbers = {
         "average_tension": _quantity("average tension of the sheet", average, common, "mean of both principal tensions over the sheet"),

@@ -27,6 +27,7 @@ from palpate.sensing.view import View
 from palpate.solid.charts import MeshChart
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -195,18 +196,18 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     # Collect variables first: a Dataset aligns all existing variables for each one added later.
     found: dict[str, Any] = {"traction": traction}
     found["force"] = ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"})
-    if touch.errors is not None:
-        touch.errors.work_out()
-        found["std"] = touch.std
+    if touch._errors is not None:
+        posterior, pad = touch._errors.posterior, touch._errors.pad
+        posterior.work_out()
+        found["std"] = touch._map(touch.std(), "std")
         for name, side in zip(("force_low", "force_high"), touch.interval(0.95, "force")):
             attrs = {"units": unit, "long_name": "net force, 95 % interval"}
             found[name] = ((*batch, "component"), side, attrs)
         for key, tail in _declared(Errors).items():
-            found[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.errors, key)))
-    if touch.stated is not None:
-        for key, tail in _declared(Stated).items():
-            found[f"stated_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.stated, key)))
-    for key, tail in _declared(Touch, without=("values", "time", "errors", "stated", *_TEXT)).items():
+            found[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(posterior, key)))
+        for key, tail in _declared(Stated).items() if pad is not None else ():
+            found[f"stated_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(pad, key)))
+    for key, tail in _declared(Touch, without=("values", "time", "_errors", *_TEXT)).items():
         value = getattr(touch, key)
         if value is not None:
             found[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
@@ -237,7 +238,8 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         dataset.attrs["methods"] = json.dumps(names)
     if touch.friction is not None:
         dataset.attrs["friction"] = float(touch.friction)
-    dataset.attrs["common_std"] = touch.common_std
+    if touch._errors is not None:
+        dataset.attrs["common_std"] = touch._errors.scale
     if touch.case is not None:
         dataset.attrs["case"] = json.dumps(asdict(touch.case))
     return dataset
@@ -274,7 +276,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         time = None
     fields_of: dict[str, Any] = {
         key: dataset[key].values
-        for key in _declared(Touch, without=("values", "time", "errors", "stated", *_TEXT))
+        for key in _declared(Touch, without=("values", "time", "_errors", *_TEXT))
         if key in dataset
     }
     return Touch(
@@ -287,9 +289,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         unobservable_force=_listed(attrs.get("unobservable_force", "")),
         time=None if time is None else time.values,
         meta=_json(attrs.get("meta", "{}"), name),
-        errors=errors,
-        stated=stated,
-        common_std=float(attrs.get("common_std", 0.0)),
+        _errors=ErrorParts.of(errors, stated, float(attrs.get("common_std", 0.0))),
         found_by=_found_by(dataset, name),
         case=_case(attrs["case"], name) if "case" in attrs else None,
         friction=float(attrs["friction"]) if "friction" in attrs else None,

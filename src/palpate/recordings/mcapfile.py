@@ -70,8 +70,6 @@ class McapRecorder:
         Positions of scattered taxels [m].
     meta : mapping
         Anything worth keeping, as in `palpate.Recording`.
-    chunk : int
-        Bytes after which a chunk is written.
     """
 
     def __init__(
@@ -81,7 +79,6 @@ class McapRecorder:
         *,
         positions: Any = None,
         meta: Mapping[str, Any] | None = None,
-        chunk: int = CHUNK,
     ) -> None:
         mcap = _library()
         self.path, self.channels = Path(path), tuple(channels)
@@ -106,7 +103,7 @@ class McapRecorder:
         self._ids: dict[str, int] = {}
         self._count = self._frames = self._kept = 0
         self._view: dict[str, Any] | None = None
-        self._writer = mcap.writer.Writer(self._file, chunk_size=chunk, enable_data_crcs=True)
+        self._writer = mcap.writer.Writer(self._file, chunk_size=CHUNK, enable_data_crcs=True)
         self._writer.start(profile="ros2", library="palpate")
         self._writer.add_metadata("palpate", facts)
         try:

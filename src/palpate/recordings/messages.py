@@ -107,7 +107,7 @@ class Encoder:
 
         grid = touch.surface
         values = to_numpy(touch.values).astype("<f4")
-        std = np.zeros_like(values[-1]) if touch.errors is None else to_numpy(touch.std.values).astype("<f4")[-1]
+        std = np.zeros_like(values[-1]) if not touch.has_intervals else to_numpy(touch.std()).astype("<f4")[-1]
         layers = {"pressure": values[-1], "shear_x": values[0], "std": std}
         if grid.dimensions == 2:
             layers["shear_y"] = values[1]

@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, affordable, checksum
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.formats import Format
 from palpate.recordings.heldfile import write_netcdf
 from palpate.recordings.labelled import recording_dataset, text, touch_dataset
@@ -34,18 +35,6 @@ __all__ = ["NetCDF", "damage", "guard", "opened"]
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: Beginning of a global heap: its signature, version 1 and three zeros.
 _HEAP = b"GCOL\x01\0\0\0"
-#: Exceptions of h5py and h5netcdf on damaged files: each layer converts the library's errors in its own way.
-DAMAGE = (
-    OSError,
-    RuntimeError,
-    KeyError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    MemoryError,
-)
 
 
 def damage(path: Path, error: Exception) -> InvalidInput:

@@ -621,7 +621,7 @@ KEYS = (
 )
 
 
-def _likely_keys(key: str, text: str) -> str:
+def _likely_keys(key: str) -> str:
     """Likely keys for a misspelt one."""
     import difflib
 
@@ -647,7 +647,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         place = f"[{section}] has no {key}" if section else f"there is no [{key}] section"
         return f"{name}, line {line}: {place}."
     if kind == "extra_forbidden":
-        return f"{name}, line {line}: {key} is not a key here{_likely_keys(str(key), text)}."
+        return f"{name}, line {line}: {key} is not a key here{_likely_keys(str(key))}."
     if kind.startswith("union_tag"):
         given = (error.get("ctx") or {}).get("tag")
         got = f"; got {str(given)!r}" if given else ""

@@ -28,7 +28,7 @@ from palpate.recordings.locks import claim
 from palpate.recordings.meta import plain_meta
 from palpate.sensing.times import as_second
 from palpate.status import Status
-from palpate.touch import Touch, intervals
+from palpate.touch import Touch
 
 if TYPE_CHECKING:
     from palpate.grasp import Event
@@ -120,8 +120,8 @@ class _Recorder(abc.ABC):
             "touching": int(bool(True if touch.touching is None else touch.touching)),
             "status": int(Status.SOLVED if touch.status is None else touch.status),
         }
-        known = touch.errors is not None
-        row["std"] = np.asarray(intervals.std(touch)) if known else np.full(row["traction"].shape, np.nan)
+        known = touch.has_intervals
+        row["std"] = to_numpy(touch.std()) if known else np.full(row["traction"].shape, np.nan)
         row["force_low"], row["force_high"] = (
             touch.interval(0.95, "force") if known else np.full((2, *row["force"].shape), np.nan)
         )

@@ -105,6 +105,8 @@ class Whole:
         """
         if not self.first:
             self.first = dict(attrs)
+        if "common_std" in attrs:  # not in a piece without error bars
+            self.first.setdefault("common_std", attrs["common_std"])
         for name in _COMMON:
             if attrs.get(name) != self.first.get(name):
                 raise InvalidInput("results of different skins cannot be written as one; start a new file.")

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from palpate.recordings.checked import block_crc
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.labelled import missing_value
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Piece, Written, along_time
-from palpate.recordings.zarrdamage import DAMAGE
 
 __all__ = ["MARKER", "Place"]
 

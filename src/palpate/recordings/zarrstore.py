@@ -12,13 +12,13 @@ import numpy as np
 from palpate.errors import InvalidInput
 from palpate.recordings import stores
 from palpate.recordings.checked import CHECKSUM, affordable, checksum, recording_checksum
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.formats import Format
 from palpate.recordings.labelled import touch_dataset
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.stored import confirmed_touch, opened_recording, stored_recording, touch_group
-from palpate.recordings.zarrdamage import DAMAGE
 
 if TYPE_CHECKING:
     from palpate.recordings.sinks import Recorder

@@ -19,12 +19,12 @@ import numpy as np
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, block_crc, checksum
 from palpate.recordings.crc import combined
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.files import moved_into_place
 from palpate.recordings.labelled import touch_of
 from palpate.recordings.locks import sole_writer
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Arrays, Piece, Written
-from palpate.recordings.zarrdamage import DAMAGE
 from palpate.recordings.zarrpieces import MARKER, Place
 from palpate.touch import Touch
 from palpate.touch.outcome import Outcome

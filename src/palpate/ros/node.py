@@ -53,11 +53,9 @@ class Ros:
     ----------
     arguments : sequence of str
         After ``--ros-args``: remappings, parameters, as every node takes them.
-    name : str
-        Name of the node, unless ``-r __node:=...`` names it.
     """
 
-    def __init__(self, arguments: Sequence[str] = (), *, name: str = "palpate") -> None:
+    def __init__(self, arguments: Sequence[str] = ()) -> None:
         client = ros_client()
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
@@ -69,7 +67,7 @@ class Ros:
                 context=self._context,
                 signal_handler_options=SignalHandlerOptions.NO,
             )
-            self.node = client.create_node(name, context=self._context)
+            self.node = client.create_node("palpate", context=self._context)
         except Exception as error:  # wrong arguments or the middleware: rclpy has a class of errors for each
             self._context.try_shutdown()
             raise InvalidInput(f"ROS does not begin ({' '.join(str(error).split())}).") from error
@@ -145,8 +143,10 @@ class TouchNode:
         Type of the messages.
     options : dict
         For `Skin.track`: friction and others.
-    baseline : int or array
-        Frames at the start that are the zero, or readings that are. Of pictures: how many show the gel at rest; 0: as [camera] says.
+    baseline : int
+        Frames at the start that are the zero. Of pictures: how many show the gel at rest; 0: as [camera] says.
+    zero : array, optional
+        Frames at rest, as for `Skin.track`.
     budget : float, optional
         Time limit for a frame [s].
     max_pressure, max_force : float, optional
@@ -183,7 +183,8 @@ class TouchNode:
         *,
         kind: str,
         options: dict[str, Any] | None = None,
-        baseline: Any = 0,
+        baseline: int = 0,
+        zero: Any = None,
         budget: float | None = BUDGET,
         max_pressure: float | None = None,
         max_force: float | None = None,
@@ -199,7 +200,7 @@ class TouchNode:
         self._options["friction"] = self._settings["friction"] or None
         #: The zero of a calibration, whose scatter the intervals include; any other zero is passed on by the tracker
         #: that took it.
-        self._zero = 0 if isinstance(baseline, int) else baseline
+        self._zero = zero
         self._topic = self._node.resolve_topic_name(mapping if isinstance(mapping, str) else mapping.topic)
         self.intake: Intake
         self.skin, tracker = self._begun(skin, mapping, kind, baseline, rest)
@@ -235,7 +236,7 @@ class TouchNode:
             self._subscribe(kind)
 
     def _begun(
-        self, skin: Skin | str | Path, mapping: TopicMapping | str, kind: str, baseline: Any, rest: Any
+        self, skin: Skin | str | Path, mapping: TopicMapping | str, kind: str, baseline: int, rest: Any
     ) -> tuple[Skin, Tracker]:
         """Return the skin and its tracker. The intake must exist before."""
         node = self._node
@@ -255,7 +256,7 @@ class TouchNode:
             raise InvalidInput("messages hold planes of one shape; this skin has several.")
         shape = (sum(len(p.channels) for p in whole.planes), *shapes.pop())
         self.intake = Intake(mapping, shape, now=now, rest=rest, publishers=self._publishers)
-        return whole, whole.track(**self._options, baseline=baseline, budget=self._budget)
+        return whole, whole.track(**self._options, baseline=baseline, zero=self._zero, budget=self._budget)
 
     def _pictured(self, values: Any, time: float) -> Touch:
         """Return the touch of a picture by the current tracker, which `_with_friction` may replace."""
@@ -418,7 +419,7 @@ class TouchNode:
         """Continue with another friction and the same zero; the rest of the state is found again within some frames."""
         options = {**self._options, "friction": friction}
         try:
-            tracker = self.skin.track(**options, baseline=self._zero, budget=self._budget)
+            tracker = self.skin.track(**options, zero=self._zero, budget=self._budget)
         except PalpateError as error:
             self._failed(f"the friction stays as it was: {error}")
             return

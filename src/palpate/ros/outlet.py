@@ -35,7 +35,7 @@ TOPICS = {
     "wrench_high": "geometry_msgs/msg/WrenchStamped",
     "center": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "traction": "sensor_msgs/msg/PointCloud2",
-    "slip_margin": "std_msgs/msg/Float32",
+    "utilisation": "std_msgs/msg/Float32",
     "events": "std_msgs/msg/String",
 }
 #: Fields of the cloud, float32: position of a cell [m], force on it and standard deviation of fz [N].
@@ -102,8 +102,8 @@ class Outlet:
         if self._wanted("center") and "z" in touch.components:
             self._send("center", self._center(header, touch))
         state = self._monitor.state
-        margin = math.nan if state is None or not state.touching else float(state.slip_margin)
-        self._send("slip_margin", self._messages[TOPICS["slip_margin"]](data=margin))
+        used = math.nan if state is None or not state.touching else float(state.utilisation)
+        self._send("utilisation", self._messages[TOPICS["utilisation"]](data=used))
         self._publish_cloud(header, touch)
         self.answered += 1
         self.latency.append(1e-9 * (clock.monotonic_ns() - self._intake.header.came))
@@ -145,7 +145,7 @@ class Outlet:
         names = [n for n in ("wrench_low", "wrench_high") if self._wanted(n)]
         if not names:
             return {}
-        if touch.errors is None:
+        if not touch.has_intervals:
             lost = np.full(3, math.nan)
             return dict.fromkeys(names, (lost, lost))
         ends = zip(touch.interval(0.95, "force"), touch.interval(0.95, "moment"))
@@ -159,11 +159,10 @@ class Outlet:
         place[:d] = np.atleast_1d(to_numpy(touch.center_of_pressure))
         # in line contact the other direction is unknown
         variance = np.array([UNKNOWN_COVARIANCE] * 6)
-        if touch.errors is None:
+        if not touch.has_intervals:
             variance[:d] = math.nan
         else:
-            low, high = touch.interval(0.6827, "center_of_pressure")
-            variance[:d] = (0.5 * (np.atleast_1d(high) - np.atleast_1d(low))) ** 2
+            variance[:d] = to_numpy(touch.std("center_of_pressure")) ** 2
         pose = out.pose.pose
         pose.position.x, pose.position.y, pose.position.z = map(float, place)
         pose.orientation.w = 1.0
@@ -184,7 +183,7 @@ class Outlet:
         points[..., 3] = values[0]
         points[..., 4] = values[1] if grid.dimensions == 2 else 0.0
         points[..., 5] = values[-1]
-        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.areas
+        points[..., 6] = math.nan if not touch.has_intervals else to_numpy(touch.std())[-1] * grid.areas
         field = self._messages["sensor_msgs/msg/PointField"]
         out.height, out.width = points.shape[:2]
         out.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(CLOUD)]

@@ -30,7 +30,8 @@ LONGEST_CORRELATION, WIDEST_APERTURE = 1e3, 4.0
 Noise = float | Sequence[float] | None
 
 
-def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] | None:
+def check_noise(noise: Noise, channels: Sequence[str]) -> tuple[float, ...] | None:
+    """Return the standard deviation of each channel, or None if none is given; `InvalidInput` if the noise is not valid."""
     if noise is None:
         return None
     try:
@@ -143,7 +144,7 @@ class _Common:
     @property
     def noise_std(self) -> tuple[float, ...] | None:
         """Standard deviation of the noise of each channel, or None if not given."""
-        return _check_noise(self.noise, tuple(self.channels))
+        return check_noise(self.noise, tuple(self.channels))
 
     def sample_noise(self, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Floats:
         """Random noise (*batch, channel, *shape) with the array's standard deviation and correlation."""
@@ -271,7 +272,7 @@ class LineArray(_Common):
         check_length("aperture", self.aperture, zero=True)
         check_length("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 1))
-        _check_noise(self.noise, tuple(self.channels))
+        check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (self.count,)))
@@ -375,7 +376,7 @@ class AreaArray(_Common):
         pair("aperture", self.aperture, zero=True)
         pair("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 2))
-        _check_noise(self.noise, tuple(self.channels))
+        check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, self.shape))
@@ -467,7 +468,7 @@ class ScatteredArray(_Common):
         _check_depth(self.depth)
         object.__setattr__(self, "channels", check_channels(self.channels, found.shape[1]))
         pair("aperture", self.aperture, zero=True)
-        _check_noise(self.noise, tuple(self.channels))
+        check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (len(found),)))

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate._arrays import as_double, to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-
-if TYPE_CHECKING:
-    from palpate.sensing.arrays import Array
+from palpate.sensing.arrays import Array, check_noise
 
 __all__ = [
     "FRAMES",
@@ -25,8 +23,10 @@ __all__ = [
     "Levels",
     "Rest",
     "far_frames",
+    "given_rest",
     "moved",
     "rest_frames",
+    "with_noise",
     "zero_of",
 ]
 
@@ -208,15 +208,36 @@ class Rest:
         """The arrays for readings minus the zero: their noise is that of the frames at rest if none is stated, and
         their limits shift by the zero.
         """
-        out, at = [], 0
-        for plane in planes:
-            part = slice(at, at + len(plane.channels))
-            at = part.stop
-            found = plane.rezeroed(self.zero[part])
-            if self.noise is not None and plane.noise is None:
-                found = replace(found, noise=[float(n) for n in self.noise[part]])
-            out.append(found)
-        return out
+        ends = np.cumsum([len(p.channels) for p in planes])
+        zeros = np.split(self.zero, ends[:-1])
+        return [p.rezeroed(zero) for p, zero in zip(self.with_noise(planes), zeros)]
+
+    def with_noise(self, planes: Sequence[Array]) -> list[Array]:
+        """The arrays with the noise of the frames at rest if none is stated."""
+        if self.noise is None:
+            return list(planes)
+        return [p if p.noise is not None else q for p, q in zip(planes, with_noise(planes, self.noise))]
+
+
+def with_noise(planes: Sequence[Array], noise: Any) -> list[Array]:
+    """Return the arrays with this noise: one standard deviation for all channels, or one per channel of all planes in order.
+
+    Raises
+    ------
+    InvalidInput
+        Standard deviations that are not positive, or not one per channel.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing.zero import with_noise
+    >>> planes = [pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])]
+    >>> with_noise(planes, [3.0, 5.0])[0].noise_std
+    (3.0, 5.0)
+    """
+    stds = check_noise(noise, [c for p in planes for c in p.channels]) or ()
+    ends = np.cumsum([len(p.channels) for p in planes])
+    return [replace(p, noise=stds[end - len(p.channels) : end]) for p, end in zip(planes, ends)]
 
 
 def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
@@ -249,6 +270,24 @@ def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
             f"zero must hold frames at rest of shape (frame, {', '.join(map(str, expected))}); got {frames.shape}."
         )
     return frames
+
+
+def given_rest(zero: Any, baseline: int, planes: Sequence[Array]) -> Rest | None:
+    """Return zero and noise of the given frames at rest, or None if the first ``baseline`` frames of a stream become the zero.
+
+    Raises
+    ------
+    InvalidInput
+        Frames of another shape, or both ``zero`` and ``baseline``.
+    """
+    if isinstance(baseline, bool) or not isinstance(baseline, int | np.integer) or baseline < 0:
+        got = repr(baseline) if np.ndim(baseline) == 0 else f"an array of shape {np.shape(baseline)}"
+        raise InvalidInput(f"baseline must be a number of frames >= 0; got {got}. Readings at rest go into zero=.")
+    if zero is None:
+        return None
+    if baseline:
+        raise InvalidInput(f"zero= and baseline={baseline!r} both say what the zero is: leave one out.")
+    return Rest.of(rest_frames(zero, planes))
 
 
 class Levels:

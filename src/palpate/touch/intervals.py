@@ -29,12 +29,14 @@ __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibr
 #: Half-width of a 95 % interval for a load known only by sign and size, divided by that size, minus 1. The distribution
 #: is exponential, which has the largest entropy (E. T. Jaynes, Physical Review 106, 620, 1957).
 OUTSIDE_FACTOR = -math.log(0.025) - 1.0
+#: Level of the interval of one standard deviation to either side of a normal distribution.
+ONE_STD = math.erf(math.sqrt(0.5))
 
 
 def errors(touch: Numbers) -> Errors:
     """The closed-form standard deviations; NaN if unknown, `Unsupported` if the method provides none."""
-    if touch.errors is not None:
-        return touch.errors
+    if touch._errors is not None:
+        return touch._errors.posterior
     if not _unknown(touch):
         known = known_methods().get(touch.method)
         if known is not None and known.error_bars:
@@ -88,7 +90,7 @@ def _each_method(touch: Numbers, function: Callable[[Constants], tuple[Floats, .
 
 def calibration_note(touch: Numbers) -> str:
     """A note on which constants are used if the case has none of its own."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return ""
     for method in dict.fromkeys(touch.methods.ravel().tolist()):
         try:
@@ -106,23 +108,22 @@ def calibration_note(touch: Numbers) -> str:
     return ""
 
 
-def std(touch: Numbers) -> Floats:
-    """Standard deviation of the traction (*batch, component, *surface) [Pa]."""
-    errors(touch)
-
-    def of(known: Constants) -> tuple[Floats, ...]:
-        value, raw, outside, _ = uncalibrated(touch, known, "traction")
-        traction = known.quantities["traction"]
-        return (np.hypot(traction.std * np.hypot(raw, outside / traction.scale), named(touch, "traction", value)),)
-
-    return _each_method(touch, of)[0]
+def std(touch: Numbers, of: str, friction: float | None) -> Floats:
+    """See `Touch.std`."""
+    low, high = interval(touch, ONE_STD, of, friction, floored=False)
+    with np.errstate(invalid="ignore"):  # both ends at infinity
+        return np.asarray(0.5 * (high - low))
 
 
-def interval(touch: Numbers, level: float, of: str, friction: float | None) -> tuple[Floats, Floats]:
-    """See `Touch.interval`."""
+def interval(
+    touch: Numbers, level: float, of: str, friction: float | None, *, floored: bool = True
+) -> tuple[Floats, Floats]:
+    """See `Touch.interval`; without ``floored`` pressure may reach below 0."""
     if not (is_number(level) and 0 < level < 1):
         raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
     errors(touch)
+    if of == "slip_margin" and friction is None:
+        friction = touch.friction
 
     def bounds(known: Constants) -> tuple[Floats, Floats]:
         table = known.quantities
@@ -132,6 +133,7 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
+        floor = floor if floored else np.full_like(floor, -math.inf)
         more = named(touch, of, value, friction)
         beyond = _outside_load(touch) if of == "force" else 0.0
         # A pull is a push with the opposite sign, and so are its error bars.
@@ -274,15 +276,16 @@ def uncalibrated(
 
 def named(touch: Numbers, of: str, value: Floats, friction: float | None = None) -> Floats:
     """Standard deviation of a quantity of this ``value`` due to an uncertain pad; no constant of the method scales it."""
-    common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch.common_std * np.abs(value)
+    common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch._scale_std * np.abs(value)
     if touch.discrepancy is not None and np.any(touch.discrepancy):
         common = np.hypot(common, _by_discrepancy(touch, of, value))
-    if touch.stated is None:
+    pad = None if touch._errors is None else touch._errors.pad
+    if pad is None:
         return np.asarray(common)
     if of == "slip_margin":
-        return np.hypot(common, _slip(touch, touch.stated, float(friction or 0.0))[1])
+        return np.hypot(common, _slip(touch, pad, float(friction or 0.0))[1])
     name = {"center_of_pressure": "center", "peak_pressure": "peak"}.get(of, of)
-    return np.hypot(common, getattr(touch.stated, name))
+    return np.hypot(common, getattr(pad, name))
 
 
 def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
@@ -327,16 +330,14 @@ def _outside_load(touch: Numbers) -> Floats:
 def _slip(touch: Numbers, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:
     """Slip margin and its standard deviation: that of mu p - |q| in the cell nearest to slip."""
     value = to_numpy(touch.slip_margin(friction))
-    values, d = to_numpy(touch.values), touch.surface.dimensions
+    d = touch.surface.dimensions
     variance = np.moveaxis(found.traction**2, -1 - d, 0)
-    traction = np.moveaxis(values, -1 - d, 0)
-    shear, p = traction[:-1], traction[-1]
-    size = np.sqrt((shear**2).sum(axis=0))
+    shear, size = np.moveaxis(to_numpy(touch.values), -1 - d, 0)[:-1], to_numpy(touch._shear_size())
     along = (shear**2 * variance[:-1]).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         along = np.where(size > 0, along / size**2, variance[:-1].mean(axis=0))
     total = friction**2 * variance[-1] + along
-    margin = np.where(to_numpy(touch.contact()), friction * p - size, math.inf)
+    margin = to_numpy(touch._margins(friction))
     flat = margin.reshape(*margin.shape[: margin.ndim - d], -1)
     index = np.argmin(flat, axis=-1)[..., None]
     variance_there = np.take_along_axis(total.reshape(flat.shape), index, axis=-1)[..., 0]

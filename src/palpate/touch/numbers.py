@@ -186,12 +186,12 @@ class Numbers(Fields):
         # NaN for unknown traction
         return self._integral(xp.where(xp.isnan(self._component("z")), self._component("z"), here))
 
-    def slip_margin(self, friction: float, *, threshold: float = 0.1) -> Any:
+    def slip_margin(self, friction: float | None = None, *, threshold: float = 0.1) -> Any:
         """Grasp stability (*batch) [Pa]: the smallest friction * p - |q| over the contact.
 
         Positive: every point of the contact could bear more shear. Negative: some point is beyond the friction limit, so it
         slides, or the friction is higher than said. ``threshold`` delimits the contact as in `contact`, because at its
-        edge both p and q vanish. NaN without contact.
+        edge both p and q vanish. NaN without contact. Default ``friction``: the one that the touch was found with.
 
         Raises
         ------
@@ -214,17 +214,22 @@ class Numbers(Fields):
         -100.0
         """
         self._require(*self.surface.components)
-        if not (is_number(friction) and friction > 0):
+        friction = self.friction if friction is None else friction
+        if friction is None or not (is_number(friction) and friction > 0):
             raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
         xp = namespace(self.values)
-        margin = friction * self._component("z") - self._shear_size()
-        inside = self.contact(threshold=threshold)
-        margin = xp.where(inside, margin, xp.ones_like(margin) * math.inf)
-        smallest = -self._largest(-margin)
+        smallest = -self._largest(-self._margins(friction, threshold))
         return xp.where(xp.isfinite(smallest), smallest, xp.ones_like(smallest) * math.nan)
 
+    def _margins(self, friction: float, threshold: float = 0.1) -> Any:
+        """friction * p - |q| (*batch, *surface) [Pa], infinite outside the contact."""
+        margin = friction * self._component("z") - self._shear_size()
+        xp = namespace(margin)
+        return xp.where(self.contact(threshold=threshold), margin, xp.ones_like(margin) * math.inf)
+
     def _shear_size(self) -> Any:
-        xp = namespace(self.values)
-        if self.surface.dimensions == 1:
-            return xp.abs(self._component("x"))
-        return xp.sqrt(self._component("x") ** 2 + self._component("y") ** 2)
+        """|q| (*batch, *surface) [Pa]."""
+        d = self.surface.dimensions
+        shear = self.values[(..., slice(None, -1), *(slice(None),) * d)]
+        xp = namespace(shear)
+        return xp.sqrt(xp.sum(shear**2, axis=-1 - d))

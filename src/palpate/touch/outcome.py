@@ -346,7 +346,7 @@ def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
     """Longer side of the 95 % interval of the net force, for the worst component, as a fraction of the load (frame,);
     zero without contact or interval.
     """
-    if touch.errors is None:
+    if not touch.has_intervals:
         return np.zeros(0)
     surface = touch.surface
     low, high = (to_numpy(side) for side in interval(touch, 0.95, "force", None))

@@ -53,7 +53,7 @@ def summary(one: Numbers, friction: float | None) -> str:
         return "\n".join([f"{'net force':<16}not known{_at_most(one, line=line)}", *_below(one)])
     # Some frames have no intervals: solved by a method without error bars, or before a stream has computed them.
     calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
-    known = one.errors is not None and (calibrated or bool(np.isfinite(one.errors.force).any()))
+    known = one._errors is not None and (calibrated or bool(np.isfinite(one._errors.posterior.force).any()))
 
     def bounds(of: str, **given: float) -> tuple[Floats, Floats]:
         if not known:
@@ -75,7 +75,7 @@ def summary(one: Numbers, friction: float | None) -> str:
             say(f"net force {c}", float(force[i]), float(low[i]), float(high[i]), factor, unit)
         else:
             lines.append(f"{f'net force {c}':<16}taken as 0, not measured")
-    if one.errors is not None and not known:
+    if one.has_intervals and not known:
         lines.append(f"{'95 % interval':<16}not known for this frame (method {one.methods.item()})")
     if "z" in one.components:
         peak = float(one.peak_pressure)
@@ -89,8 +89,8 @@ def summary(one: Numbers, friction: float | None) -> str:
         for i, value in enumerate(centre):
             if np.isfinite(value):
                 say(f"centre {'xy'[i]}", float(value), float(low[i]), float(high[i]), factor, unit)
-        if one.errors is not None and float(one.errors.outside_force[-1]) > OUTSIDE * abs(float(force[-1])):
-            outside = float(one.errors.outside_force[-1])
+        outside = 0.0 if one._errors is None else float(one._errors.posterior.outside_force[-1])
+        if outside > OUTSIDE * abs(float(force[-1])):
             lines.append(
                 f"{'outside array':<16}{format_interval(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
             )
@@ -119,7 +119,7 @@ def summary(one: Numbers, friction: float | None) -> str:
 
 def _at_most(one: Numbers, *, line: bool) -> str:
     """The upper bound of the normal force, the only number of an unexplained frame."""
-    if one.errors is None or "z" not in one.components:
+    if not one.has_intervals or "z" not in one.components:
         return ""
     end = float(np.ravel(to_numpy(interval(one, 0.95, "force", None)[1]))[-1])
     if not (math.isfinite(end) and end > 0.0):

@@ -131,9 +131,8 @@ class Contact:
     @property
     def cells(self) -> Index | None:
         """Cells of the traction, None without contact."""
-        if not self.pushing:
-            return self._pulling.cells
-        return None if self._solution.region is None else self._solution.region.cells
+        region = self._solution.region
+        return self._pulling.cells if not self.pushing else None if region is None else region.cells
 
     @property
     def traction(self) -> Floats:
@@ -187,12 +186,14 @@ class Contact:
         if late:
             frame, regular, self._behind = frame._replace(deadline=math.inf), True, 0
             self._background.wait(MOVING, self._under_way())
-        learned = self._learn(frame)
         used = self._check.unused
+        # the penalty is learned from readings that this frame's contact fills: filled by the last one, a load that has jumped is ragged there
+        filling = self.pushing and self.cells is not None and bool(used.any())
+        converged = self._push(frame) if filling else True
+        learned = self._learn(frame)
         known = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
         noise = frame.noise if known is None else known
         frame = frame._replace(noise=noise)
-        converged = True
         if not self.pushing:
             pulled = self._net_pull
             found = self._pull(frame)
@@ -202,7 +203,7 @@ class Contact:
             else:
                 self._take(found, noise)
         else:
-            converged = self._push(frame)
+            converged = self._push(frame) if learned or not filling else converged
             if self._beyond(noise, ENERGY) and not learned and self._learn(frame, misfit=True):
                 learned = True
                 converged = self._push(frame)

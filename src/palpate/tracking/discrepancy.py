@@ -109,9 +109,7 @@ def widened(stated: Stated | None, traction: Floats, grid: Grid, share: float) -
         "center": share * np.sqrt(far[::-1]),  # x, then y
         "peak": np.asarray(share * float(np.abs(traction[-1]).max())),
     }
-    if stated is None:
-        return Stated(**more)
-    return Stated(**{name: np.hypot(getattr(stated, name), value) for name, value in more.items()})
+    return Stated.added(stated, more)
 
 
 def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Floats) -> Touch:
@@ -119,7 +117,8 @@ def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Flo
     at least as wide as the interval before. ``readings`` are in units of their standard deviations, NaN if missing.
     The stream continues with the numbers found.
     """
-    if touch.errors is None:
+    parts = touch._errors
+    if parts is None:
         bound, errors = None, None
     else:
         hides, known = (
@@ -128,12 +127,11 @@ def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Flo
         )
         low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in known)
         bound = np.stack([np.fmin(hides[:, 0], low), np.fmax(hides[:, 1], high)], axis=-1)
-        errors = nothing_known(touch.errors)
+        errors = replace(parts, posterior=nothing_known(parts.posterior), pad=None)
     return replace(
         touch,
         values=math.nan * touch.values,
-        errors=errors,
-        stated=None,
+        _errors=errors,
         force_bounds=bound,
         drag=None,
         drag_std=None,

@@ -92,7 +92,7 @@ class Answer:
         status = Status.SOLVED if touch.status is None else Status.coded(int(touch.status))
         force = to_numpy(touch.force).astype(np.float64)
         low, high = (np.full_like(force, math.nan),) * 2
-        if status.known and touch.errors is not None:
+        if status.known and touch.has_intervals:
             low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in touch.interval(0.95, "force"))
         size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=0))
         share = getattr(touch, "discrepancy", None)

@@ -29,6 +29,7 @@ from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.tracking.anchor import Anchor, beyond
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
@@ -134,14 +135,12 @@ class Tracker:
         self.reset()
 
     def _check_baseline(self, baseline: Any) -> tuple[int, Floats | None]:
-        if isinstance(baseline, bool) or (isinstance(baseline, int | np.integer) and baseline < 0):
-            raise InvalidInput(f"baseline must be a number of frames >= 0, or one frame of readings; got {baseline!r}.")
         if isinstance(baseline, int | np.integer):
             return int(baseline), np.zeros(len(self._std)) if baseline == 0 else None
         flat, _ = self._flat(baseline)
         if not np.isfinite(flat).all():
             raise InvalidInput(
-                f"the baseline holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
+                f"the zero holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
                 "these taxels out (Skin.masked)."
             )
         return 0, flat / self._std
@@ -678,9 +677,7 @@ class Tracker:
             None if learning.parameter is None else np.asarray(learning.parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if status.known else math.nan),
-            errors=errors,
-            stated=stated,
-            common_std=estimator.problem.common_std,
+            _errors=ErrorParts.of(errors, stated, estimator.problem.common_std),
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),
             outliers=self._check.unused,

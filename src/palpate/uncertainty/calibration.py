@@ -70,19 +70,11 @@ class Calibration:
     scale: float = 1.0
     freedom: float = 1e6
 
-    @property
-    def std(self) -> float:
-        """Half the width of the central 68 % of the distribution."""
-        return self.scale * self._quantile(0.5 * (1.0 + 0.6827))
-
-    def _quantile(self, probability: float) -> float:
-        import scipy.special
-
-        return float(scipy.special.stdtrit(self.freedom, probability))
-
     def quantile(self, level: float) -> float:
         """Return half the width of the central interval of this level, in units of ``scale``."""
-        return self._quantile(0.5 * (1.0 + level))
+        import scipy.special
+
+        return float(scipy.special.stdtrit(self.freedom, 0.5 * (1.0 + level)))
 
     def above(
         self,

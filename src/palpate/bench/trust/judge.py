@@ -389,7 +389,7 @@ def _known(touch: Touch) -> int:
 
 def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
     """Return the 95 % interval, or NaN without one."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         nothing = np.full(length, np.nan) if length else np.nan
         return nothing, np.copy(nothing)
     low, high = touch.interval(0.95, of)
@@ -400,7 +400,7 @@ def _cells(touch: Touch, truth: Floats, sought: list[int]) -> float:
     """Return the fraction of cells in contact (truly or as estimated) whose traction is in its interval, for the
     estimated components.
     """
-    if touch.errors is None:
+    if not touch.has_intervals:
         return np.nan
     low, high = (np.asarray(side)[sought] for side in touch.interval(0.95))
     values = to_numpy(touch.values)

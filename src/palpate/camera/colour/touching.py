@@ -17,7 +17,6 @@ from palpate.camera.colour.model import Relief, SlopeModel
 from palpate.camera.pictures import Picture, Pictures, open_pictures
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.inverse.estimate import Stated
 from palpate.recordings import Recording
 from palpate.recordings.skinfile import skin_text, validated
 from palpate.sensing import AreaArray, AreaGrid
@@ -229,7 +228,7 @@ class ColourTouches:
         values = to_numpy(touch.values)
         pressure = values[-1]
         peak = float(np.abs(pressure).max(initial=0.0))
-        if touch.errors is None or not bool(np.all(touch.touching)) or not peak > 0:
+        if touch._errors is None or not bool(np.all(touch.touching)) or not peak > 0:
             return touch
         cells = np.flatnonzero(np.abs(pressure).ravel() > CARRIES * peak)
         response = self._columns(skin, cells)[near.ravel()]
@@ -257,10 +256,7 @@ class ColourTouches:
             "center": np.sqrt((off**2).sum(axis=0)) / load,
             "peak": np.asarray(float(np.sqrt((found[:, top] ** 2).sum()))),
         }
-        old = touch.stated
-        return replace(
-            touch, stated=Stated(**{n: np.hypot(v, 0.0 if old is None else getattr(old, n)) for n, v in new.items()})
-        )
+        return replace(touch, _errors=touch._errors.adding(new))
 
     def _missing(self, time: float, why: str) -> Touch:
         shape = (len(self.skin.surface.components), *self.skin.surface.shape)

@@ -60,7 +60,9 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     present = none > 0
     present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
     none[: estimator.usual] = sizes
-    return Explanation(1, nothing, np.where(present, none, 0.0), present)
+    left = (data - estimator.shifts @ np.where(present, none, 0.0)) / estimator.readings.std
+    noise_left = float(np.sqrt(np.mean(estimator.readings.white(left[observed], observed) ** 2)))
+    return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)
 
 
 def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:

@@ -150,13 +150,14 @@ def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solv
 
 def _gain(free: Prepared, push: Solved, other: Solved) -> float:
     """Gain of traction of either sign over a push (`score.gain_without_cone`)."""
-    squares, taken = [], []
-    for run in (push, other):
-        model, noise = run.members[0], float(np.median(run.noise / free.readings.std))
-        squares.append((noise * _left(free, model, run)) ** 2)
-        taken.append(taken_by(model))
-    n, (before, after) = float(other.observed.sum()), squares
-    return gain_without_cone(n, before, after, taken[1] - taken[0], known=free.noise_known)
+    left = [
+        (
+            (float(np.median(run.noise / free.readings.std)) * _left(free, run.members[0], run)) ** 2,
+            taken_by(run.members[0]),
+        )
+        for run in (push, other)
+    ]
+    return gain_without_cone(float(other.observed.sum()), left[0], left[1])
 
 
 def _left(free: Prepared, model: ContactModel, run: Solved) -> float:

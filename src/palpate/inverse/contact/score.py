@@ -8,10 +8,10 @@
 | `weights_by_evidence`, `shares_by_evidence` | exp(log evidence), normalised | penalties of one explanation; ways of sliding |
 | `share_of` | 1/(1 + exp(-log odds)) | discs and fields; an explanation and its rival |
 | `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | a doubtful explanation and its rival |
-| `gain_without_cone` | log likelihood gained minus degrees of freedom used (H. Akaike, IEEE Trans. Automatic Control 19, 1974, 716-723) | a push and the same contact with traction of either sign |
+| `gain_without_cone` | minus the log probability of as large an F by noise of unknown level | a push and the same contact with traction of either sign |
 
-All are natural logarithms of odds but for two conventions: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
-half of one on average, and `gain_without_cone` counts it as one.
+All are natural logarithms of odds but for two: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
+half of one on average, and `gain_without_cone` is a test.
 """
 
 from __future__ import annotations
@@ -99,8 +99,12 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
-    """The other credible, compact explanations with nuisances, best first."""
-    others = [h for h in _credible(tried, policy) if h.present.any() and h is not best and is_compact(h, policy)]
+    """The other credible, compact explanations with nuisances that are worth more than noise alone, best first."""
+    others = [
+        h
+        for h in _credible(tried, policy)
+        if h.present.any() and h is not best and is_compact(h, policy) and worth_of(h, policy) > 0.0
+    ]
     return tuple(sorted(others, key=lambda h: -worth_of(h, policy)))
 
 
@@ -165,9 +169,15 @@ def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float,
     return worth_of(rival, policy) - worth_of(h, policy) + math.log(max(rival_fit, 1e-300) / fit)
 
 
-def gain_without_cone(readings: float, push: float, free: float, more: float, *, known: bool) -> float:
-    """Gain of traction of either sign over a push. ``push`` and ``free`` are the mean squared residuals of both,
-    ``more`` the additional degrees of freedom; ``known``: the residuals are in units of given noise.
+def gain_without_cone(readings: float, push: tuple[float, float], free: tuple[float, float]) -> float:
+    """Gain of traction of either sign, ``free``, over a ``push``: of each the mean squared residual and the degrees of freedom used.
+
+    Minus the log probability of F = (S1 - S2) / (k2 - k1) / (S2 / (n - k2)). Akaike's gain holds where n is far more than k, and traction of either
+    sign follows most of few readings. F does not depend on the noise that was given, which may be wrong.
     """
-    gain = 0.5 * readings * (push - free if known else math.log(push / max(free, 1e-300)))
-    return gain - more
+    import scipy.special
+
+    (before, few), (after, many) = push, free
+    taken, rest = max(many - few, 1.0), max(readings - many, 1e-3)
+    f = (before - after) / taken / max(after / rest, 1e-300)
+    return -math.log(max(float(scipy.special.fdtrc(taken, rest, max(f, 0.0))), 1e-300))

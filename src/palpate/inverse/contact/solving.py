@@ -24,6 +24,7 @@ from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.proposals.levels import in_range
 from palpate.inverse.contact.rough import exceeded
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.screening import loaded
@@ -224,9 +225,10 @@ class _Solving:
             sure=self.refined >= rules.offset_rounds,
         )
         self.refined += 1
-        if not change.any():
+        sizes = self.h.sizes + self.sign * change
+        if not change.any() or not in_range(self.estimator, self.estimator.shifts, sizes, self.frame.filled):
             return False
-        self.h = replace(self.h, sizes=self.h.sizes + self.sign * change)
+        self.h = replace(self.h, sizes=sizes)
         self.data = self.data - self.estimator.shifts @ change
         self._refill()
         return True

@@ -2,10 +2,10 @@
 
 An estimate t = K y has a fixed parameter, and the readings are y = A(theta) t. An error d of theta causes an error K
 (dA/dtheta t) d to first order. Modulus, depth and thickness are one direction each; the gains of n readings are n
-directions, or `SKETCHES` sums of them with random signs, whose squares have the same mean. `palpate.Touch.common_std`
-covers factors of all results (the scale; the modulus if every reading depends on it). These errors are separate from
-the closed-form ones: the calibration constants of a method correct its prior, which is unrelated to the uncertainty of
-the pad.
+directions, or `SKETCHES` sums of them with random signs, whose squares have the same mean. `ErrorParts.scale`
+(`palpate.touch.fields`) covers factors of all results (the scale; the modulus if every reading depends on it). These
+errors are separate from the closed-form ones: the calibration constants of a method correct its prior, which is
+unrelated to the uncertainty of the pad.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough_fit
-from palpate.inverse.contact.score import best_of, rivals_of
+from palpate.inverse.contact.score import best_of, rivals_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["PROPOSALS", "explanation_of"]
@@ -70,11 +70,15 @@ def explanation_of(
     trace.chosen("best of these", best, terms)
     free = next((h for h in search.tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
-        # A contact of one sign leaves a residual too regular for noise.
-        chance = rough_fit(estimator, best, data, observed)
-        trace.decided(
-            "probability that noise has the order which one sign leaves", chance, policy.explanations.structured_chance
-        )
-        best = free if chance < policy.explanations.structured_chance else best
+        # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
+        others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
+        best = next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
     best = replace(best, rivals=rivals_of(best, search.tried, policy))
     return best if noise is None else replace(best, noise=noise)
+
+
+def _in_order(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
+    """Whether contact of one sign leaves no order that noise does not have."""
+    chance, least = rough_fit(estimator, h, data, observed), estimator.policy.explanations.structured_chance
+    trace.decided("probability that noise has the order which one sign leaves", chance, least)
+    return not chance < least  # NaN: too few readings to say

@@ -13,7 +13,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import Nuisance
 
-__all__ = ["edge_drift", "edge_levels", "lowest_levels", "outermost_of", "reach", "reach_of_kind", "touched"]
+__all__ = ["edge_drift", "edge_levels", "in_range", "lowest_levels", "outermost_of", "reach", "touched"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -85,7 +85,15 @@ def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequen
     return sizes
 
 
-def reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
+def in_range(estimator: Prepared, columns: Floats, sizes: Floats, data: Floats) -> bool:
+    """Whether nuisances are small enough for a sensor that was zeroed: one as large as the readings is not an offset."""
+    largest = estimator.policy.explanations.largest_nuisance * _reach_of_kind(
+        estimator, columns, data - columns @ sizes
+    )
+    return bool((np.abs(sizes) <= largest).all())
+
+
+def _reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
     """Size at which each nuisance makes readings as large as the largest of any channel of its kind. A sensor's zero
     error depends on its range, not on how strongly a contact happens to act on one channel.
     """

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation, Rough
-from palpate.inverse.contact.proposals.levels import reach, reach_of_kind
+from palpate.inverse.contact.proposals.levels import in_range, reach
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import least_to_beat
@@ -30,11 +30,10 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
     if solved is None:
         return None
     found, sizes = solved
-    # A nuisance as large as the readings is not an offset, and a very small one is below the accuracy of the model.
+    # A very small nuisance is below the accuracy of the model.
     columns = np.stack([term.rows for term in terms], axis=1)
     part = np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)
-    largest = rules.largest_nuisance * reach_of_kind(estimator, columns, search.data - columns @ sizes)
-    if not ((part > rules.smallest_nuisance).any() and (np.abs(sizes) <= largest).all()):
+    if not ((part > rules.smallest_nuisance).any() and in_range(estimator, columns, sizes, search.data)):
         return None
     every = search.none
     every[sought] = sizes
