@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate._arrays import from_numpy
 from palpate._skin_properties import SkinProperties
 from palpate.elastic.pad import Floats, Pad, check_pad
-from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
+from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.methods import Constrained
 from palpate.inverse.method import Method, Prepared
@@ -657,16 +657,16 @@ class Skin(SkinProperties):
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         rest = given_rest(zero, baseline, self._planes)
         skin = self._noisy(noise, rest)
-        names = skin._names(components)
+        known = skin._calibration  # without elastic model it alone tells the force, whatever its tracker seeks
+        everything = components is None and known is not None and not known.elastic
+        names = skin.surface.components if everything else skin._names(components)
         check_sought(names, skin.boundary)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
         solver = skin._prepared(method, names)
-        filters: Callable[[], list[CreepFilter | None]] | None = None
+        filters = None
         if isinstance(skin._pad, Viscoelastic):
             filters = partial(creep_filters, skin._pad.prony, [bool(creeping(a).any()) for a in skin._planes])
-        made: Callable[..., Tracker] = Tracker
-        if skin._calibration is not None:
-            made = partial(CalibratedTracker, calibration=skin._calibration)
+        made = Tracker if known is None else partial(CalibratedTracker, calibration=known)
         return made(
             solver,
             names,

@@ -164,6 +164,7 @@ def test_damaged_constants_are_refused() -> None:
     ("options", "words"),
     [
         ({"constants": ["stiffness"]}, "constants names 'stiffness'"),
+        ({"constants": ["poissons_ratio"]}, "poissons_ratio is not fitted: state it with the pad"),
         ({"constants": ["depth"], "pad_models": ["foam"]}, "models names 'foam'"),
         ({"pad_models": ["bonded"]}, "pad_models="),
     ],

@@ -27,7 +27,7 @@ from palpate.touch.fields import ErrorParts
 __all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
 #: Note of a touch whose pad model was rejected or not checked.
-FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
+FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the presses that calibrated this skin did not confirm the elastic model"
 #: Components of the force and coordinates of the centre, with the names that reference files use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
 #: Note for readings from which the zero of the calibration was subtracted.
@@ -200,8 +200,7 @@ class SkinCalibration:
         value, std = self.force(rows)
         place = self.center(rows, value, std)
         notes: tuple[str, ...] = (() if self.elastic else (FORCE_ONLY_NOTE,)) + ((OPEN,) if self.open_zero else ())
-        unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
-        if unlike > UNLIKE:
+        if max(m.unlike(rows) for m in self.maps.values()) > UNLIKE:
             notes += (
                 "readings are unlike those of any labelled press (larger, or of another place): the force there is a guess, see its interval; calibrate with presses there",
             )

@@ -31,6 +31,12 @@ __all__ = ["CONSTANTS", "REJECTED", "PadConstants", "fit_constants", "labelled_c
 #: Constants that can be fitted, with the prior standard deviation of their logarithm: modulus guessed within a factor
 #: of 3, lengths known to 20 %, gains to 5 %, any unit.
 CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2, "unit": 5.0}
+#: What is not fitted, and where it is stated instead.
+STATED = {
+    "poissons_ratio": "state it with the pad (poissons_ratio in skin.toml; 0.48 to 0.5 for rubber).",
+    "creep": 'state it with the pad (prony = [[0.2, "0.5 s"]] under [pad]).',
+    "temperature": "take a fresh zero before each recording (baseline=, --baseline), and calibrate again when it has changed (again=True, --again).",
+}
 #: Mean and standard deviation of the log of the ratio of moduli, of the lower layer or base to the upper layer.
 RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}
 #: Standard deviation of the log of the contact radius of a known ball. On a half-space: a third of the errors of force
@@ -216,6 +222,10 @@ def fit_constants(
     {'youngs_modulus': False, 'depth': True}
     """
     unknown = [c for c in constants if c not in CONSTANTS]
+    if stated := [c for c in unknown if c in STATED]:
+        raise InvalidInput(
+            f"{stated[0]} is not fitted: {STATED[stated[0]]} Constants to fit are {', '.join(CONSTANTS)}."
+        )
     if unknown or not constants:
         raise InvalidInput(
             f"constants names {', '.join(map(repr, unknown)) or 'nothing'}; accepted: {', '.join(CONSTANTS)}."

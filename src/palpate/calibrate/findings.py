@@ -67,8 +67,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
         r2 = 1.0 - float((error[good] ** 2).mean()) / spread if spread > 0.0 else math.nan
         return name, float(np.abs(error[good]).mean()), r2, coverage
 
-    square = sum(w * (m.left_out_std**2 + (m.left_out - one.left_out) ** 2) for w, m in zip(one.weights, one.members))
-    half = float(scipy.special.stdtrit(one.freedom, 0.975)) * one.inflation * np.sqrt(square)
+    half = float(scipy.special.stdtrit(one.freedom, 0.975)) * one.left_out_std
     rows = [row("palpate", one.left_out, float((np.abs(one.left_out) <= half).mean()))]
     for name, regression in REGRESSIONS.items():
         rows.append(row(name, cross_validation_errors(regression, p.readings, p.values, p.press), math.nan))

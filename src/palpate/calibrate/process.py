@@ -20,6 +20,7 @@ members with fewer terms (`MEMBERS`), weighted by cross-validation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -70,8 +71,8 @@ MEMBERS: tuple[tuple[str, ...], ...] = (
 #: Bounds of the hyperparameters in standard deviations of their prior; value added to the diagonal as a fraction of the
 #: mean square; smallest reading as a fraction of the typical one.
 REACH, JITTER, LEAST = 5.0, 1e-9, 1e-3
-#: Each reading is divided by its own magnitude, but by at least this fraction of the typical one (squared), so that
-#: channels with only noise stay small.
+#: Each reading is divided by its own magnitude, of whose square at least this fraction is that of the typical reading, so
+#: that channels with only noise stay small.
 FLOOR = 0.1
 
 
@@ -88,6 +89,9 @@ class Scaled:
         z = readings / scale
         size = np.sqrt((z * z).sum(axis=1) + LEAST**2)
         return cls(z, size, z / size[:, None])
+
+    def __getitem__(self, frames: Any) -> Scaled:
+        return Scaled(self.z[frames], self.size[frames], self.direction[frames])
 
 
 @dataclass(frozen=True, eq=False)
