@@ -221,8 +221,9 @@ def results(report: Callable[[str], None], only: str = "") -> dict[str, np.ndarr
                 continue
             parts = {"traction": touch.values, "force": touch.force, "parameter": touch.parameter}
             parts |= {"noise": touch.noise_std, "residual": touch.residual}
-            if touch.errors is not None:
-                parts |= {f"std of {f.name}": getattr(touch.errors, f.name) for f in fields(touch.errors)}
+            if touch._errors is not None:
+                posterior = touch._errors.posterior
+                parts |= {f"std of {f.name}": getattr(posterior, f.name) for f in fields(posterior)}
             for name, value in parts.items():
                 if value is not None:
                     out[f"{label} | {name}"] = np.asarray(value, dtype=np.float64)

@@ -207,7 +207,7 @@ def process(x: Array, y: Array, at: Array) -> tuple[Array, Array]:
 _LIKELY: dict[str, Array | None] = {}
 
 
-def palpate(split: Split, at: Array) -> tuple[Array, Array]:
+def fitted(split: Split) -> ForceMap:
     """What `Skin.calibrate` fits for this component, with the physics of a skin worked out once."""
     key = split.name.split()[0] + str(split.readings.shape[1])
     if key not in _LIKELY:
@@ -220,7 +220,11 @@ def palpate(split: Split, at: Array) -> tuple[Array, Array]:
     labels = Process(
         split.readings, split.force, np.zeros(n), scale, physics, press, split.time, zero_known=split.zero_known
     )
-    made = ForceMap.fit(labels)
+    return ForceMap.fit(labels)
+
+
+def palpate(split: Split, at: Array) -> tuple[Array, Array]:
+    made = fitted(split)
     value, std = made.predict(at)
     return value, std * float(scipy.special.stdtrit(made.freedom, 0.975))
 
@@ -237,7 +241,7 @@ METHODS: dict[str, Callable[[Split, Array], tuple[Array, Array]]] = {
 
 
 def measured(
-    data: Path, only: str | None, draws: int, keep: Path | None
+    data: Path, only: str | None, draws: range, keep: Path | None
 ) -> dict[tuple[str, str, int], list[tuple[float, float, float, float, float]]]:
     """(set, method, labels) -> for each draw: mean error, R^2, coverage, width of the 95 % interval, seconds."""
     out: dict[tuple[str, str, int], list[tuple[float, float, float, float, float]]] = {}
@@ -245,7 +249,7 @@ def measured(
     if keep is not None and keep.exists():
         done, rows = json.loads(keep.read_text())
         out = {(a, b, int(c)): [tuple(r) for r in v] for a, b, c, v in rows}
-    for draw, (name, maker) in itertools.product(range(draws), SETS.items()):
+    for draw, (name, maker) in itertools.product(draws, SETS.items()):
         if [draw, name] not in done and (only is None or name in only.split(",")):
             rng = np.random.default_rng([draw, *name.encode()])
             for split in maker(data / name, rng):
@@ -271,13 +275,15 @@ def measured(
     return out
 
 
-def report(found: dict[tuple[str, str, int], list[tuple[float, float, float, float, float]]], draws: int) -> list[str]:
+def report(
+    found: dict[tuple[str, str, int], list[tuple[float, float, float, float, float]]], draws: range
+) -> list[str]:
     names = list(dict.fromkeys(k[0] for k in found))
     mean = {k: np.mean(v, axis=0) for k, v in found.items()}
     lines = [
         "# Newtons from labelled frames",
         "",
-        f"Made by `python benchmarks/calibrate.py --data FOLDER --draws {draws}`: means over {draws} draws of labels.",
+        f"Made by `python benchmarks/calibrate.py --data FOLDER --first {draws.start} --draws {len(draws)}`: means over {len(draws)} draws of labels.",
         "",
     ]
     heads = " | ".join(str(s) for s in SIZES)
@@ -346,12 +352,14 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder with tactileforce/, melexis/ and eflesh/")
     parser.add_argument("--only", help="some of tactileforce, melexis, eflesh")
     parser.add_argument("--draws", type=int, default=6, help="draws of labels")
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw")
     parser.add_argument(
         "--keep", type=Path, help="file of what is measured so far: a run that is broken off goes on from it"
     )
     parser.add_argument("--write", action="store_true", help=f"write {GENERATED.name}")
     args = parser.parse_args()
-    lines = report(measured(args.data, args.only, args.draws, args.keep), args.draws)
+    draws = range(args.first, args.first + args.draws)
+    lines = report(measured(args.data, args.only, draws, args.keep), draws)
     print("\n".join(lines))
     if args.write:
         GENERATED.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -3,7 +3,7 @@
     python benchmarks/calibrate_runs.py --data FOLDER            # holds tactileforce/ and eflesh/
     python benchmarks/calibrate_runs.py --data FOLDER --write    # docs/_generated/calibrate_runs.md
 
-A hundred labels, half spread over time and half over force; four hundred frames of the other run. "Pressed": frames above a twentieth of its largest force.
+A hundred labels, half spread over time and half over force; four hundred frames of the other run. The regressions learn from the same labels. "Pressed": frames above a twentieth of its largest force.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from palpate.calibrate.labels import press_numbers, spread_over
 from palpate.calibrate.process import Process
 
 sys.path.insert(0, str(Path(__file__).parent))
-from calibrate import Array, eflesh
 from real import bonded
+
+from calibrate import METHODS, Array, Split, eflesh
 
 GENERATED = Path(__file__).parents[1] / "docs" / "_generated" / "calibrate_runs.md"
 LABELS, ASKED = 100, 400
@@ -47,6 +48,16 @@ def cases(data: Path) -> Iterator[tuple[str, pp.Skin, int, list[Run], Run]]:
     runs = streams(data / "tactileforce")
     for i, j in itertools.permutations(range(3), 2):
         yield f"tactileforce, stream {i} to {j}", skin, 2, [runs[i]], runs[j]
+    for i, (readings, force, time) in enumerate(runs):
+        half = len(force) // 2
+        first = readings[:half], force[:half], None if time is None else time[:half]
+        yield (
+            f"tactileforce, first half of stream {i} to its second",
+            skin,
+            2,
+            [first],
+            (readings[half:], force[half:], None),
+        )
     for i in range(3):
         a, b = (j for j in range(3) if j != i)
         yield f"tactileforce, streams {a} and {b} to {i}", skin, 2, [runs[a], runs[b]], runs[i]
@@ -56,7 +67,7 @@ def cases(data: Path) -> Iterator[tuple[str, pp.Skin, int, list[Run], Run]]:
 
 
 def fitted(skin: pp.Skin, component: int, runs: list[Run]) -> ForceMap:
-    """The map that `palpate.calibrate` makes of these runs."""
+    """The map that `palpate.calibrate` makes of these runs; its labels are in `ForceMap.process`."""
     chosen = [(run, spread_over(run[1], LABELS // len(runs))) for run in runs]
     readings, force = (np.concatenate([run[i][at] for run, at in chosen]) for i in (0, 1))  # type: ignore[index]
     number = np.concatenate([np.full(len(at), i) for i, (_, at) in enumerate(chosen)])
@@ -82,8 +93,8 @@ def rows(data: Path) -> list[str]:
     lines = [
         "Made by `python benchmarks/calibrate_runs.py --data FOLDER`.",
         "",
-        "| calibrated on, asked about | mean error [N] | held by the 95 % interval | pressed frames held | width over force, median |",
-        "|---|---|---|---|---|",
+        "| calibrated on, asked about | mean error [N] | held by the 95 % interval | pressed frames held | width over force, median | linear [N] | quadratic [N] | process [N] |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for name, skin, component, runs, (readings, force, _) in cases(data):
         found = fitted(skin, component, runs)
@@ -92,8 +103,15 @@ def rows(data: Path) -> list[str]:
         half = float(scipy.special.stdtrit(found.freedom, 0.975)) * std
         held, pressed = np.abs(value - force[at]) <= half, np.abs(force[at]) > 0.05 * np.abs(force).max()
         width = float(np.median(2.0 * half[pressed] / np.abs(force[at][pressed])))
+        labels = found.process
+        split = Split(name, skin, component, labels.readings, labels.values, labels.time, readings[at], force[at])
+        plain = [
+            np.abs(METHODS[m](split, readings[at])[0] - force[at]).mean() for m in ("linear", "quadratic", "process")
+        ]
         lines.append(
-            f"| {name} | {np.abs(value - force[at]).mean():.3f} | {held.mean():.2f} | {held[pressed].mean():.2f} | {width:.2f} |"
+            f"| {name} | {np.abs(value - force[at]).mean():.3f} | {held.mean():.2f} | {held[pressed].mean():.2f} | {width:.2f} | "
+            + " | ".join(f"{error:.3f}" for error in plain)
+            + " |"
         )
         print(lines[-1], file=sys.stderr, flush=True)
     return lines

@@ -218,14 +218,18 @@ def windows(first: int, count: int) -> list[str]:
     return lines
 
 
-def special(first: int, count: int, methods: list[str]) -> list[str]:
+#: Rows of one kind, by the word of ``--kinds``.
+KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "plain": ("noise of 5 %, no outliers", {"noise": 0.05, "outliers": False, "edge": False}),
+    "outliers": ("noise of 5 %, 3 % outliers", {"noise": 0.05, "outliers": True, "edge": False}),
+    "weak": ("noise of 20 %", {"noise": 0.2, "outliers": False, "edge": False}),
+}
+
+
+def special(first: int, count: int, methods: list[str], kinds: list[str]) -> list[str]:
     """Outliers, and weak cells, on the same cells."""
     lines = []
-    for name, options in (
-        ("noise of 5 %, no outliers", {"noise": 0.05, "outliers": False, "edge": False}),
-        ("noise of 5 %, 3 % outliers", {"noise": 0.05, "outliers": True, "edge": False}),
-        ("noise of 20 %", {"noise": 0.2, "outliers": False, "edge": False}),
-    ):
+    for name, options in (KINDS[kind] for kind in kinds):
         for method in methods:
             found = [judged(cell_of(seed, **options), method) for seed in range(first, first + count)]
             lines.append(f"| {name} | {method} | {len(found)} | {' | '.join(summary(found))} |")
@@ -319,6 +323,7 @@ def main() -> None:
     parser.add_argument("--rows", nargs="+", default=["population", "special", "crop", "windows", "times", "film"])
     parser.add_argument("--frames", type=int, default=100, help="of the film of the row film")
     parser.add_argument("--special", type=int, default=12, help="cells of the rows of one kind")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of the row special")
     parser.add_argument("--sides", nargs="+", default=["64", "128", "256", "387x379", "512"])
     parser.add_argument(
         "--keep",
@@ -333,6 +338,7 @@ def main() -> None:
     rule = "|---" * (4 + len(NAMES)) + "|"
     said = f"--cells {args.cells} --methods {' '.join(args.methods)} --rows {' '.join(args.rows)}"
     said += f" --special {args.special}" if {"special", "crop", "windows"} & set(args.rows) else ""
+    said += f" --kinds {' '.join(args.kinds)}" if "special" in args.rows and args.kinds != list(KINDS) else ""
     lines = [f"Made by `python benchmarks/cells.py {said}`.", ""]
     if "constants" in args.rows:
         lines += constants(cells, args.keep)
@@ -341,7 +347,7 @@ def main() -> None:
     if "population" in args.rows:
         lines += population(cells, args.methods, args.keep)
     if "special" in args.rows:
-        lines += special(first, args.special, args.methods)
+        lines += special(first, args.special, args.methods, args.kinds)
     if "crop" in args.rows:
         lines += ["", "| method | cells | energy, whole field | energy, its middle | agree |", "|---|---|---|---|---|"]
         lines += crop(first, args.special, args.methods)

@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 import scipy.interpolate
+import scipy.special
 
 import palpate as pp
 from palpate.calibrate.constants import CONSTANTS, REJECTED, fit_constants
 
 sys.path.insert(0, str(Path(__file__).parent))
-from calibrate import METHODS, Split, eflesh, melexis
+from calibrate import METHODS, Split, eflesh, fitted, melexis
 
 GENERATED = Path(__file__).parents[1] / "docs" / "_generated"
 NOISE, RADIUS, PITCH, SHAPE = 0.01, 0.02, 2e-3, (6, 6)
@@ -134,7 +135,7 @@ BENCHES = {
 }
 
 
-def coverage(oracles: Path, repetitions: int, only: str) -> list[str]:
+def coverage(oracles: Path, seeds: range, only: str) -> list[str]:
     rows = [
         "| bench | presses | constant | inside 95 % | median standard deviation before | after | median error |",
         "|---|---|---|---|---|---|---|",
@@ -144,7 +145,7 @@ def coverage(oracles: Path, repetitions: int, only: str) -> list[str]:
             if only not in f"{bench} | {presses} |":
                 continue
             off: dict[str, list[tuple[float, float]]] = {}
-            for seed in range(repetitions):
+            for seed in seeds:
                 skin, readings, force, radius, noise, truth = make(
                     np.random.default_rng([seed, presses]), presses, oracles
                 )
@@ -177,7 +178,7 @@ def body(name: str) -> Any:
     }[name]
 
 
-def ranked(oracles: Path, repetitions: int, only: str) -> list[str]:
+def ranked(oracles: Path, seeds: range, only: str) -> list[str]:
     """How often each pad is named from six presses of balls of unknown radius; under stress taxels a layer of 60 mm is one with a half-space.
 
     Readings of the half-space are closed forms and those of the bonded layer finite elements; stack and soft base have `Skin.sense` alone.
@@ -197,7 +198,7 @@ def ranked(oracles: Path, repetitions: int, only: str) -> list[str]:
         true, points = pp.Skin(pad, array), grid()
         guess = pp.BondedLayers([pp.Layer(thickness=thickness * 1.1, youngs_modulus=1.2e5, poissons_ratio=0.5)])
         skin = pp.Skin(guess, array)
-        for seed in range(repetitions):
+        for seed in seeds:
             rng = np.random.default_rng([seed, 77])
             force, places = np.resize(FORCES, 6), rng.uniform(-3e-3, 3e-3, (6, 2))
             made = []
@@ -220,40 +221,48 @@ def ranked(oracles: Path, repetitions: int, only: str) -> list[str]:
     return rows
 
 
+REGRESSIONS = ("linear", "quadratic", "process")
 #: Presses that the calibration has not seen, each with a force of its own.
 ASKED = 40
 
 
-def weighed(oracles: Path, repetitions: int, only: str) -> list[str]:
-    """Error of the force of presses at places of their own, from known weights at unknown places and one frame at rest, beside regressions on the same frames."""
+def weighed(oracles: Path, seeds: range, only: str) -> list[str]:
+    """Error of the force of presses at places of their own, from known weights at unknown places and one frame at rest, beside regressions on the same frames.
+
+    The sensor is that of the same day; "on the same day": without the part of the interval for gains of another day.
+    """
     rows = [
-        "| bench | weights | palpate: mean error, of the mean force | inside 95 % | width, of the mean force | linear | quadratic | process |",
-        "|---|---|---|---|---|---|---|---|",
+        "| bench | weights | palpate: mean error, of the mean force | inside 95 % | width, of the mean force | inside on the same day | width | linear | quadratic | process |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for bench, (make, _) in BENCHES.items():
         for presses in (3, 6, 20):
             if only not in f"{bench} | {presses} |":
                 continue
             off: dict[str, list[float]] = {m: [] for m in METHODS}
-            inside, wide = [], []
-            for seed in range(repetitions):
+            held: list[list[float]] = []
+            for seed in seeds:
                 rng = np.random.default_rng([seed, presses, 5])
                 newtons = np.concatenate([np.resize(FORCES, presses), rng.uniform(0.5, 4.5, ASKED)])
                 skin, readings, force, *_ = make(rng, presses + ASKED, oracles, newtons)
                 flat = np.vstack([np.zeros(readings[0].size), readings.reshape(len(readings), -1)])
                 known, k = np.r_[0.0, force], presses + 1
                 split = Split(bench, skin, 2, flat[:k], known[:k], None, flat[k:], known[k:])
-                for name, method in METHODS.items():
-                    value, half = method(split, flat[k:])
-                    error = np.abs(value - known[k:])
-                    off[name].append(float(error.mean() / known[k:].mean()))
-                    if name == "palpate":
-                        inside.append(float((error <= half).mean()))
-                        wide.append(float(2.0 * half.mean() / known[k:].mean()))
+                made, usual = fitted(split), float(known[k:].mean())
+                value, std = made.predict(flat[k:])
+                student = scipy.special.stdtrit(made.freedom, 0.975)
+                error, row = np.abs(value - known[k:]), []
+                for half in (student * std, student * np.sqrt(std**2 - (made.run_share * value) ** 2)):
+                    row += [float((error <= half).mean()), 200.0 * float(half.mean()) / usual]
+                held.append(row)
+                off["palpate"].append(float(error.mean() / usual))
+                for name in REGRESSIONS:
+                    off[name].append(float(np.abs(METHODS[name](split, flat[k:])[0] - known[k:]).mean() / usual))
             mean = {m: 100.0 * float(np.mean(v)) for m, v in off.items()}
+            inside, wide, same, narrow = np.mean(held, axis=0)
             rows.append(
-                f"| {bench} | {presses} | {mean['palpate']:.2g} % | {np.mean(inside):.2f} | {100 * np.mean(wide):.2g} % | "
-                + " | ".join(f"{mean[m]:.2g} %" for m in ("linear", "quadratic", "process"))
+                f"| {bench} | {presses} | {mean['palpate']:.2g} % | {inside:.2f} | {wide:.0f} % | {same:.2f} | {narrow:.0f} % | "
+                + " | ".join(f"{mean[m]:.2g} %" for m in REGRESSIONS)
                 + " |"
             )
             print(rows[-1], flush=True)
@@ -284,14 +293,22 @@ def published(data: Path) -> list[str]:
     return rows
 
 
-def write(path: Path, rows: list[str]) -> None:
-    """Rows of other benches or pads that a run left out (``--only``) stay as they are."""
+def summed(before: str, now: str) -> str:
+    """A row whose numbers are the sums of those of two rows."""
+    cells = zip(before.split("|"), now.split("|"))
+    return "|".join(f" {int(a) + int(b)} " if a.strip().isdigit() else a for a, b in cells)
+
+
+def write(path: Path, rows: list[str], *, add: bool) -> None:
+    """Rows of other benches or pads that a run left out (``--only``) stay as they are; ``add``: the counts of a row are added to those of before."""
 
     def key(row: str) -> str:
         return "|".join(row.split("|")[: {"constants.md": 4, "pads_published.md": 2}.get(path.name, 3)])
 
     fresh = {key(r): r for r in rows[2:]}
     old = path.read_text(encoding="utf-8").splitlines()[2:] if path.exists() else []
+    if add:
+        fresh |= {key(r): summed(r, fresh[key(r)]) for r in old if key(r) in fresh}
     kept = [fresh.pop(key(r), r) for r in old if r]
     path.write_text("\n".join([*rows[:2], *kept, *fresh.values(), ""]), encoding="utf-8")
 
@@ -300,15 +317,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--oracles", type=Path, required=True)
     parser.add_argument("--repetitions", type=int, default=100)
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        help="first seed; from 1 on, counts of pad models are added to those of the table",
+    )
     parser.add_argument("--data", type=Path, help="published recordings: eflesh/ and melexis/")
     parser.add_argument("--part", choices=("coverage", "models", "weights", "published"), help="only this table")
     parser.add_argument("--only", default="", help='rows that hold this text, such as "taxels | 6 |" or "| stack |"')
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
+    seeds = range(given.first, given.first + given.repetitions)
     tables = {
-        "coverage": ("constants.md", lambda: coverage(given.oracles, given.repetitions, given.only)),
-        "models": ("pad_models.md", lambda: ranked(given.oracles, given.repetitions, given.only)),
-        "weights": ("weights.md", lambda: weighed(given.oracles, given.repetitions, given.only)),
+        "coverage": ("constants.md", lambda: coverage(given.oracles, seeds, given.only)),
+        "models": ("pad_models.md", lambda: ranked(given.oracles, seeds, given.only)),
+        "weights": ("weights.md", lambda: weighed(given.oracles, seeds, given.only)),
     }
     if given.data is not None:
         tables["published"] = ("pads_published.md", lambda: published(given.data))
@@ -316,7 +340,7 @@ def main() -> None:
         if given.part in (None, part):
             rows = make()
             if given.write:
-                write(GENERATED / name, rows)
+                write(GENERATED / name, rows, add=part == "models" and given.first > 0)
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ def products_only() -> None:
     products.MIN_ITERATIVE_UNKNOWNS, products.PRODUCTS, products.PRODUCTS_ONCE, products.MANY = 10, 0.0, 0.0, 0
     products.FEWEST_SLIDING, products.PRODUCTS_SLIDING, products.FEW_READINGS = 10, 0.0, 0
     # the least error of a large contact's force is a bound, not what products leave
-    methods.Policy = lambda: changed(Policy(), "errors.force_at_size", Policy().errors.force)  # type: ignore[misc,assignment]
+    methods.Policy = lambda: changed(Policy(), "errors.force_at_size", Policy()._errors.posterior.force)  # type: ignore[misc,assignment]
 
 
 def with_noise(array: Any, noise: tuple[float, ...]) -> Any:
@@ -129,7 +129,7 @@ def noisy(skin: pp.Skin) -> tuple[Any, tuple[float, ...]]:
 
 def cells(touch: pp.Touch, sought: list[int]) -> Any:
     """Standard deviations of the cells of one frame."""
-    return np.asarray(touch.errors.traction)[sought].ravel()  # type: ignore[union-attr]
+    return np.asarray(touch._errors.posterior.traction)[sought].ravel()  # type: ignore[union-attr]
 
 
 def linear(name: str, rule: str) -> dict[str, Any]:
@@ -164,12 +164,12 @@ def linear(name: str, rule: str) -> dict[str, Any]:
         "force": float(
             np.max(
                 np.abs(np.asarray(free.force) - np.asarray(dense.force))[:, sought]
-                / np.asarray(dense.errors.force)[:, sought]  # type: ignore[union-attr]
+                / np.asarray(dense._errors.posterior.force)[:, sought]  # type: ignore[union-attr]
             )
         ),
         "force_std": largest(
-            np.asarray(free.errors.force)[:, sought],  # type: ignore[union-attr]
-            np.asarray(dense.errors.force)[:, sought],  # type: ignore[union-attr]
+            np.asarray(free._errors.posterior.force)[:, sought],  # type: ignore[union-attr]
+            np.asarray(dense._errors.posterior.force)[:, sought],  # type: ignore[union-attr]
         ),
         "times": spent,
         "solved": bool((np.asarray(free.status) == 0).all()),
@@ -210,12 +210,12 @@ def automatic(name: str) -> dict[str, Any]:
     apart = [difference(b.values[None], a.values[None]) for a, b in zip(dense, free)]
     inside, ratios = [], []
     for a, b in zip(dense, free):
-        std = np.asarray(a.errors.traction)
+        std = np.asarray(a._errors.posterior.traction)
         there = std[2] > 0.3 * std[2].max()
         inside.append(float(np.sqrt(np.mean(((b.values - a.values)[:, there] / std[:, there]) ** 2))))
-        ratios.append(np.asarray(b.errors.traction)[2][there] / std[2][there])
+        ratios.append(np.asarray(b._errors.posterior.traction)[2][there] / std[2][there])
     ratio = np.concatenate(ratios)
-    of = [(np.asarray(a.errors.force), np.asarray(b.errors.force)) for a, b in zip(dense, free)]
+    of = [(np.asarray(a._errors.posterior.force), np.asarray(b._errors.posterior.force)) for a, b in zip(dense, free)]
     return {
         "name": name,
         "rule": "automatic",

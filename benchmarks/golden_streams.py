@@ -251,7 +251,7 @@ def answers(stream: Stream) -> dict[str, np.ndarray]:
                 seconds.append(math.nan)
                 continue
             low = high = math.nan
-            if touch.errors is not None:
+            if touch.has_intervals:
                 low, high = (float(np.asarray(end)[-1]) for end in touch.interval(0.95, "force"))
             code = -1 if touch.status is None else int(touch.status)
             share = math.nan if touch.discrepancy is None else float(touch.discrepancy)

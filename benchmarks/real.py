@@ -246,7 +246,7 @@ def answer(touch: Any, direction: int | None) -> list[Answer]:
     status = Status.SOLVED if touch.status is None else Status.coded(int(np.asarray(touch.status)))
     force = np.asarray(touch.force, dtype=float)
     low = high = np.full(force.shape, np.nan)
-    if touch.errors is not None:
+    if touch.has_intervals:
         with contextlib.suppress(PalpateError):  # no error bars for this frame
             low, high = (np.asarray(side, dtype=float) for side in touch.interval(0.95, "force"))
     fit = float("nan") if getattr(touch, "fit", None) is None else float(np.min(np.asarray(touch.fit, dtype=float)))

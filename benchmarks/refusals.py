@@ -223,7 +223,7 @@ def asked(case: Case, skin: pp.Skin, readings: Any) -> None:
     else:
         touch = skin.reconstruct(readings, **case.options)
         if case.run == "bars":
-            _ = touch.std
+            _ = touch.std()
 
 
 def peak() -> float:

@@ -110,7 +110,7 @@ def measure(name: str) -> dict[str, Any]:
     count = max(1, min(BATCH, int(LONGEST / max(frame, 1e-4))))
     batch = skin.reconstruct(many[:count], method="tikhonov")
     each = (time.process_time() - warm) / count
-    _ = touch.errors.force  # type: ignore[union-attr]
+    _ = touch._errors.posterior.force  # type: ignore[union-attr]
     numbers = time.process_time()
     error = np.linalg.norm(np.asarray(touch.traction) - traction) / np.linalg.norm(traction)
     return {
@@ -199,7 +199,7 @@ def measure_automatic(name: str) -> dict[str, Any]:
 
 def _bars(touch: Any) -> Any:
     """Error bars of cells and numbers."""
-    return touch.std, [touch.interval(0.95, of) for of in ("force", "moment", "center_of_pressure")]
+    return touch.std(), [touch.interval(0.95, of) for of in ("force", "moment", "center_of_pressure")]
 
 
 def table_automatic(rows: list[dict[str, Any]]) -> str:

@@ -105,7 +105,7 @@ def measured(touch: Any, truth: np.ndarray, skin: pp.Skin) -> dict[str, float]:
     true = truth[(slice(0, 2), *inside)]
     on = (true != 0).any(axis=0)
     size = np.linalg.norm(true)
-    std = np.asarray(touch.std)[:2]
+    std = np.asarray(touch.std())[:2]
     low, high = (np.asarray(v)[:2] for v in touch.interval(0.95))
     covered = (low <= true) & (true <= high)
     force_low, force_high = (np.asarray(v)[:2] for v in touch.interval(0.95, "force"))

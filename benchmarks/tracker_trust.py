@@ -177,7 +177,7 @@ def measured(
         force = float(touch.force[2])
         wrong = abs(force - truth) > 0.3 * max(abs(truth), LEAST)
         outside = False
-        if touch.errors is not None:
+        if touch.has_intervals:
             low, high = touch.interval(0.95, "force")
             outside = not low[2] <= truth <= high[2]
         found["wrong"] += wrong

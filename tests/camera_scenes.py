@@ -6,8 +6,29 @@ from typing import Any
 
 import palpate as pp
 
+GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.3)
 
-def small_scene(pad: pp.BondedLayers, **other: Any) -> Any:
+
+def gel_file(camera: str, *, surface: str = "") -> str:
+    """The text of a skin.toml of `GEL` and its dots, with these lines of the sections [camera] and [surface]."""
+    return """\
+[pad]
+kind = "bonded_layers"
+
+[[pad.layer]]
+thickness = "3.5 mm"
+youngs_modulus = "300 kPa"
+poissons_ratio = 0.48
+
+[[plane]]
+kind = "scattered"
+depth = "0.5 mm"
+channels = ["displacement_x", "displacement_y"]
+""" + "".join(f"\n[{name}]\n{lines}\n" for name, lines in (("surface", surface), ("camera", camera)) if lines)
+
+
+def small_scene(pad: pp.BondedLayers = GEL, **other: Any) -> Any:
     """On this gel; ``other`` says what else is known of the scene, such as looks."""
     from palpate.camera import Dots, Scene, dot_grid
 

@@ -1,8 +1,8 @@
-"""The only door to array namespaces and Fourier transforms.
+"""The only module that deals with array namespaces and Fourier transforms.
 
-Arrays go through in the caller's kind, dtype and device. Everything that is prepared is made once in NumPy, in double
-precision, and handed over with `from_numpy`. NumPy arrays are transformed by scipy.fft or ducc0
-(`palpate._transforms`), which keep float32.
+Arrays keep the caller's type, dtype and device. Everything that is prepared is computed once in NumPy, in double
+precision, and converted with `from_numpy`. NumPy arrays are transformed by scipy.fft or ducc0 (`palpate._transforms`),
+which keep float32.
 """
 
 from __future__ import annotations
@@ -31,27 +31,29 @@ __all__ = [
 
 
 def namespace(*x: Any) -> Any:
-    """The array namespace of the arrays ``x`` (NumPy for NumPy arrays, in its array-API form)."""
+    """Return the array namespace of the arrays ``x`` (for NumPy arrays NumPy in its array-API form)."""
     import array_api_compat
 
     return array_api_compat.array_namespace(*x)
 
 
 def device_of(x: Any) -> Any:
-    """The device of ``x``, as its namespace names it."""
+    """Return the device of ``x``, in the notation of its namespace."""
     import array_api_compat
 
     return array_api_compat.device(x)
 
 
 def is_numpy(x: Any) -> bool:
-    """Whether ``x`` is a NumPy array."""
+    """Return whether ``x`` is a NumPy array."""
     return isinstance(x, np.ndarray)
 
 
 def as_real(x: Any, what: str) -> Any:
-    """``x`` as a floating array of its own kind, in this machine's byte order: float32 and float64 are kept, integers become
-    float64. Masked entries become NaN. Anything that could change its meaning on the way is refused."""
+    """Return ``x`` as a floating-point array of its own type, in this machine's byte order: float32 and float64 are
+    kept, integers become float64. Masked entries become NaN. Anything whose meaning the conversion could change raises
+    an error.
+    """
     if isinstance(x, list | tuple):
         x = _from_sequence(x, what)
     elif isinstance(x, int | float | np.generic):
@@ -75,7 +77,7 @@ def as_real(x: Any, what: str) -> Any:
 
 
 def _from_sequence(x: Sequence[Any], what: str) -> npt.NDArray[Any]:
-    """A nested list of numbers, or a list of arrays of one shape."""
+    """Convert a nested list of numbers, or a list of arrays of the same shape."""
     labelled = next((type(v).__name__ for v in x if hasattr(v, "dims")), None)
     if labelled is not None:
         raise InvalidInput(
@@ -92,7 +94,7 @@ def _from_sequence(x: Sequence[Any], what: str) -> npt.NDArray[Any]:
         found = np.asarray([to_numpy(v) if hasattr(v, "detach") else v for v in x])
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{what} must be numbers in a rectangular array; got {type(x).__name__}.") from error
-    if found.dtype == object:  # None among numbers is a missing value; anything else is not a number
+    if found.dtype == object:  # None among numbers is a missing value; any other object is an error
         try:
             found = np.asarray(x, dtype=np.float64)
         except (TypeError, ValueError) as error:
@@ -101,17 +103,19 @@ def _from_sequence(x: Sequence[Any], what: str) -> npt.NDArray[Any]:
 
 
 def _any_masked(x: Any) -> bool:
-    """Whether a nested list contains a masked array or `numpy.ma.masked`, at any depth."""
+    """Return whether a nested list contains a masked array or `numpy.ma.masked`, at any depth."""
     return any(isinstance(v, np.ma.MaskedArray) or (isinstance(v, list | tuple) and _any_masked(v)) for v in x)
 
 
 def _masked(x: Any) -> Any:
-    """A nested list as a masked array."""
+    """Convert a nested list to a masked array."""
     return np.ma.stack([_masked(v) for v in x]) if isinstance(x, list | tuple) else np.ma.asarray(to_numpy(x))
 
 
 def as_double(x: Any) -> npt.NDArray[np.float64]:
-    """A copy of numbers in double precision; masked entries, in lists too, become NaN. `ValueError` or `TypeError` for anything else."""
+    """Return a copy of numbers in double precision; masked entries, also in lists, become NaN. Raise `ValueError` or
+    `TypeError` for anything else.
+    """
     if isinstance(x, list | tuple) and _any_masked(x):
         x = _masked(x)
     found = np.array(x, dtype=np.float64)
@@ -121,7 +125,7 @@ def as_double(x: Any) -> npt.NDArray[np.float64]:
 
 
 def _refuse_foreign(x: Any, what: str) -> None:
-    """Arrays whose unit, labels or laziness would be lost on the way."""
+    """Raise an error for arrays whose unit, labels or laziness the conversion would lose."""
     kind = f"{type(x).__module__.split('.')[0]}.{type(x).__name__}"
     if hasattr(x, "magnitude") and hasattr(x, "units"):  # pint
         raise InvalidInput(f"{what} carry a unit as {kind}: pass their SI magnitude, e.g. x.to('Pa').magnitude.")
@@ -129,7 +133,9 @@ def _refuse_foreign(x: Any, what: str) -> None:
         raise InvalidInput(f"{what} carry a unit as {kind}: pass their SI values, e.g. x.to_value('Pa').")
     if hasattr(x, "iloc") or hasattr(x, "collect_schema"):  # pandas, polars
         raise InvalidInput(f"{what} came as a table ({kind}): pass x.to_numpy() in the shape that is asked for.")
-    if hasattr(x, "data_vars"):  # asked before laziness: it can be computed too, which would lead nowhere
+    if hasattr(
+        x, "data_vars"
+    ):  # check this before laziness: such an object can also be computed, but that would not help
         names = ", ".join(map(str, x.data_vars))
         raise InvalidInput(f"{what} came as an xarray.Dataset: pass one of its variables ({names}).")
     if hasattr(x, "dask") or (hasattr(x, "compute") and hasattr(x, "chunks")):
@@ -162,7 +168,7 @@ def _real_numpy(x: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
 
 
 def to_numpy(x: Any) -> npt.NDArray[Any]:
-    """``x`` as a NumPy array on this machine's memory."""
+    """Return ``x`` as a NumPy array in this machine's main memory."""
     if isinstance(x, np.ndarray):
         return x
     if hasattr(x, "detach"):
@@ -173,7 +179,7 @@ def to_numpy(x: Any) -> npt.NDArray[Any]:
 
 
 def from_numpy(a: npt.NDArray[Any], like: Any) -> Any:
-    """``a`` as an array of the kind, precision and device of ``like`` (complex stays complex)."""
+    """Return ``a`` as an array with the type, precision and device of ``like`` (complex stays complex)."""
     import array_api_compat
 
     xp = namespace(like)
@@ -194,7 +200,9 @@ def from_numpy(a: npt.NDArray[Any], like: Any) -> Any:
 
 
 def rfftn(x: Any, shape: Sequence[int]) -> Any:
-    """Real FFT over the last ``len(shape)`` axes, zero-padded to ``shape``. Rows of zeros are not transformed."""
+    """Return the real FFT over the last ``len(shape)`` axes, zero-padded to ``shape``. Rows of zeros are not
+    transformed.
+    """
     axes = tuple(range(-len(shape), 0))
     if is_numpy(x):
         if len(shape) == 2:
@@ -206,7 +214,9 @@ def rfftn(x: Any, shape: Sequence[int]) -> Any:
 
 
 def irfftn(x: Any, shape: Sequence[int], keep: Sequence[slice] | None = None, *, overwrite: bool = False) -> Any:
-    """Inverse of `rfftn`; ``keep``: the part of the result that is wanted, one slice for each axis; ``overwrite``: ``x`` may be used up."""
+    """Return the inverse of `rfftn`. ``keep`` selects a part of the result by one slice for each axis; with
+    ``overwrite``, ``x`` may be destroyed.
+    """
     axes = tuple(range(-len(shape), 0))
     if is_numpy(x) and len(shape) == 2:
         return irfft2(x, shape, keep, overwrite=overwrite)
@@ -220,7 +230,7 @@ def irfftn(x: Any, shape: Sequence[int], keep: Sequence[slice] | None = None, *,
 
 
 def fftn(x: npt.NDArray[Any], axes: int) -> npt.NDArray[np.complex128]:
-    """Complex FFT of a NumPy array over its last ``axes`` axes."""
+    """Return the complex FFT of a NumPy array over its last ``axes`` axes."""
     import scipy.fft
 
     return np.asarray(scipy.fft.fftn(x, axes=tuple(range(-axes, 0))))

@@ -1,7 +1,8 @@
-"""Fields with batch axes: declared once, walked by everything that picks, joins or copies frames.
+"""Fields with batch axes: they are declared once, and every function that selects, joins or copies frames uses the
+declaration.
 
-A field declared with ``field(metadata=per_frame())`` carries the batch axes first. Picking a frame, joining results, indexing, saving and loading all
-go through the functions below, so a new field needs its declaration and nothing else.
+A field declared with ``field(metadata=per_frame())`` has the batch axes first. Selecting a frame, joining results,
+indexing, saving and loading all use the functions below, so that a new field only needs its declaration.
 """
 
 from __future__ import annotations
@@ -23,32 +24,33 @@ Record = TypeVar("Record")
 
 
 class Deferred(abc.ABC):
-    """A record whose arrays are made when they are first requested, out of others with the batch axes first."""
+    """A record whose arrays are computed when they are first requested, from other arrays with the batch axes first."""
 
     @property
     @abc.abstractmethod
     def deferred(self) -> bool:
-        """Whether something is still to be made."""
+        """Whether an array is still to be computed."""
 
     @abc.abstractmethod
     def inputs(self) -> Iterator[tuple[str, Any]]:
-        """(name, value) of the arrays with batch axes that are there."""
+        """Yield (name, value) of the existing arrays with batch axes."""
 
     @abc.abstractmethod
     def changed(self, change: Callable[[Any], Any]) -> Any:
-        """The same record with ``change`` applied to the existing fields; lazy fields then need less work."""
+        """Return the record with ``change`` applied to the existing fields, so that lazy fields need less work later."""
 
 
 def per_frame(*dims: str, missing: Any = math.nan) -> dict[str, Any]:
-    """Metadata of a dataclass field with batch axes.
+    """Return metadata for a dataclass field with batch axes.
 
-    ``dims`` name the axes after those of the batch ("*": those of the surface); ``missing`` stands for frames that do not have it.
+    ``dims`` name the axes after those of the batch ("*": those of the surface); ``missing`` is the value for frames
+    without the field.
     """
     return {"per_frame": True, "dims": dims, "missing": missing}
 
 
 def per_frame_fields(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted name, value) of every per-frame field that is there, those of nested records too."""
+    """Yield (dotted name, value) of every existing per-frame field, including those of nested records."""
     for f in fields(record):
         if not f.metadata.get("per_frame"):
             continue
@@ -62,7 +64,7 @@ def per_frame_fields(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]
 
 
 def rebuilt(record: Record, change: Callable[[Any], Any]) -> Record:
-    """The same record with ``change`` applied to every per-frame array, those of nested records too."""
+    """Return the record with ``change`` applied to every per-frame array, including those of nested records."""
     if isinstance(record, Deferred) and record.deferred:
         return cast(Record, record.changed(change))
     changes = {}
@@ -74,9 +76,9 @@ def rebuilt(record: Record, change: Callable[[Any], Any]) -> Record:
 
 
 def stacked(records: Sequence[Any], *, new_axis: bool, counts: Sequence[int]) -> dict[str, Any]:
-    """Per-frame fields of many records as one: along a new first axis, or end to end along the first.
+    """Join the per-frame fields of many records: along a new first axis, or end to end along the first.
 
-    ``counts`` are the frames of each record. Frames of records that lack a field hold its missing value.
+    ``counts`` are the numbers of frames of the records. Frames of records without a field get its missing value.
     """
     out: dict[str, Any] = {}
     for f in fields(records[0]):
@@ -98,13 +100,22 @@ def stacked(records: Sequence[Any], *, new_axis: bool, counts: Sequence[int]) ->
 
 
 def _absent(known: Any, count: int, new_axis: bool) -> Any:
-    """A record shaped like ``known``, with missing values only."""
-    missing = {f.name: f.metadata["missing"] for f in fields(known) if getattr(known, f.name) is not None}
-    return replace(known, **{n: _filled(getattr(known, n), fill, count, new_axis) for n, fill in missing.items()})
+    """Return a record shaped like ``known`` that has only missing values."""
+    held = {f: getattr(known, f.name) for f in fields(known) if f.metadata.get("per_frame")}
+    return replace(
+        known,
+        **{
+            f.name: _absent(value, count, new_axis)
+            if is_dataclass(value)
+            else _filled(value, f.metadata["missing"], count, new_axis)
+            for f, value in held.items()
+            if value is not None
+        },
+    )
 
 
 def _filled(known: Any, missing: Any, count: int, new_axis: bool) -> Any:
-    """Missing values for the frames of one record, shaped as those of ``known``."""
+    """Return missing values for the frames of one record, shaped like those of ``known``."""
     array = to_numpy(known)
     shape = array.shape if new_axis else (count, *array.shape[1:])
     dtype = array.dtype if not isinstance(missing, float) or array.dtype.kind == "f" else np.float64
@@ -126,7 +137,9 @@ def _join(name: str, parts: list[Any], new_axis: bool) -> Any:
 
 
 def freeze(record: Any) -> None:
-    """Make the NumPy arrays of a frozen record's per-frame fields read-only (as views: the caller's own stay as they are)."""
+    """Make the NumPy arrays in a frozen record's per-frame fields read-only. They become views, so that the caller's
+    own arrays stay writable.
+    """
     for f in fields(record):
         value = getattr(record, f.name)
         if f.metadata.get("per_frame") and is_numpy(value) and value.flags.writeable:

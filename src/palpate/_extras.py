@@ -1,4 +1,4 @@
-"""Libraries that only some tasks need, and the extras that bring them."""
+"""Libraries that only some tasks need, and the extras that install them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.errors import Unsupported
 
 __all__ = ["missing", "require"]
 
-#: Extra of pyproject.toml that brings each library.
+#: Extra of pyproject.toml that installs each library.
 EXTRAS = {
     "h5netcdf": "files",
     "h5py": "files",
@@ -50,7 +50,7 @@ EXTRAS = {
 
 
 def missing(purpose: str, error: ImportError) -> Unsupported:
-    """The error to raise where ``purpose`` (in the plural: "skin files") needs a library that is not installed."""
+    """Return the error to raise if ``purpose`` (in the plural: "skin files") needs a library that is not installed."""
     top = (error.name or "").split(".")[0]
     if top not in EXTRAS:
         return Unsupported(f"{purpose} cannot be served: {error}.")
@@ -58,7 +58,7 @@ def missing(purpose: str, error: ImportError) -> Unsupported:
 
 
 def require(purpose: str, *libraries: str) -> None:
-    """Raise `Unsupported`, naming the extra to install, unless the libraries are there."""
+    """Raise `Unsupported`, which names the extra to install, unless the libraries are installed."""
     for name in libraries:
         if importlib.util.find_spec(name) is None:
             raise missing(purpose, ModuleNotFoundError(name=name))

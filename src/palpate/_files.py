@@ -1,4 +1,4 @@
-"""Kind and size of a path, before reading it."""
+"""Check type and size of a path before reading it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from palpate.errors import InvalidInput
 
 __all__ = ["TEXT", "ordinary", "small_text"]
 
-#: Bytes that a file which describes something (a skin, an outline) does not exceed.
+#: Largest size [bytes] of a file that describes something (a skin, an outline).
 TEXT = 1 << 26
 
 
 def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Path:
-    """The path of an ordinary file that is there, and holds no more than ``most`` bytes, which is what a file that is ``what`` needs.
+    """Return the path if it is an existing ordinary file of at most ``most`` bytes; ``what`` names the expected kind
+    of file in errors.
 
     Raises
     ------
@@ -50,7 +51,9 @@ def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Pat
 
 
 def small_text(path: str | Path, what: str) -> str:
-    """The text of a file that is ``what``; `InvalidInput` if it is not text."""
+    """Return the text of a small file; raise `InvalidInput` if it is not text. ``what`` names the expected kind of
+    file in errors.
+    """
     found = ordinary(path, most=TEXT, what=what)
     try:
         return found.read_text(encoding="utf-8-sig")

@@ -1,7 +1,8 @@
-"""How much memory is free, and the refusal of what would need more.
+"""Determine how much memory is free, and refuse work that needs more.
 
-Estimates stand beside the code whose memory they describe; here is only the comparison. Allocating too much memory does not fail at once: the system
-kills the program, or another one, later. So the estimate is made from sizes alone, before any work.
+Estimates are beside the code whose memory they describe; this module only compares. Allocating too much memory does
+not fail at once: later the system kills the program, or another one. So the estimate is made from sizes alone, before
+any work.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from palpate.errors import Unsupported
 
 __all__ = ["SHARE", "SMALL", "available", "gigabytes", "require"]
 
-#: The usable part of the free memory: the rest of the program, and other programs, need some.
+#: Fraction of the free memory that may be used: the rest of the program, and other programs, need some.
 SHARE = 0.9
-#: Less than this is not worth a look at what is free [bytes].
+#: For less than this [bytes] free memory is not checked.
 SMALL = 50_000_000
 
 
@@ -26,14 +27,14 @@ def available() -> int | None:
 
 
 def require(peak: float, what: str, remedy: str) -> None:
-    """Refuse with `Unsupported` work that needs ``peak`` bytes if they are not free.
+    """Raise `Unsupported` if ``peak`` bytes are not free.
 
     Parameters
     ----------
     peak : float
         The most that is allocated at a time, estimated from sizes.
     what, remedy : str
-        What needs it, and what serves this very input.
+        The work that needs the memory, and what to do with this input instead.
     """
     if peak < SMALL:
         return
@@ -51,7 +52,7 @@ def _machine() -> int | None:
         if line.startswith("MemAvailable:"):
             return int(line.split()[1]) * 1024
     sizes: dict[str, int] = getattr(os, "sysconf_names", {})
-    # macOS states the total, not the free memory
+    # macOS reports the total, not the free memory
     pages = next((n for n in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if n in sizes), None)
     return None if pages is None else os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")
 
@@ -68,7 +69,7 @@ def _control_groups() -> list[int | None]:
             ("memory.max", "memory.current") if not controllers else ("memory.limit_in_bytes", "memory.usage_in_bytes")
         )
         here = root / name.strip("/")
-        # in a container the name is one of the host's: its own group is then the root
+        # in a container the name may be that of the host: its own group is then the root
         for folder in [here, *here.parents]:
             if not folder.is_relative_to(root):
                 break

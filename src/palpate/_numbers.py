@@ -1,4 +1,4 @@
-"""Numbers as messages say them: no exponents, no per cent above a hundred."""
+"""Format numbers for messages: without exponents, and without percentages above a hundred."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["plain_number", "plain_time", "relative"]
 
 
 def plain_number(value: float, digits: int = 6) -> str:
-    """A number rounded to so many digits and written without an exponent, as people read it; below 1e-4 and from 1e15 on it keeps one.
+    """Round a number to ``digits`` digits and write it without an exponent; below 1e-4 and from 1e15 on with one.
 
     Examples
     --------
@@ -20,7 +20,7 @@ def plain_number(value: float, digits: int = 6) -> str:
 
 
 def plain_time(seconds: float) -> str:
-    """A time to the microsecond, without an exponent also where it counts from 1970.
+    """Write a time to the microsecond, without an exponent even if it counts from 1970.
 
     Examples
     --------
@@ -31,7 +31,7 @@ def plain_time(seconds: float) -> str:
 
 
 def relative(share: float) -> str:
-    """A relative deviation in words: per cent up to as much as the number itself, then a factor.
+    """Write a relative deviation: in per cent up to 100 %, above as a factor.
 
     Examples
     --------

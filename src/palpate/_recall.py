@@ -1,6 +1,8 @@
-"""Arrays that take long to compute, taken from a file that an earlier run wrote: known by everything that they follow from.
+"""Load arrays that take long to compute from a file that an earlier run wrote. The key of an array is a digest of
+everything that it depends on.
 
-A file is an uncompressed NPZ of plain arrays, with a header in JSON. Nothing in it is executed, and each array has the checksum of its zip entry.
+A file is an uncompressed NPZ of plain arrays with a header in JSON. Nothing in it is executed, and each array has the
+checksum of its zip entry.
 """
 
 from __future__ import annotations
@@ -24,16 +26,18 @@ Arrays = tuple[npt.NDArray[Any], ...]
 
 #: Version of the file layout; other versions are refused.
 FORMAT = 1
-#: Longest header: a few hundred entries of a hundred characters.
+#: Largest length of a header: a few hundred entries of a hundred characters.
 LONGEST_HEADER = 1_000_000
 
 
 class _Unknown(Exception):
-    """An object without an identity for a digest."""
+    """Raised for an object that has no digest."""
 
 
 def digest(*things: Any) -> str | None:
-    """SHA-256 of numbers, words, arrays, and dataclasses of palpate made of these, to the last bit; None where something else is among them."""
+    """Return the SHA-256 of numbers, text, arrays, and palpate's dataclasses made of these, exact to the last bit;
+    None if anything else is among them.
+    """
     out = hashlib.sha256()
     try:
         for thing in things:
@@ -72,12 +76,12 @@ def _walk(thing: Any, say: Callable[[bytes], None]) -> None:
 
 @dataclass(frozen=True)
 class Recall:
-    """Arrays (`digest` of what they follow from → arrays)."""
+    """Stored arrays, by the `digest` of everything that they depend on."""
 
     entries: Mapping[str, Arrays]
 
     def find(self, key: str | None, shapes: Sequence[tuple[int, ...]]) -> Arrays | None:
-        """The values under a key if they have these shapes and double precision."""
+        """Return the arrays stored under a key if they have these shapes and double precision."""
         found = None if key is None else self.entries.get(key)
         if found is None or [a.shape for a in found] != list(shapes):
             return None
@@ -85,7 +89,7 @@ class Recall:
 
 
 def write(path: str, entries: Mapping[str, Arrays], about: Mapping[str, str]) -> None:
-    """Write a file; ``about`` are words or digests that `read` returns."""
+    """Write a file; ``about`` are texts or digests that `read` returns."""
     header = {"format": FORMAT, "about": dict(about), "entries": {key: len(parts) for key, parts in entries.items()}}
     text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     arrays: dict[str, Any] = {f"{key}.{i}": part for key, parts in entries.items() for i, part in enumerate(parts)}

@@ -41,7 +41,7 @@ class SkinProperties:
     _calibration: SkinCalibration | None
 
     def __repr__(self) -> str:
-        """In a line: the pad, its arrays with their channels, and the cells of the surface.
+        """Describe the skin in one line: the pad, its arrays with their channels, and the cells of the surface.
 
         Examples
         --------
@@ -151,7 +151,7 @@ class SkinProperties:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """What `reconstruct` seeks by default, the traction components that these channels can separate.
+        """The traction components that `reconstruct` estimates by default: those that these channels can separate.
 
         Examples
         --------
@@ -165,7 +165,8 @@ class SkinProperties:
         return observable_components(self._elastic, self._whole)
 
     def observability(self, wavelength: npt.ArrayLike, *, components: Sequence[str] | None = None) -> Observability:
-        """How well each ``wavelength`` [m] of the traction is seen: the condition of its matrix.
+        """Return how well each ``wavelength`` [m] of the traction can be observed: the condition number of its
+        response matrix.
 
         Examples
         --------
@@ -202,7 +203,7 @@ class SkinProperties:
         center : (float, float), optional
             Place (x, y) of the press [m]; default: the middle of the array.
         components : sequence of str, optional
-            The components sought; default: those of the skin.
+            The components to estimate; default: those of the skin.
 
         Raises
         ------
@@ -282,7 +283,7 @@ class SkinProperties:
         return identify(self, touch, readings, indentation=indentation, shape=shape)
 
     def case(self, components: Sequence[str] | None = None) -> Case:
-        """The case of the error bars' constants.
+        """Return the case that selects the calibration constants of the error bars.
 
         Examples
         --------
@@ -294,6 +295,19 @@ class SkinProperties:
         """
         problem = self._problem.seeking(self._names(components))
         return Case.of(self._elastic, self._planes, problem.components, ambiguous=problem.ambiguous)
+
+    def problem(self, *, components: Sequence[str] | None = None) -> Problem:
+        """The input of a method: operator, surface and the components sought, with caches that methods share.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> skin.problem(components=["z"]).components
+        ('z',)
+        """
+        return self._problem.seeking(self._names(components))
 
     def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
         if components is None:

@@ -1,7 +1,7 @@
-"""Threads of the libraries for linear algebra.
+"""Control the threads of libraries for linear algebra.
 
-They use all cores for every product, also for matrices so small that the threads only wait for each other; where other programs run, they
-wait for long (a frame of a 4 x 4 array took seven times the processor time on two busy cores).
+They use all cores for every product, even for matrices so small that the threads mainly wait for each other. If other
+programs run, they wait for long (a frame of a 4 x 4 array took seven times the processor time on two busy cores).
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ __all__ = [
 
 Value = TypeVar("Value")
 
-#: Unknowns up to which one thread is enough: a factorisation takes less than a second then.
+#: Largest number of unknowns for which one thread is enough: a factorisation then takes less than a second.
 SMALL = 4096
-#: Few readings on many cells make no matrix wider than some of these times the readings (`palpate.inverse.constrained.quadratic`): 432 readings on 5800 unknowns
-#: took 190 s of processor time with two threads on two busy cores, 13 s with one.
+#: With few readings on many cells no matrix is wider than WIDEST times the readings
+#: (`palpate.inverse.constrained.quadratic`): 432 readings with 5800 unknowns took 190 s of processor time with two
+#: threads on two busy cores, 13 s with one.
 WIDEST = 4
 
 
 class cached_property(functools.cached_property[Value]):
-    """A property that is computed once for each object. Two threads may both work it out, to the same.
+    """A property that is computed once for each object. Two threads may both compute it, with the same result.
 
-    That of functools has a lock for all objects of a class (Python 3.11): threads wait for each other, and a child that is forked while one
-    of them has it waits for ever.
+    The one of functools has a lock for all objects of a class (Python 3.11): threads wait for each other, and a child
+    process that is forked while a thread holds the lock waits for ever.
     """
 
     @overload
@@ -51,7 +52,9 @@ class cached_property(functools.cached_property[Value]):
 
 
 class Lock:
-    """A lock that is free in a child that is forked while another thread of the parent has it: that thread is not in the child."""
+    """A lock that is free in a child process even if another thread held it when the parent forked, because that
+    thread does not exist in the child.
+    """
 
     _all: ClassVar[weakref.WeakSet[Lock]] = weakref.WeakSet()
 
@@ -60,11 +63,11 @@ class Lock:
         self._all.add(self)
 
     def acquire(self, blocking: bool = True) -> bool:
-        """Take the lock; without waiting, return whether it was free."""
+        """Acquire the lock. Without blocking, return whether it was free."""
         return self._lock.acquire(blocking)
 
     def release(self) -> None:
-        """Give it back."""
+        """Release the lock."""
         self._lock.release()
 
     def __enter__(self) -> None:
@@ -86,11 +89,13 @@ if hasattr(os, "register_at_fork"):  # not on Windows
 
 @contextmanager
 def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
-    """A context in which linear algebra uses one thread with few unknowns or ``readings``, else at most those that other programs leave.
+    """Limit linear algebra within the context: to one thread with few unknowns or ``readings``, otherwise to the
+    number that other programs leave free.
 
-    The number belongs to the whole process: of several threads of the caller, one changes it and gives the others back when it leaves,
-    which costs the rest time and nothing else. (Were each to put back what it found, one of them would put back the change; and only one thread
-    of a process may change it.)
+    The number of threads belongs to the whole process. If several threads of the caller use this context, one of them
+    changes the number and restores it when it leaves; meanwhile the others may run with fewer threads, which only
+    costs time. (If each restored what it found, one of them would restore the changed number; and only one thread of a
+    process may change it.)
     """
     libraries, mine = _libraries()
     if readings is not None:
@@ -100,7 +105,7 @@ def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
         yield
         return
     try:
-        # never more than one has: a user may have said how many (OPENBLAS_NUM_THREADS)
+        # never increase the number: the user may have set it (OPENBLAS_NUM_THREADS)
         more = [x.filepath for x in libraries.lib_controllers if x.user_api == "blas" and x.num_threads > threads]
         with libraries.select(filepath=more).limit(limits=threads):
             yield
@@ -109,15 +114,16 @@ def few_threads(unknowns: int, readings: int | None = None) -> Iterator[None]:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def spare() -> int | None:
-    """Threads that other programs leave: the cores minus the load of the last minute, without this program's own. None: all of them, or unknown.
+    """Return the number of threads that other programs leave free: the cores minus the load of the last minute, not
+    counting this program. None means all of them, or unknown.
 
-    A thread that waits for its core keeps those that wait for it spinning: 4800 unknowns on two cores with two other programs took 30 s of
-    processor time with two threads, 8 s with one, and four times as long.
+    A thread that waits for its core keeps the threads that wait for it spinning: 4800 unknowns on two cores with two
+    other programs took 30 s of processor time with two threads, 8 s with one, and four times as long.
     """
     try:
         load = os.getloadavg()[0]
@@ -128,7 +134,7 @@ def spare() -> int | None:
 
 
 class _Beside(threading.local):
-    """The check for more urgent work, one for each thread."""
+    """Stores, for each thread, the check for more urgent work."""
 
     wait: Callable[[], None] | None = None
 
@@ -142,9 +148,10 @@ def beside(wait: Callable[[], None]) -> None:
 
 
 def give_way() -> None:
-    """Long work calls this every millisecond or two: it waits if more urgent work runs beside it.
+    """Wait if more urgent work runs. Long work calls this every millisecond or two.
 
-    Python's threads take turns of 5 ms, and libraries for linear algebra take none: a frame of 2 ms beside such work took 10 to 50 ms.
+    Python's threads take turns of 5 ms, and libraries for linear algebra take none: a frame of 2 ms beside such work
+    took 10 to 50 ms.
     """
     if _this.wait is not None:
         _this.wait()
@@ -152,7 +159,7 @@ def give_way() -> None:
 
 @functools.cache
 def _libraries() -> tuple[Any, Lock]:
-    """The controller of the loaded libraries of linear algebra (None without threadpoolctl), and its lock."""
+    """Return the controller of the loaded libraries of linear algebra (None without threadpoolctl), and its lock."""
     import scipy.linalg.blas  # noqa: F401
 
     try:

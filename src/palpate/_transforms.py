@@ -18,7 +18,7 @@ __all__ = ["irfft2", "library", "rfft2"]
 
 @lru_cache(maxsize=1)
 def library() -> ModuleType | None:
-    """ducc0's transforms, if installed."""
+    """Return ducc0's module of transforms, if installed."""
     try:
         from ducc0 import fft
     except ImportError:
@@ -29,7 +29,7 @@ def library() -> ModuleType | None:
 def rfft2(x: Any, shape: Sequence[int]) -> Any:
     """Real FFT over the last two axes, zero-padded to ``shape``."""
     fast = library()
-    # scipy does cropped or non-float arrays
+    # scipy handles cropped arrays and those that are not float
     if fast is None or any(n > s for n, s in zip(x.shape[-2:], shape)) or x.dtype.char not in "fd":
         import scipy.fft
 

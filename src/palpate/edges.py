@@ -1,4 +1,6 @@
-"""How far wrong an endless layer is near the side of a gel, from a table that finite elements made (``benchmarks/edge_table.py``)."""
+"""Error of an infinite layer near the side of a gel, from a table computed by finite elements
+(``benchmarks/edge_table.py``).
+"""
 
 from __future__ import annotations
 
@@ -28,16 +30,16 @@ __all__ = ["EdgeError", "edge_error", "plot_edges", "solid_lines"]
 
 @dataclass(frozen=True)
 class EdgeError:
-    """Error of the endless layer when a ball of half a thickness touches near a free side.
+    """Error of the infinite layer when a ball of half a thickness touches near a free side.
 
     Attributes
     ----------
     thickness : float
-        Of the layer [m].
+        Thickness of the layer [m].
     distance : array (n,)
-        Of the middle of the ball from the side [m].
+        Distances of the middle of the ball from the side [m].
     press, drag : array (n,)
-        How far the layer's readings are off when the ball presses, and when it drags across the side, as a part of the readings.
+        Relative error of the layer's readings when the ball presses, and when it drags across the side.
     force : array (n,) or None
         Net normal force found with the endless layer over the true one, of sensors that feel stress.
     kind : str
@@ -74,7 +76,7 @@ class EdgeError:
         return float(np.interp(-MODULUS, -self.press[last : last + 2], self.distance[last : last + 2]))
 
     def inner(self, size: tuple[float, float]) -> float:
-        """The part of a surface of this size (x, y) [m] that lies beyond `reach` of all sides.
+        """Return the fraction of a surface of this size (x, y) [m] that is farther than `reach` from all sides.
 
         Examples
         --------
@@ -98,9 +100,10 @@ def _table() -> dict[str, Any]:
 
 
 def edge_error(pad: Pad, planes: Sequence[Array]) -> EdgeError | None:
-    """Error of an endless layer near a free side; None unless the pad is a single layer on a rigid base in area contact.
+    """Return the error of an infinite layer near a free side; None unless the pad is a single layer on a rigid base in
+    area contact.
 
-    Poisson's ratios between those of the table are interpolated; below 0.3 that of 0.3 serves.
+    The table is interpolated in Poisson's ratio; below 0.3 the values for 0.3 are used.
 
     Examples
     --------

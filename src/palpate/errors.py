@@ -1,4 +1,4 @@
-"""Exceptions. Every message says what is wrong, what was received, what is accepted and what to do."""
+"""Exceptions. Every message states what is wrong, what was received, what is accepted and what to do."""
 
 from __future__ import annotations
 

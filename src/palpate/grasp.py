@@ -1,23 +1,24 @@
-"""Is the grasp safe: contact made and lost, slip before it happens, too much pressure or force.
+"""Watch the safety of a grasp: contact made and lost, slip before it happens, too much pressure or force.
 
-How near a contact is to sliding is Q/(mu P), tangential over normal force by the friction. With the friction known it follows
-from the net forces alone. Without it the *shape* of the shear tells: where a contact is sheared, its rim slips first, and by the
-theorem of Ciavarella and Jaeger (M. Ciavarella, J. Appl. Mech. 65, 1998, 998-1003; J. Jaeger, Arch. Appl. Mech. 68, 1998, 438-451)
+How close a contact is to sliding is measured by Q/(mu P): tangential force over normal force times friction. If the
+friction is known, the net forces suffice. Otherwise the *distribution* of shear shows it: where a contact is sheared,
+its rim slips first, and by the theorem of Ciavarella and Jaeger (M. Ciavarella, J. Appl. Mech. 65, 1998, 998-1003; J.
+Jaeger, Arch. Appl. Mech. 68, 1998, 438-451)
 
     q(x) = mu [p(x) - p*(x)],     mu = (Q/P)/(1 - P*/P),
 
-p* being the pressure of the same contact under the smaller load P* whose area still sticks. For contact that grows like that of
-a ball p*(x) = s p(x/s) about its centre, with s the radius of the part that sticks over that of the contact, so that
-Q/(mu P) = 1 - s^3 (1 - s^2 on a line). The likelihood of s given the shear found, with its error bars, tells how near slip is and
-how sure that is.
+where p* is the pressure of the same contact under a smaller load P* whose whole contact area still sticks. If the
+contact grows like that of a ball, p*(x) = s p(x/s) about its centre, where s is the radius of the stick zone over that
+of the contact, so that Q/(mu P) = 1 - s^3 (1 - s^2 in line contact). The likelihood of s given the estimated shear and
+its error bars gives the closeness to slip and its uncertainty.
 
-A contact that is twisted slips too. Where all of it turns about its centre of pressure c, the shear is mu p across the arm r = |x - c|, and its moment
-M = mu int p r dA; of force and moment together the limit is nearly an ellipse (R. D. Howe and M. R. Cutkosky, Int. J. Robotics Res.
-15, 1996, 557-572),
+A twisted contact slips too. If all of it turns about its centre of pressure c, the shear is mu p across the arm r = |x
+- c|, and its moment is M = mu int p r dA. Under force and moment together the limit is nearly an ellipse (R. D. Howe
+and M. R. Cutkosky, Int. J. Robotics Res. 15, 1996, 557-572),
 
     (Q/(mu P))^2 + (M/(mu int p r dA))^2 = 1,
 
-and the utilisation is the root of the left side for a known friction.
+and the utilisation is the square root of the left side for a known friction.
 """
 
 from __future__ import annotations
@@ -40,37 +41,42 @@ from palpate.units import is_number
 
 __all__ = ["Event", "GraspMonitor", "GraspState"]
 
-#: Friction of dry contact lies about here: mean and standard deviation of its logarithm.
+#: Prior of the friction of dry contact: mean and standard deviation of its logarithm.
 LOG_MEAN, LOG_STD = math.log(0.6), 0.7
 #: Relative standard deviation of friction from one slip to the next.
 REPEATED = 0.1
-#: Blur (standard deviation) of the pressure and the shear found, as parts of the resolution. That pressure only pushes sharpens it; on half-spaces
-#: and glued gels, lines and areas, at 0.3 to 3 % noise these parts were 0.20 to 0.28 and 0.40 to 0.66.
+#: Blur (standard deviation) of the estimated pressure and shear, as fractions of the resolution. The constraint that
+#: pressure is positive sharpens pressure. On half-spaces and glued gels, lines and areas, at 0.3 to 3 % noise these
+#: fractions were 0.20 to 0.28 and 0.40 to 0.66.
 PRESSURE_BLUR, SHEAR_BLUR = 0.23, 0.5
-#: Templates of pressure are themselves only found: error of the shear they predict, as a part of its largest.
+#: Error of the shear that is predicted from the estimated pressure, as a fraction of its largest value.
 TEMPLATE = 0.05
-#: The same of the ratio of net forces: how far the drag that a tracker found lay from the truth at slip on balls of 8 to 25 mm, frictions of 0.25 to 1.1.
+#: The same error for the ratio of net forces: the difference between the drag that a tracker estimated and the true one
+#: at slip, on balls of 8 to 25 mm with frictions of 0.25 to 1.1.
 DRAGGED = 0.03
 #: Weight of the previous frames in the running estimate.
 MEMORY = 0.7
-#: The same for what the shape of the shear says, and how many frames the memory counts for: the noise of one frame alone raises alarms.
+#: The same weight for the evidence from the distribution of shear, and the number of frames as which the memory counts.
+#: A memory is needed because the noise of a single frame raises false alarms.
 SHAPE_MEMORY, COUNTS = 0.85, 2.5
-#: So many where the readings themselves were compared, whose noise is another in each frame (0.85 makes about twelve of a memory; the zero's noise stays).
+#: The same number if the readings themselves were compared, whose noise is independent from frame to frame (0.85 makes
+#: a memory of about twelve frames, but the noise of the zero stays).
 COUNTS_OF_READINGS = 5.0
-#: An alarm is raised at the first probability and taken back below the second.
+#: An alarm is raised at probability RAISE and withdrawn below CLEAR.
 RAISE, CLEAR = 0.9, 0.5
-#: An event needs this many frames in a row to begin or end; slip also needs this many explained frames before: a single frame, or a recovering
-#: sensor, raises no alarm.
+#: An event needs this many consecutive frames to begin or end; slip also needs SETTLED explained frames before it, so
+#: that neither a single frame nor a recovering sensor raises an alarm.
 EVIDENCE, SETTLED = 3, 3
-#: Part of the friction limit beyond which a contact counts as sliding.
+#: A contact counts as sliding beyond this fraction of the friction limit.
 SLIDING = 0.95
-#: Number of consecutive sliding frames before the friction is learnt.
+#: Number of consecutive sliding frames after which the friction is learnt.
 LEARN = 5
-#: Blur of shear that turns, as a part of the resolution, and the standard deviation of its moment over what cells as far apart as the resolution
-#: would give alone: neighbours' errors cancel in a moment. On balls of 8 and 15 mm at 0.3 and 1 % noise full twist was then 0.98 to 1.01 of the limit
-#: (at 3 % 0.8: the penalty shrinks it), with 0.06 to 0.2 of that deviation.
+#: Blur of rotational shear as a fraction of the resolution; and the standard deviation of its moment relative to the
+#: one that independent cells, one resolution apart, would give: errors of neighbours cancel in a moment. On balls of 8
+#: and 15 mm at 0.3 and 1 % noise a full twist was then estimated as 0.98 to 1.01 of the limit (at 3 % as 0.8, because
+#: the penalty shrinks it), with 0.06 to 0.2 of that standard deviation.
 TWIST_BLUR, TWIST_SPREAD = 0.7, 0.25
-#: Cells of less than this part of the peak have no margin: at the rim pressure and shear both vanish.
+#: Cells with less than this fraction of the peak pressure do not count in a twist: at the rim pressure and shear both vanish.
 RIM = 0.1
 
 
@@ -78,9 +84,10 @@ RIM = 0.1
 class Event:
     """Something began or ended.
 
-    ``kind`` is "contact", "pull" (the net force pulls the pad), "unexplained" (nothing that touches explains the readings),
-    "incipient slip", "slip", "excess pressure" or "excess force"; ``probability`` how sure it is when it began (or that it goes on, when
-    it ended); ``value`` and ``limit`` in the unit of what was watched (Q/(mu P), Pa, N).
+    ``kind`` is "contact", "pull" (the net force pulls the pad), "unexplained" (no load explains the readings),
+    "incipient slip", "slip", "excess pressure" or "excess force". ``probability`` is that of the event when it began,
+    or that it still continues when it ended. ``value`` and ``limit`` are in the unit of the watched quantity (Q/(mu
+    P), Pa, N).
 
     Examples
     --------
@@ -111,7 +118,7 @@ class GraspState:
     ``utilisation`` is Q/(mu P), 0 without shear and 1 when all slides, with its standard deviation; NaN without contact. With a given or learnt
     friction, a twist counts too. ``friction`` and its standard deviation are given, learned or inferred from the shape of the shear.
     ``twist`` is M/int p r dA, the moment about the normal over that of pressure across its arm: it equals the friction when all of the contact turns;
-    NaN on a line. ``margins`` (y, x) is 1 - |q|/(mu p) of every cell of the contact, 0 where it slips, NaN elsewhere; None without contact.
+    NaN on a line. ``utilisation_map`` (y, x) is |q|/(mu p) of every cell of the contact, 1 where it slips, NaN elsewhere; None without contact.
     """
 
     time: float
@@ -123,22 +130,7 @@ class GraspState:
     friction_std: float
     probabilities: dict[str, float] = field(default_factory=dict)
     twist: float = math.nan
-    margins: Floats | None = None
-
-    @property
-    def slip_margin(self) -> float:
-        """1 - Q/(mu P): the part of the friction that is left.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.grasp import GraspState
-        >>> force = np.array([0.3, 1.0])
-        >>> state = GraspState(0.0, True, force, 0.75, utilisation_std=0.05, friction=0.4, friction_std=0.0)
-        >>> state.slip_margin
-        0.25
-        """
-        return 1.0 - self.utilisation
+    utilisation_map: Floats | None = None
 
 
 class GraspMonitor:
@@ -215,8 +207,8 @@ class GraspMonitor:
         """
         self.learned: float | None = None
         self._on: dict[str, bool] = {}
-        self._since: dict[str, int] = {}  # frames in a row that speak for a change
-        self._settled = 0  # explained frames in a row, of a contact
+        self._since: dict[str, int] = {}  # number of consecutive frames that suggest a change
+        self._settled = 0  # number of consecutive explained frames of a contact
         self._past: Floats = np.zeros(len(STICK))
         self._smooth: float | None = None
         self._slid: list[float] = []
@@ -254,7 +246,7 @@ class GraspMonitor:
         self._frames += 1
         status = None if touch.status is None else Status.coded(int(touch.status))
         if status is not None and (not status.known or status is Status.FROZEN):
-            # a frame without numbers: current events continue
+            # a frame without numbers does not end current events
             lost = np.full(len(touch.surface.components), math.nan)
             self._forget()
             self.state = GraspState(time, False, lost, math.nan, math.nan, *self._friction())
@@ -262,7 +254,7 @@ class GraspMonitor:
         values = to_numpy(touch.values).astype(np.float64)
         force = to_numpy(touch.force).astype(np.float64)
         touching = bool(values[-1].any()) if touch.touching is None else bool(touch.touching)
-        # a pull or an unexplained frame is no contact
+        # a pull or an unexplained frame does not count as contact
         pushing = touch.pushing is None or bool(touch.pushing)
         poor = touch.fit is not None and float(touch.fit) < POOR_FIT
         explained = status is not Status.UNEXPLAINED and not poor
@@ -271,12 +263,12 @@ class GraspMonitor:
         touching = touching and force[-1] > 0
         probabilities: dict[str, float] = {}
         if unexplained:
-            # such a frame is no evidence on current events
+            # such a frame is no evidence about current events
             self._forget()
             self.state = GraspState(time, touching, force, math.nan, math.nan, *self._friction())
             return self._watch({"unexplained": (1.0, float(force[-1]), 0.0)}, time)
         utilisation = std = twist = math.nan
-        margins: Floats | None = None
+        cells: Floats | None = None
         friction, friction_std = self._friction()
         overload = status is Status.OVERLOAD
         if not touching:
@@ -286,7 +278,7 @@ class GraspMonitor:
         elif set(touch.components) == set(touch.surface.components):
             net, error = _likely(touch, force)
             ratio = float(np.linalg.norm(net[:-1])) / float(net[-1])
-            if touch.drag is not None:  # not shrunk by the penalty
+            if touch.drag is not None:  # the drag estimate is not shrunk by the penalty
                 ratio = float(np.linalg.norm(touch.drag))
                 error = math.hypot(float(touch.drag_std or 0.0), DRAGGED * ratio)
             twist, twist_std = _twist(touch, values)
@@ -301,17 +293,18 @@ class GraspMonitor:
                     ratio = both
                 utilisation, std = self._from_forces(ratio, error, friction, friction_std, probabilities)
             self._learn(probabilities["slip"], ratio)
-            margins = _margins(values, friction)
+            size, p = to_numpy(touch._shear_size()), values[-1]
+            cells = np.where(touch.contact(), size / np.where(p > 0, friction * p, 1.0), math.nan)
             self._settled += 1
         for kind, limit, of, value in (
             ("excess pressure", self.max_pressure, "peak_pressure", float(values[-1].max())),
             ("excess force", self.max_force, "force", float(force[-1])),
         ):
             if touching and limit is not None:
-                sure = overload or touch.errors is None  # an overload is at least its value
+                sure = overload or not touch.has_intervals  # an overload is at least as large as its value
                 probabilities[kind] = float(value > limit if sure else touch.exceeds(limit, of))
         self.state = GraspState(
-            time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, margins
+            time, touching, force, utilisation, std, friction, friction_std, probabilities, twist, cells
         )
         watched = {
             "contact": (self._contact(touch, force) if touching else 0.0, float(force[-1]), 0.0),
@@ -330,11 +323,11 @@ class GraspMonitor:
         return self._watch(watched, time)
 
     def _forget(self) -> None:
-        """Restart the judgement of slip."""
+        """Discard the evidence on slip."""
         self._past, self._smooth, self._settled = np.zeros(len(STICK)), None, 0
 
     def _contact(self, touch: Touch, force: Floats) -> float:
-        """Probability of the contact of a touch that presses; one that goes on is not doubted."""
+        """Return the probability that a touch with positive force is a contact; 1 if a contact continues."""
         return 1.0 if self._on.get("contact", False) else _chance_of_contact(touch, force)
 
     def _watch(self, watched: dict[str, tuple[float, float, float]], time: float) -> list[Event]:
@@ -374,7 +367,7 @@ class GraspMonitor:
     # -- how near slip is ----------------------------------------------------------------------------------------------
 
     def _friction(self) -> tuple[float, float]:
-        """Friction before the frame is looked at, and its standard deviation."""
+        """Return the friction known before this frame, and its standard deviation."""
         if self.given is not None:
             return self.given, 0.0
         if self.learned is not None:
@@ -384,7 +377,7 @@ class GraspMonitor:
     def _from_forces(
         self, ratio: float, error: float, friction: float, friction_std: float, chances: dict[str, float]
     ) -> tuple[float, float]:
-        """Q/(mu P) and its standard deviation with known friction."""
+        """Return Q/(mu P) and its standard deviation from the net forces, with known friction."""
         now = min(ratio / friction, 1.2)
         std = math.hypot(error, now * friction_std) / friction
         self._smooth = now if self._smooth is None else MEMORY * self._smooth + (1.0 - MEMORY) * now
@@ -395,7 +388,7 @@ class GraspMonitor:
     def _from_shape(
         self, touch: Touch, values: Floats, force: Floats, ratio: float, error: float, chances: dict[str, float]
     ) -> tuple[float, float, float, float]:
-        """Q/(mu P) and mu, each with its standard deviation, from how shear is distributed over the contact."""
+        """Return Q/(mu P) and mu, each with its standard deviation, from the distribution of shear over the contact."""
         power = 1.0 + touch.surface.dimensions
         used = 1.0 - STICK**power
         mus = ratio / used
@@ -419,28 +412,28 @@ class GraspMonitor:
         return (*summed_up(used), *summed_up(mus))
 
     def _shape(self, touch: Touch, values: Floats, force: Floats, power: float) -> Floats:
-        """Log likelihood of each candidate from how shear is distributed over the contact."""
+        """Return the log likelihood of each candidate from the distribution of shear over the contact."""
         import scipy.ndimage
 
         grid = touch.surface
         p = values[-1]
         direction = force[:-1] / np.linalg.norm(force[:-1])
         q = np.tensordot(direction, values[:-1], 1)
-        # neighbouring cells are not independent: as many data as there are patches that can be separated
+        # neighbouring cells are not independent: count as many data as there are resolved patches
         resolution = 2.0 if touch.resolution is None else float(touch.resolution) / min(grid.spacings)
         cells = max(1.0, resolution) ** grid.dimensions
-        # the pressure as blurred as the shear
+        # blur the pressure as much as the shear
         sharp, wide = PRESSURE_BLUR * resolution, SHEAR_BLUR * resolution
         outer = scipy.ndimage.gaussian_filter(p, math.sqrt(wide**2 - sharp**2))
         region = outer > 0.02 * outer.max()
-        if touch.errors is None:
+        if touch._errors is None:
             variance = np.full(p.shape, (0.1 * float(np.abs(q).max())) ** 2)
         else:
-            std = np.asarray(touch.errors.traction, dtype=np.float64)[:-1]
-            variance = np.tensordot(direction**2, std**2, 1)
-            # the template is made of the pressure found
+            std = np.asarray(touch._errors.posterior.traction, dtype=np.float64)
+            variance = np.tensordot(direction**2, std[:-1] ** 2, 1)
+            # the template is computed from the estimated pressure
             slope = float(np.linalg.norm(force[:-1])) / float(force[-1])
-            variance = variance + (slope * np.asarray(touch.errors.traction, dtype=np.float64)[-1]) ** 2
+            variance = variance + (slope * std[-1]) ** 2
         variance = variance + (TEMPLATE * float(np.abs(q).max())) ** 2
         total = float(p.sum())
         centers = [
@@ -462,7 +455,7 @@ class GraspMonitor:
         return out
 
     def _learn(self, sliding: float, ratio: float) -> None:
-        """Learn the friction from sliding."""
+        """Learn the friction while the contact slides."""
         if self.given is not None:
             return
         if sliding < RAISE:
@@ -474,23 +467,17 @@ class GraspMonitor:
             self.learned = now if self.learned is None else 0.8 * self.learned + 0.2 * now
 
 
-def _margins(values: Floats, friction: float) -> Floats:
-    """1 - |q|/(mu p) of the cells in contact."""
-    p = values[-1]
-    contact = p > RIM * float(p.max())
-    size = np.sqrt((values[:-1] ** 2).sum(axis=0))
-    return np.where(contact, 1.0 - size / (friction * np.where(contact, p, 1.0)), math.nan)
-
-
 def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
-    """M/int p r dA about the centre of pressure and its standard deviation; NaN and 0 on a line, or where nothing presses."""
+    """Return M/int p r dA about the centre of pressure and its standard deviation; NaN and 0 in line contact, or if
+    nothing presses.
+    """
     import scipy.ndimage
 
     grid = touch.surface
     if grid.dimensions == 1:
         return math.nan, 0.0
     p = np.where(values[-1] > RIM * float(values[-1].max()), values[-1], 0.0)
-    if not float(p.sum()) > 0.0:  # a force by calibration alone, without a map of pressure
+    if not float(p.sum()) > 0.0:  # a calibration gave the force alone, without a map of pressure
         return math.nan, 0.0
     y, x = (np.arange(n) * d for n, d in zip(grid.shape, grid.spacings))
     dx, dy = x[None, :] - float((p @ x).sum()) / float(p.sum()), y[:, None] - float((p.T @ y).sum()) / float(p.sum())
@@ -504,17 +491,17 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
     if not whole > 0:
         return 0.0, 0.0
     moment = float((near * (dx * values[1] - dy * values[0])).sum())
-    if touch.errors is None:
+    if touch._errors is None:
         return abs(moment) / whole, 0.05
-    std = np.asarray(touch.errors.traction, dtype=np.float64)
+    std = np.asarray(touch._errors.posterior.traction, dtype=np.float64)
     cells = max(1.0, resolution) ** 2
     variance = cells * float((near * ((dx * std[1]) ** 2 + (dy * std[0]) ** 2)).sum())
     return abs(moment) / whole, TWIST_SPREAD * math.sqrt(max(variance, 0.0)) / whole
 
 
 def _chance_of_pull(touch: Touch) -> float:
-    """Probability that the net force pulls, of a touch whose net force does."""
-    if touch.errors is None:
+    """Return the probability that the net force pulls, for a touch whose estimated net force does."""
+    if not touch.has_intervals:
         return 1.0
     low, high = touch.interval(0.6827, "force")
     middle, std = 0.5 * (low[-1] + high[-1]), 0.5 * (high[-1] - low[-1])
@@ -522,8 +509,8 @@ def _chance_of_pull(touch: Touch) -> float:
 
 
 def _chance_of_contact(touch: Touch, force: Floats) -> float:
-    """Probability that the net force presses, given its bias and error."""
-    if touch.errors is None or not np.isfinite(touch.errors.force[-1]):
+    """Return the probability that the net force presses, given its bias and error."""
+    if touch._errors is None or not np.isfinite(touch._errors.posterior.force[-1]):
         return 1.0
     low, high = touch.interval(0.6827, "force")
     below = (
@@ -535,11 +522,11 @@ def _chance_of_contact(touch: Touch, force: Floats) -> float:
 
 
 def _likely(touch: Touch, force: Floats) -> tuple[Floats, float]:
-    """The most likely net force after subtracting its bias, and the standard deviation of Q/P."""
-    if touch.errors is None:
+    """Return the most likely net force, with the bias subtracted, and the standard deviation of Q/P."""
+    if touch._errors is None:
         return force, 0.05
     # a common error of pressure and shear does not change their ratio
-    low, high = replace(touch, common_std=0.0).interval(0.6827, "force")
+    low, high = replace(touch, _errors=replace(touch._errors, scale=0.0)).interval(0.6827, "force")
     net, std = 0.5 * (low + high), 0.5 * (high - low)
     if not net[-1] > 0:
         return force, 0.05

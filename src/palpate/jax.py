@@ -1,7 +1,7 @@
 """A skin as functions of JAX: readings of a traction and traction of readings, with gradients.
 
-`prepare` makes a pytree of a skin; `sense` and `reconstruct` are pure functions of it, batched, under ``jit``, ``vmap`` and ``grad``. What is varied besides
-the input is a mapping of "modulus", "depth", "gains" and "noise", and has gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the
+`prepare` makes a pytree of a skin; `sense` and `reconstruct` are pure functions of it, batched, under ``jit``, ``vmap`` and ``grad``. Other parameters are
+passed as a mapping of "modulus", "depth", "gains" and "noise", and have gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the
 constrained minimum is that of `palpate.inverse.constrained`, found on the processor by a callback, and its gradients follow from the implicit function theorem.
 """
 
@@ -60,7 +60,7 @@ class Model:
 
 
 class _About:
-    """The matrices as they were prepared, compared by identity: one skin compiles once."""
+    """The prepared matrices, compared by identity, so that each skin compiles once."""
 
     def __init__(self, matrices: differentiable.Matrices) -> None:
         self.matrices = matrices
@@ -75,7 +75,7 @@ def prepare(
     components: Sequence[str] | None = None,
     depth_range: float = 0.0,
 ) -> Model:
-    """A skin as a pytree for `sense`, and with a ``parameter`` for `reconstruct`.
+    """Return a skin as a pytree for `sense` and, if a ``parameter`` is given, for `reconstruct`.
 
     Parameters
     ----------
@@ -131,7 +131,9 @@ def prepare(
 
 
 def _given(model: Model, x: Any, parameters: Mapping[str, Any] | None) -> tuple[Any, dict[str, Any], Any]:
-    """Arrays and parameters in the precision of the arithmetic, which is that of the input if no parameter varies."""
+    """Return arrays and parameters in the precision of the computation, which is that of the input if no parameter
+    varies.
+    """
     given = {name: value for name, value in (parameters or {}).items() if value is not None}
     unknown = sorted(set(given) - set(differentiable.NAMES))
     if unknown:
@@ -230,11 +232,11 @@ def reconstruct(model: Model, readings: Any, parameters: Mapping[str, Any] | Non
 
 
 def _called(function: Any, like: Any, *arrays: Any) -> Any:
-    """A NumPy function of arrays with leading batch axes, of the shape and kind of ``like``."""
+    """Call a NumPy function of arrays with leading batch axes; its result has the shape and type of ``like``."""
 
     shape, dtype = jax.ShapeDtypeStruct(like.shape, like.dtype), np.dtype(like.dtype)
 
-    def computed(*given: Any) -> Any:  # it must hold no tracer
+    def computed(*given: Any) -> Any:  # the callback must not hold a tracer
         return np.asarray(function(*(np.asarray(v, dtype=np.float64) for v in given)), dtype=dtype)
 
     return jax.pure_callback(computed, shape, *arrays, vmap_method="expand_dims")
@@ -251,7 +253,9 @@ def _minima(cone: Cone, hessian: Any, linear: Any) -> Any:
 
 
 def _together(hessian: Any, *frames: Any) -> list[Any]:
-    """Arrays of frames (*vmap, frame, n) with all axes of the vmap, and the Hessians (*vmap, n, n) with an axis for the frames put between."""
+    """Broadcast arrays of frames (*vmap, frame, n) to all axes of the vmap, and insert an axis for the frames into the
+    Hessians (*vmap, n, n).
+    """
     lead = np.broadcast_shapes(hessian.shape[:-2], *(v.shape[:-2] for v in frames))
     return [hessian[..., None, :, :], *(np.broadcast_to(v, (*lead, *v.shape[-2:])) for v in frames)]
 
@@ -278,7 +282,9 @@ _minimum.defvjp(_minimum_forward, _minimum_backward)
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _of_readings(about: _About, flat: Any) -> Any:
-    """The minimum if no parameter varies: everything except the readings is on the processor, in double precision."""
+    """Return the minimum if no parameter varies; then everything except the readings is on the processor, in double
+    precision.
+    """
     m = about.matrices
     like = jax.ShapeDtypeStruct((*flat.shape[:-1], m.unknowns), flat.dtype)
     return _called(lambda y: minima(m.hessian, _linear(m, y), m.cone), like, flat)  # type: ignore[arg-type]

@@ -25,14 +25,14 @@ from palpate.touch import Touch
 
 __all__ = ["Dataset", "Episode", "add_columns", "read_dataset", "tactile_columns", "write_dataset"]
 
-#: Layout that is written, by LeRobot's own name for it.
+#: Version of the layout that is written, in LeRobot's notation.
 VERSION = "v3.0"
 PREFIX = "observation.tactile."
 _FRAME = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 _KINDS = ("float32", "float64", "int64", "int32", "bool")
 _DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
-#: Files of one folder.
+#: Number of files in one folder.
 CHUNK = 1000
 
 
@@ -97,7 +97,9 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Episodes and their rate, as `read_dataset` gives them. ``videos`` are columns that are in video files, and were not read."""
+    """Episodes and their frame rate, as returned by `read_dataset`. ``videos`` are the columns stored in video files,
+    which were not read.
+    """
 
     episodes: list[Episode]
     fps: int
@@ -109,16 +111,16 @@ class Dataset:
 def tactile_columns(
     touch: Touch, *, name: str = "fingertip", readings: npt.ArrayLike | None = None, friction: float | None = None
 ) -> dict[str, npt.NDArray[Any]]:
-    """Columns of a reconstructed recording, one entry a frame.
+    """Return the columns of a reconstructed recording, one entry for each frame.
 
     Parameters
     ----------
     touch : Touch
         With one batch axis, the frames.
     name : str
-        Of the sensor.
+        Name of the sensor.
     readings : array (frame, channel, *array), optional
-        What it was found in.
+        Readings from which the touch was computed.
     friction : float, optional
         For the slip margin [Pa]; without it there is none.
 
@@ -158,8 +160,8 @@ def tactile_columns(
                 f"readings must hold the {frames} frames of the touch; got {len(given)}. Pass the readings that the touch was reconstructed from."
             )
         out["readings"] = given
-    if touch.errors is not None:
-        out["std"] = np.asarray(touch.std)
+    if touch.has_intervals:
+        out["std"] = np.asarray(touch.std())
     force, moment = np.asarray(touch.force), np.asarray(touch.moment)
     out["wrench"] = np.concatenate([force, moment.reshape(frames, -1)], axis=1)
     if friction is not None:
@@ -170,7 +172,7 @@ def tactile_columns(
 
 
 def write_dataset(path: str | Path, episodes: Sequence[Episode], *, fps: int, robot_type: str | None = None) -> Path:
-    """Write a new dataset in LeRobot's layout, one Parquet file an episode.
+    """Write a new dataset in LeRobot's layout, with one Parquet file for each episode.
 
     Raises
     ------
@@ -338,7 +340,7 @@ def add_columns(source: str | Path, target: str | Path, columns: Sequence[Mappin
                 table = table.set_column(table.column_names.index(name), name, _list(value))
             else:
                 table = table.append_column(name, _list(value))
-        # another library's statistics of the old columns no longer hold
+        # statistics that another library computed for the old columns are no longer valid
         parquet.write_table(table.replace_schema_metadata(None), file)
     info["features"] = {**info["features"], **_features(more[0])}
     _write_json(root / "meta/info.json", info)
@@ -361,7 +363,9 @@ def _features(episode: Episode) -> dict[str, Any]:
 
 
 def _list(value: npt.NDArray[Any]) -> Any:
-    """An Arrow array of nested lists, one a frame; a column of one number is that number, as LeRobot has it."""
+    """Return an Arrow array of nested lists, one for each frame; a column with one number per frame is stored as
+    numbers, as LeRobot does.
+    """
     import pyarrow
 
     flat = pyarrow.array(np.ascontiguousarray(value).reshape(-1))
@@ -378,7 +382,7 @@ def _list(value: npt.NDArray[Any]) -> Any:
 
 
 def _array(column: Any, feature: Mapping[str, Any]) -> npt.NDArray[Any]:
-    """(frame, *shape) of nested lists, in the kind that the dataset says."""
+    """Convert nested lists to an array (frame, *shape) of the type that the dataset states."""
     flat, depth = column.combine_chunks(), 0
     count = len(flat)
     while hasattr(flat, "flatten") and str(flat.type).startswith(
@@ -408,7 +412,7 @@ def _write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def _write_tasks(path: Path, tasks: list[str]) -> None:
-    """Tasks are the index of a pandas table, which is how LeRobot looks them up."""
+    """Write the tasks as the index of a pandas table, in which LeRobot looks them up."""
     import pandas
 
     pandas.DataFrame({"task_index": range(len(tasks))}, index=pandas.Index(tasks, name="task")).to_parquet(path)
@@ -445,7 +449,7 @@ def _info(path: str | Path) -> dict[str, Any]:
 
 
 def _statistics(value: npt.NDArray[Any]) -> dict[str, Any]:
-    """Over the frames, without those that are missing."""
+    """Return statistics over the frames, without missing ones."""
     numbers: Floats = value.astype(np.float64).reshape(len(value), *(value.shape[1:] or (1,)))
     there = np.isfinite(numbers)
     count = np.maximum(there.sum(axis=0), 1)

@@ -1,8 +1,9 @@
-"""Taxels for MuJoCo: contacts of a simulated geom as readings of any skin.
+"""Taxels for MuJoCo: compute the readings of any skin from the contacts of a simulated geom.
 
-MuJoCo's own tactile sensors tell depth and speed. Here a skin, the one that describes the real sensor, is fastened to a geom, and reads what the
-solver's contact forces would make it read: pressure spread by geometry and modulus, shear by friction, through the pad to the taxels
-(`palpate.pressing`). Force and moment of what is felt are those of the simulator's contacts.
+MuJoCo's own tactile sensors measure depth and speed. Here a skin, which may describe a real sensor, is attached to a
+geom. Its readings are those that the solver's contact forces would cause: pressure distributed according to geometry
+and modulus, shear according to friction, through the pad to the taxels (`palpate.pressing`). Force and moment are
+those of the simulator's contacts.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from palpate.skin import Skin
 
 __all__ = ["Taxels"]
 
-#: Names of MuJoCo's kinds of geom as `palpate.pressing.SHAPES` has them.
+#: MuJoCo's kinds of geom, and their names in `palpate.pressing.SHAPES`.
 KINDS = {"mjGEOM_PLANE", "mjGEOM_SPHERE", "mjGEOM_CAPSULE", "mjGEOM_CYLINDER", "mjGEOM_ELLIPSOID", "mjGEOM_BOX"}
 
 
 class Taxels:
-    """A skin fastened to a geom.
+    """A skin attached to a geom.
 
     Parameters
     ----------
     model : mujoco.MjModel
     skin : Skin
-        Of area contact, e.g. from the skin.toml of the real sensor.
+        A skin for area contact, e.g. from the skin.toml of the real sensor.
     geom : str or sequence of str
         The geom, or geoms, that the skin lies on: all of their contacts press it.
     site : str
@@ -96,7 +97,7 @@ class Taxels:
         return found
 
     def read(self, data: Any, *, rng: np.random.Generator | None = None) -> Any:
-        """Readings as the skin's sensor would give them.
+        """Return the readings that the skin's sensor would give.
 
         Parameters
         ----------
@@ -118,13 +119,13 @@ class Taxels:
         return [part[0] for part in found] if isinstance(found, list) else found[0]
 
     def press(self, data: Any) -> Pressed:
-        """Traction, wrench and readings of one world, or of each of a sequence: `palpate.pressing.Pressed`."""
+        """Return traction, wrench and readings of one world, or of each in a sequence: `palpate.pressing.Pressed`."""
         known = self._worlds(data)
         worlds = known if isinstance(known, list) else [known]
         return self.surface.press(self.contacts(worlds), worlds=len(worlds))
 
     def _worlds(self, data: Any) -> Any:
-        """MjData, or a list of them; those of MJX are fetched from where they were computed."""
+        """Return MjData, or a list of them; those of MJX are copied from the device on which they were computed."""
         if isinstance(data, list | tuple):
             return [self._worlds(d) for d in data]
         if not type(data).__module__.startswith("mujoco.mjx"):
@@ -134,7 +135,7 @@ class Taxels:
         return mjx.get_data(self.model, data)
 
     def contacts(self, worlds: Sequence[Any]) -> Contacts:
-        """The contacts of the geoms in some worlds, in the axes of the site."""
+        """Return the contacts of the geoms in some worlds, in the axes of the site."""
         found: dict[str, list[Any]] = {
             name: []
             for name in ("position", "force", "torque", "friction", "curvature", "world", "body", "known", "sharp")
@@ -149,7 +150,7 @@ class Taxels:
             second = np.isin(pairs[:, 1], self._geoms)
             turn = data.site_xmat[self._site].reshape(3, 3)
             origin = data.site_xpos[self._site]
-            # of two geoms of the pad neither presses it from outside
+            # a contact between two geoms of the pad is not a load from outside
             for i in np.flatnonzero(first != second):
                 pad, other = pairs[i] if first[i] else pairs[i][::-1]
                 frame = data.contact.frame[i].reshape(3, 3)
@@ -171,7 +172,7 @@ class Taxels:
                 found["world"].append(number)
                 found["body"].append(int(pad) * self.model.ngeom + int(other))
                 found["known"].append(bodies[0].known and theirs.known)
-                # the pad's own edges are not felt as such: it is soft
+                # ignore the pad's own edges: it is soft
                 found["sharp"].append(theirs.sharp)
                 found["disc"].append([center[0], center[1], theirs.disc])
                 found["length"].append(theirs.length)

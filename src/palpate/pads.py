@@ -1,10 +1,10 @@
-"""What a pad does to a touch on its way to the sensors, and how far a half-space would be off."""
+"""The effect of a pad on a touch on its way to the sensors, and the error of assuming a half-space."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,7 +42,7 @@ __all__ = [
 
 
 def caption(skin: Skin) -> str:
-    """The sensor in a few words, for the title of a picture: how many taxels, how deep, in what.
+    """Return a short description of the sensor for the title of a figure: number, depth and pad of the taxels.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def surface_half_space(pad: Pad) -> HalfSpace:
 
 @dataclass(frozen=True)
 class HalfSpaceError:
-    """How far off a half-space of the uppermost material would be, on a ball (or cylinder) pressed in the middle.
+    """Error of a half-space of the uppermost material, for a ball (or cylinder) pressed in the middle.
 
     Attributes
     ----------
@@ -95,16 +95,16 @@ class HalfSpaceError:
 
 @dataclass(frozen=True)
 class ExpectedForce:
-    """How well the net force of a typical press can be known: half of its 95 % interval, as a part of what presses.
+    """Expected accuracy of the net force of a typical press: half of its 95 % interval, relative to the force.
 
     Attributes
     ----------
     radius : float
         Contact radius [m] of the press: a fifth of the array's width.
     normal, shear : float
-        Of the normal force, and of the force across at friction 0.3.
+        Relative half-width for the normal force, and for the tangential force at friction 0.3.
     exact : (float, float)
-        Of both if pad and modulus were known exactly: what the sensors alone tell.
+        Both numbers if pad and modulus were known exactly: the error due to the sensors alone.
     """
 
     radius: float
@@ -119,10 +119,10 @@ class ExpectedForce:
         return f"{said}; were pad and modulus exact, +-{100 * self.exact[0]:.0f} % and +-{100 * self.exact[1]:.0f} %"
 
 
-def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> ExpectedForce | None:
+def expected_force(skin: Skin) -> ExpectedForce | None:
     """Sense a ball that slides in the middle and return the widths of the intervals of its force; None unless all components are sought.
 
-    ``noise`` is relative to each channel's largest reading. The stated uncertainty counts.
+    Noise is 1 % of each channel's largest reading. The stated uncertainty counts.
 
     Examples
     --------
@@ -143,26 +143,32 @@ def expected_force(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> Expecte
     radius = float(np.ptp(skin.planes[0].points, axis=0).min()) / 5
     middle = [float(a.mean()) for a in reversed(skin.surface.axes)]
     contact = hertz_point(contact_radius=radius, force=1.0).shifted(*middle).sliding(0.3)
-    rng = np.random.default_rng(seed)
-    readings = [
-        r + noise * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
-        for r in skin.operator.forward(skin.sample(contact))
-    ]
+    readings = _noisy(skin.operator.forward(skin.sample(contact)))
     both = []
     sure = Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
     exact = Skin(skin.pad, skin.planes, surface=skin.surface, boundary=skin.operator.boundary, uncertainty=sure)
     for one in (skin, exact):
-        touch = one.reconstruct(readings[0] if len(readings) == 1 else readings)
+        touch = one.reconstruct(readings)
         low, high = touch.interval(0.95, "force")
         half = 0.5 * (np.asarray(high) - np.asarray(low))
         both.append((float(half[2]), float(half[0]) / 0.3))
     return ExpectedForce(radius, *both[0], both[1])
 
 
-def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfSpaceError:
+def _noisy(parts: Sequence[Floats]) -> Any:
+    """Readings of each plane with noise of 1 % of each channel's largest one."""
+    rng = np.random.default_rng(0)
+    noisy = [
+        r + 0.01 * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
+        for r in parts
+    ]
+    return noisy[0] if len(noisy) == 1 else noisy
+
+
+def half_space_error(skin: Skin) -> HalfSpaceError:
     """Sense a typical contact with the skin's pad and reconstruct it as if the pad were a half-space.
 
-    ``noise`` is relative to each channel's largest reading.
+    Noise is 1 % of each channel's largest reading.
     """
     extents = np.ptp(skin.planes[0].points, axis=0)
     radius = float(extents[extents > 0].min()) / 5  # along a single row, its length
@@ -174,17 +180,11 @@ def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfS
     truth = skin.sample(contact)
     keep = [c in skin.components for c in skin.surface.components]
     truth[~np.array(keep)] = 0.0
-    rng = np.random.default_rng(seed)
-    readings = skin.operator.forward(truth)
-    readings = [
-        r + noise * np.abs(r).max(axis=tuple(range(1, r.ndim)), keepdims=True) * rng.standard_normal(r.shape)
-        for r in readings
-    ]
-    shared = readings[0] if len(readings) == 1 else readings
+    readings = _noisy(skin.operator.forward(truth))
     elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad
     right = Skin(elastic, skin.planes, surface=skin.surface, boundary=skin.operator.boundary)
     wrong = Skin(surface_half_space(skin.pad), skin.planes, surface=skin.surface, boundary=skin.operator.boundary)
-    results = [s.reconstruct(shared, components=skin.components).values for s in (right, wrong)]
+    results = [s.reconstruct(readings, components=skin.components).values for s in (right, wrong)]
     error = [float(np.linalg.norm(r - truth) / np.linalg.norm(truth)) for r in results]
     pressure = "z" in skin.components
     return HalfSpaceError(
@@ -197,7 +197,8 @@ def half_space_error(skin: Skin, *, noise: float = 0.01, seed: int = 0) -> HalfS
 
 
 def plot_response(pad: Pad, planes: Sequence[Array], *, edges: EdgeError | None = None) -> Figure:
-    """Response of each channel per unit traction against wavelength: the pad (solid) and a half-space (dashed); beside it what ``edges`` do.
+    """Plot the response of each channel per unit traction against wavelength: the pad (solid) and a half-space
+    (dashed). If ``edges`` are given, plot their effect beside it.
 
     Raises
     ------
@@ -224,7 +225,7 @@ def plot_response(pad: Pad, planes: Sequence[Array], *, edges: EdgeError | None 
     factor, unit = scaled(float(wavelength[-1]), "m")
     colours = [INK["shear"], INK["other"], INK["pressure"]]
     line = planes[0].dimensions == 1
-    # off the axes every component of an area contact is felt
+    # off the axes the channels respond to every component of an area contact
     angle = 0.0 if line else 0.6
     for axes, (plane, channel) in zip(grid, channels):
         largest = 0.0
@@ -244,7 +245,9 @@ def plot_response(pad: Pad, planes: Sequence[Array], *, edges: EdgeError | None 
         axes.set_title(f"{channel} at {plane.depth * depth_factor:.3g} {depth_unit}", fontsize=10)
         axes.set_xlabel(f"wavelength [{unit}]")
         axes.set_ylabel(f"{channel_unit(channel)} per Pa of traction")
-        if largest > 0:  # what is damped by a million is felt by no sensor, and would be most of the axis
+        if (
+            largest > 0
+        ):  # cut the axis at a damping of a million: no sensor measures less, and most of the axis would show it
             axes.set_ylim(1e-6 * largest, 2.0 * largest)
         axes.legend(frameon=False, fontsize=8)
     if edges is not None:
@@ -256,7 +259,7 @@ def plot_response(pad: Pad, planes: Sequence[Array], *, edges: EdgeError | None 
 
 
 def table_lines(pad: Measured) -> list[str]:
-    """The contents of a table of presses, in lines.
+    """Return the contents of a table of presses as lines of text.
 
     Examples
     --------
@@ -292,7 +295,8 @@ def table_lines(pad: Measured) -> list[str]:
 
 
 def plot_table(pad: Measured) -> Figure:
-    """The response of the taxel in the middle and of one at a corner, per newton on each place; dots: where was pressed.
+    """Plot the response of the middle taxel and of one at a corner, per newton at each place; dots show the pressed
+    places.
 
     Raises
     ------

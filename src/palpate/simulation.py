@@ -1,4 +1,5 @@
-"""A finger that presses, rolls, twists, slides and lifts: streams with a known truth, for demonstrations and tests.
+"""Simulate a finger that presses, rolls, twists, slides and lifts: streams with known traction, for demonstrations and
+tests.
 
 Contact is that of a rigid ball (a cylinder on a line) on an elastic half-space of the pad's modulus at its surface: Hertz, with
 Cattaneo-Mindlin partial slip under a tangential load and full slip at the friction limit (`palpate.solutions`). Twist is
@@ -28,7 +29,7 @@ __all__ = ["Frame", "Stage", "demonstration", "handling", "stream"]
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a story: its end state, reached from the previous stage linearly in time.
+    """A stage of a story: the state at its end, which is reached linearly in time from the previous stage.
 
     Parameters
     ----------
@@ -40,11 +41,11 @@ class Stage:
     drag : float
         Tangential force at the end over friction times normal force, 0 to 1; at 1 the contact slides from the stage's start.
     twist : float
-        Twist at the end as a part of what slides, -1 to 1.
+        Twist at the end of the stage as a fraction of the twist at which the contact slides, -1 to 1.
     move : (float, float)
-        How far the contact moves in this stage, x and y [m].
+        Distance that the contact moves in this stage, x and y [m].
     direction : float
-        Of the drag [rad from +x].
+        Direction of the drag [rad from +x].
     """
 
     name: str
@@ -78,7 +79,7 @@ class Frame:
 
     @property
     def sliding(self) -> bool:
-        """Whether all of the contact slides."""
+        """Whether the whole contact slides."""
         return self.stick == 0.0
 
 
@@ -101,21 +102,21 @@ def handling(force: float, reach: float = 2e-3) -> list[Stage]:
     ]
 
 
-#: Friction of the fingertip that is demonstrated.
+#: Coefficient of friction of the fingertip in the demonstration.
 DEMONSTRATED = 0.6
 
 
-def demonstration(rate: float = 60.0) -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
-    """A robot's fingertip and what it feels, over and over: its skin, and a source of (time [s], readings).
+def demonstration() -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
+    """Return the skin of a robot's fingertip, and a source of (time [s], readings) that repeats the demonstration.
 
-    16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source tells the story of
+    16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source plays the story of
     `handling` once, with noise of its own.
     """
     pad = HalfSpace(youngs_modulus=2.0e5, poissons_ratio=0.48)
     array = AreaArray(shape=(16, 16), pitch=1.2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
     skin = Skin(pad, array)
     story = list(
-        stream(skin, handling(1.2, 2.5e-3), friction=DEMONSTRATED, radius=15e-3, rate=rate, start=(-2e-3, 0.0))
+        stream(skin, handling(1.2, 2.5e-3), friction=DEMONSTRATED, radius=15e-3, rate=60.0, start=(-2e-3, 0.0))
     )
     size = 0.01 * max(float(np.abs(np.asarray(f.readings)).max()) for f in story)
     rng = np.random.default_rng(0)
@@ -137,7 +138,7 @@ def stream(
     start: tuple[float, float] = (0.0, 0.0),
     rng: np.random.Generator | None = None,
 ) -> Iterator[Frame]:
-    """Frames of a story.
+    """Yield the frames of a story.
 
     Parameters
     ----------
@@ -146,11 +147,11 @@ def stream(
     friction : float
         Coefficient mu.
     radius : float
-        Of the ball or cylinder [m].
+        Radius of the ball or cylinder [m].
     rate : float
         Frames a second.
     start : (float, float)
-        Where the contact begins, x and y [m].
+        Position x and y of the contact at the start [m].
     rng : numpy Generator, optional
         Adds the arrays' own noise.
     """

@@ -1,8 +1,8 @@
-"""The front door: a pad and its array."""
+"""The main entry point: a pad and its array."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from palpate._arrays import from_numpy
 from palpate._skin_properties import SkinProperties
 from palpate.elastic.pad import Floats, Pad, check_pad
-from palpate.elastic.viscoelastic import CreepFilter, Viscoelastic
+from palpate.elastic.viscoelastic import Viscoelastic
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.contact.methods import Constrained
 from palpate.inverse.method import Method, Prepared
@@ -25,7 +25,7 @@ from palpate.inverse.problem import Kept, Problem
 from palpate.inverse.registry import method_named, requested_method
 from palpate.inverse.words import notes, surface_strain
 from palpate.recordings.prepared import read_prepared, write_prepared
-from palpate.sensing.arrays import AreaArray, Array, LineArray, ScatteredArray
+from palpate.sensing.arrays import AreaArray, Array, LineArray, Noise, ScatteredArray
 from palpate.sensing.contacts import contact_readings, sampled
 from palpate.sensing.grids import Grid
 from palpate.sensing.limits import check_creep, cut, saturation_notes
@@ -35,9 +35,10 @@ from palpate.sensing.operator import Boundary
 from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
 from palpate.sensing.surface import surface_of
 from palpate.sensing.uncertainty import Uncertainty
-from palpate.sensing.zero import Rest, rest_frames
+from palpate.sensing.zero import Rest, given_rest, rest_frames, with_noise
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.tracking.calibrated import CalibratedTracker
 from palpate.tracking.settings import check_settings, check_sought, creep_filters
 from palpate.tracking.single import SingleSolve
@@ -63,7 +64,7 @@ class Skin(SkinProperties):
     pad : Pad
         The body: `HalfSpace`, `BondedLayers`, or one of these as `Viscoelastic`.
     array : LineArray, AreaArray, ScatteredArray, or a sequence of them
-        What is measured; several planes at different depths as a list.
+        The sensing elements; several planes at different depths as a list.
     surface : LineGrid or AreaGrid, optional
         The grid of the traction. By default it covers the array, reaches past its edge and is no finer than the depth
         allows (see `palpate.sensing.default_surface`).
@@ -114,12 +115,12 @@ class Skin(SkinProperties):
             raise InvalidInput("the planes mix line and area contact; use one kind.")
         planes = tuple(p.at_base(pad.thickness) for p in planes)
         for p in planes:
-            pad.compliance(p.depth)  # refuses a depth below a rigid base
+            pad.compliance(p.depth)  # raises an error for a depth below a rigid base
         if boundary not in ("free", "periodic"):
             raise InvalidInput(f'boundary must be "free" or "periodic"; got {boundary!r}.')
-        # every spatial computation is that of the instantaneous pad; creep is a filter in time
+        # spatial computations use the instantaneous pad; creep is a filter in time
         self._elastic: Pad = check_creep(pad, planes) if isinstance(pad, Viscoelastic) else pad
-        # a finite pad is not touched beyond its end
+        # a finite pad cannot be touched beyond its end
         self._given = surface is not None or body_of(self._elastic) is not None
         if surface is None:
             if boundary == "periodic" and not isinstance(planes[0], ScatteredArray):
@@ -207,7 +208,7 @@ class Skin(SkinProperties):
         return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)], whole=self._whole)
 
     def without_creep(self) -> Skin:
-        """The same skin with the instantaneous pad: for readings that the creep was taken out of.
+        """The same skin with the instantaneous pad, for readings from which creep was removed.
 
         Examples
         --------
@@ -264,7 +265,7 @@ class Skin(SkinProperties):
             uncertainty=self._problem.uncertainty,
         )
         out._given = out._problem.fixed = self._given
-        out._problem.zeroed = self._problem.zeroed
+        out._problem.zeroed, out._problem.zero = self._problem.zeroed, self._problem.zero
         out._whole = whole or out._planes
         out._calibration = self._calibration
         return out
@@ -354,9 +355,10 @@ class Skin(SkinProperties):
         method: str | Method | None = None,
         components: Sequence[str] | None = None,
         friction: float | None = None,
+        noise: Noise = None,
+        zero: npt.ArrayLike | None = None,
         rng: np.random.Generator | None = None,
         time: npt.ArrayLike | None = None,
-        zero: npt.ArrayLike | None = None,
         **options: Any,
     ) -> Touch:
         """Traction on the surface from readings.
@@ -374,16 +376,18 @@ class Skin(SkinProperties):
             "automatic" (default): "adaptive" (learned, constrained, with error bars), and "tikhonov" for frames that pull, without pressure, on a
             periodic boundary, or with ``order``, ``parameter`` or ``rule``.
         components : sequence of str, optional
-            The components sought, e.g. ["z"]; the others are zero. Default: `Skin.components`.
+            The components to estimate, e.g. ["z"]; the others are zero. Default: `Skin.components`.
         friction : float, optional
             Coefficient of friction, for methods with the option ``friction``: |shear| <= friction * pressure in every cell.
+        noise : float or sequence of float, optional
+            Standard deviation of the noise in the unit of the channel, one for all channels or one each (of all planes in turn), instead of the array's.
+        zero : array (frame, channel, *array), optional
+            Frames at rest, or one. Their mean is subtracted from the readings; five or more also give the noise (`at_rest`).
         rng : numpy Generator
             Source of the draws (default: a fixed seed).
         time : array (frame,), optional
             Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed for a pad that creeps (`Viscoelastic`), to subtract
             the creep.
-        zero : array (frame, channel, *array), optional
-            Frames at rest. Their mean is subtracted from the readings; five or more also give the noise (`at_rest`).
         **options
             Options of the method, as its class documents them: ``draws`` of `Adaptive`, ``order``, ``rule`` and ``parameter`` of `Tikhonov`, ``length``
             of `Hilgers`, ``spectrum`` of `Wiener`, and so on. None is the method's default.
@@ -414,21 +418,16 @@ class Skin(SkinProperties):
         [3.0, 10.0]
         """
         options |= {} if friction is None else {"friction": friction}
+        named = {"method": method, "components": components, "rng": rng, **options}
+        if noise is not None:
+            return self._noisy(noise).reconstruct(readings, zero=zero, time=time, **named)
         if zero is not None:
             rest = Rest.of(rest_frames(zero, self._planes))
             several = isinstance(readings, list | tuple) and len(self._planes) > 1
             less = joined_planes(readings, self._planes) if several else readings
             less = np.asarray(less) if isinstance(less, list | tuple) else less
-            return self._zeroed(rest).reconstruct(
-                less - from_numpy(rest.zero, less),
-                method=method,
-                components=components,
-                rng=rng,
-                time=time,
-                **options,
-            )
+            return self._zeroed(rest).reconstruct(less - from_numpy(rest.zero, less), time=time, **named)
         if self._calibration is not None:
-            named = {"method": method, "components": components, "rng": rng, **options}
             return self._answer_by(self._calibration, readings, time, named)
         chosen = requested_method(method, options)
         if rng is not None and "draws" not in chosen.options():
@@ -455,9 +454,7 @@ class Skin(SkinProperties):
             times,
             case=self.case(sought),
             friction=chosen.friction_given,
-            errors=estimate.errors,
-            stated=estimate.stated,
-            common_std=self._problem.common_std,
+            _errors=ErrorParts.of(estimate.errors, estimate.stated, self._problem.common_std),
             converged=estimate.converged,
             touching=estimate.contact,
             outliers=estimate.outliers,
@@ -492,7 +489,7 @@ class Skin(SkinProperties):
         presses : Recording, array (frame, channel, *array), or a list of them
             Readings in the sensor's own unit.
         again : bool
-            Start from the calibration that this skin has: its labels are kept, and whether the sensor has aged is said.
+            Start from the existing calibration of this skin: its labels are kept, and a note says whether the sensor has aged.
         **options
             Of `palpate.calibrate.calibrate`: ``reference`` and ``reference_time`` (a force sensor, on a clock of its own), ``weights``
             (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``, ``constants``, ``pad_models``.
@@ -526,7 +523,7 @@ class Skin(SkinProperties):
         return out
 
     def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
-        """`reconstruct` of a calibrated skin."""
+        """Do `reconstruct` for a calibrated skin."""
         from palpate.calibrate.answer import calibrated_touch, for_pad
 
         if self._plain is None and found.elastic:
@@ -536,9 +533,19 @@ class Skin(SkinProperties):
         return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:
-        """`at_rest`, cached for the next frames of the same zero."""
+        """Do `at_rest`, cached for the next frames with the same zero."""
         key = (rest.zero.tobytes(), b"" if rest.noise is None else rest.noise.tobytes())
         found: Skin = self._rests.get(key, lambda: self.at_rest(rest))
+        return found
+
+    def _noisy(self, noise: Noise, rest: Rest | None = None) -> Skin:
+        """The skin with this noise, or that of frames at rest where none is stated; cached for the next frames."""
+        planes = list(self._planes) if noise is None else with_noise(self._planes, noise)
+        planes = planes if rest is None else rest.with_noise(planes)
+        stds = [p.noise_std for p in planes]
+        if stds == [p.noise_std for p in self._planes]:
+            return self
+        found: Skin = self._rests.get(repr(stds), lambda: self._with(self._pad, planes))
         return found
 
     def prepare(
@@ -561,7 +568,7 @@ class Skin(SkinProperties):
         self._ready(requested_method(method, options), components)
 
     def save_prepared(self, path: str | Path) -> None:
-        """Write what is prepared by now (influences, decompositions), whole or not at all, for `load_prepared` in another run.
+        """Write the prepared arrays (influences, decompositions) to a file, completely or not at all, for `load_prepared` in another run.
 
         `Unsupported` for a pad of your own class, which has no digest; `InvalidInput` if nothing is prepared yet.
 
@@ -588,12 +595,12 @@ class Skin(SkinProperties):
         >>> skin.load_prepared("a.prepared") if Path("a.prepared").exists() else skin.prepare()
         """
         self._problem.recall = read_prepared(self._problem, path)
-        # what was prepared before still serves its holders
+        # objects prepared before remain valid for those who hold them
         self._problem.kept.clear()
         self._methods.clear()
 
     def _ready(self, chosen: Method, components: Sequence[str] | None) -> tuple[Method, tuple[str, ...], Any]:
-        """The method for this skin, what it seeks, and the method prepared for it."""
+        """Return the method for this skin, the components it estimates, and the prepared method."""
         names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
         chosen = chosen.resolved(self._problem.seeking(names))
         return chosen, names, self._prepared(chosen, names)
@@ -603,8 +610,10 @@ class Skin(SkinProperties):
         *,
         components: Sequence[str] | None = None,
         friction: float | None = None,
+        noise: Noise = None,
+        zero: npt.ArrayLike | None = None,
+        baseline: int = 0,
         parameter: float | str | None = None,
-        baseline: Any = 0,
         tolerance: float = 1e-3,
         budget: float | None = None,
         rezero: float | None = 2.0,
@@ -614,11 +623,10 @@ class Skin(SkinProperties):
 
         Parameters
         ----------
-        components, friction, parameter
+        components, friction, noise, zero, parameter
             As for `reconstruct`.
-        baseline : int or array
-            Frames at the start, without contact, whose mean is zero and whose standard deviation is the noise; or that zero itself, one frame
-            of readings (channel, *array). 0 (default): the readings are zero already.
+        baseline : int
+            Frames at the start of the stream that are the ``zero``. 0 (default): none of them, the readings are zero already or ``zero`` is given.
         tolerance : float
             Change of traction, as a part of its peak, at which a frame's iteration ends.
         budget : float, optional
@@ -647,47 +655,36 @@ class Skin(SkinProperties):
         10
         """
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
-        names = self._names(components)
-        check_sought(names, self.boundary)
+        rest = given_rest(zero, baseline, self._planes)
+        skin = self._noisy(noise, rest)
+        known = skin._calibration  # without elastic model it alone tells the force, whatever its tracker seeks
+        everything = components is None and known is not None and not known.elastic
+        names = skin.surface.components if everything else skin._names(components)
+        check_sought(names, skin.boundary)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
-        solver = self._prepared(method, names)
-        filters: Callable[[], list[CreepFilter | None]] | None = None
-        if isinstance(self._pad, Viscoelastic):
-            filters = partial(creep_filters, self._pad.prony, [bool(creeping(a).any()) for a in self._planes])
-        made: Callable[..., Tracker] = Tracker
-        if self._calibration is not None:
-            made = partial(CalibratedTracker, calibration=self._calibration)
+        solver = skin._prepared(method, names)
+        filters = None
+        if isinstance(skin._pad, Viscoelastic):
+            filters = partial(creep_filters, skin._pad.prony, [bool(creeping(a).any()) for a in skin._planes])
+        made = Tracker if known is None else partial(CalibratedTracker, calibration=known)
         return made(
             solver,
             names,
-            self._layout,
-            notes=notes(self._problem.seeking(names), self.components, method, solver),
-            case=self.case(names),
+            skin._layout,
+            notes=notes(skin._problem.seeking(names), skin.components, method, solver),
+            case=skin.case(names),
             creep=filters,
-            alone=SingleSolve(self.without_creep() if filters is not None else self, names, friction),
-            baseline=baseline,
+            alone=SingleSolve(skin.without_creep() if filters is not None else skin, names, friction),
+            baseline=baseline if rest is None else rest.zero,
             tolerance=tolerance,
             budget=budget,
             rezero=rezero,
             rate=rate,
-            label=self._layout.reading_name,
+            label=skin._layout.reading_name,
         )
 
-    def problem(self, *, components: Sequence[str] | None = None) -> Problem:
-        """The input of a method: operator, surface and the components sought, with caches that methods share.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> skin = pp.Skin(pad, pp.LineArray(count=11, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
-        >>> skin.problem(components=["z"]).components
-        ('z',)
-        """
-        return self._problem.seeking(self._names(components))
-
     def _prepared(self, method: Method, names: tuple[str, ...]) -> Any:
-        """The method prepared for these components, made once."""
+        """Return the method prepared for these components; it is prepared once."""
 
         def prepare() -> Prepared:
             free = self._boundary == "free"

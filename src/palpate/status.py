@@ -1,4 +1,4 @@
-"""Outcomes of a frame: a closed list, each entry with its meaning and a remedy."""
+"""Outcomes of a frame: a fixed list, each with its meaning and a remedy."""
 
 from __future__ import annotations
 

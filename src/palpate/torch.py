@@ -1,6 +1,6 @@
 """A skin as layers of PyTorch: readings of a traction and traction of readings, with gradients.
 
-Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. What is varied besides the input (modulus,
+Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. Other parameters (modulus,
 depth, gains, noise) is passed to each call and has gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the constrained minimum is
 that of `palpate.inverse.constrained`, and its gradients follow from the implicit function theorem.
 """
@@ -44,7 +44,7 @@ def _numpy(x: Tensor) -> Any:
 def _minimum(hessian: torch.Tensor, linear: torch.Tensor, components: str, friction: float) -> torch.Tensor:
     cone = _cone(components, friction)
     if hessian.ndim == linear.ndim == 2 and len(linear) >= MANY:
-        # where the tensors are; those that are left go to the processor
+        # solve on the tensors' device; frames that remain unsolved go to the processor
         found, solved = together(hessian.double(), linear.double(), cone)
         if not bool(solved.all()):
             found[~solved] = _back(minima(_numpy(hessian), _numpy(linear[~solved]), cone), found)
@@ -78,7 +78,7 @@ def _(hessian: Tensor, linear: Tensor, solution: Tensor, gradient: Tensor, compo
 
 
 class _Minimum(torch.autograd.Function):
-    """The minimum, with what pulls gradients back: derivatives of first order."""
+    """The constrained minimum with a backward pass: first derivatives."""
 
     @staticmethod
     def forward(hessian: Tensor, linear: Tensor, components: str, friction: float) -> Tensor:
@@ -97,7 +97,7 @@ class _Minimum(torch.autograd.Function):
         if ctx.needs_input_grad[0]:
             if hessian.ndim == 2:
                 outer = g.reshape(-1, g.shape[-1]).T @ solution.reshape(-1, g.shape[-1])
-            else:  # of a vmap: (*vmap, 1, n, n)
+            else:  # called within a vmap: (*vmap, 1, n, n)
                 outer = torch.einsum("...bi,...bj->...ij", g, solution).unsqueeze(-3)
             of_hessian = -0.5 * (outer + outer.transpose(-1, -2))
         return of_hessian, g, None, None
@@ -117,7 +117,7 @@ def _first(x: Tensor, place: int | None, size: int) -> Tensor:
 
 
 class _Pulled(torch.autograd.Function):
-    """What pulls gradients back; it has no derivative of its own."""
+    """The backward pass, which itself has no derivative."""
 
     @staticmethod
     def forward(
@@ -156,7 +156,9 @@ class _Pulled(torch.autograd.Function):
 
 
 class _Layer(torch.nn.Module):
-    """A skin's matrices as buffers: they go where the module goes. They are kept in double precision, and read in that of the input."""
+    """Base of both layers: the matrices of a skin are buffers, which move with the module. They are kept in double
+    precision, and converted to that of the input when used.
+    """
 
     def __init__(self, matrices: differentiable.Matrices) -> None:
         super().__init__()
@@ -181,7 +183,9 @@ class _Layer(torch.nn.Module):
                 self.register_buffer(f"_{name}", torch.from_numpy(np.array(value, dtype=np.float64)), persistent=False)
 
     def _apply(self, fn: Any, recurse: bool = True) -> Any:
-        """Move to a device, and stay in double precision: what an inverse loses in single cannot be had again."""
+        """Move to a device, but stay in double precision: precision that an inverse loses in single precision cannot
+        be recovered.
+        """
         kept = {name: getattr(self, f"_{name}") for name in self._names}
         out = super()._apply(fn, recurse)
         for name, value in kept.items():
@@ -215,7 +219,7 @@ class Sense(_Layer):
     skin : Skin
         Planes of one shape, no creep.
     depth_range : float
-        How far ``depth`` may lie from 1, at most 0.5; 0 (default) where it is not varied.
+        Largest difference of ``depth`` from 1, at most 0.5; 0 (default) if it is not varied.
 
     Examples
     --------
@@ -252,7 +256,7 @@ class Sense(_Layer):
         """
         _checked(traction, "traction")
         given = self._parameters_of({"modulus": modulus, "depth": depth, "gains": gains, "noise": noise}, traction)
-        if given:  # in double precision, as they come
+        if given:  # compute in double precision, as the parameters are given
             wide = None if normal is None else normal.double()
             out = differentiable.sensed(
                 torch, self._matrices, self._arrays(torch.float64), traction.double(), given, wide
@@ -273,15 +277,16 @@ class Reconstruct(_Layer):
     skin : Skin
         Planes of one shape with noise, no creep.
     parameter : float
-        Weight of the penalty, as in `palpate.Tikhonov`; ``skin.reconstruct(readings, method="tikhonov").parameter`` tells a good one.
+        Weight of the penalty, as in `palpate.Tikhonov`; ``skin.reconstruct(readings, method="tikhonov").parameter``
+        gives a good value.
     friction : float, optional
         |shear| <= friction * pressure in every cell.
     constrained : bool
         Whether pressure is kept from pulling (default).
     components : sequence of str, optional
-        What is sought. Default: `palpate.Skin.components`.
+        Components to estimate. Default: `palpate.Skin.components`.
     depth_range : float
-        How far ``depth`` may lie from 1, at most 0.5; 0 (default) where it is not varied.
+        Largest difference of ``depth`` from 1, at most 0.5; 0 (default) if it is not varied.
 
     Notes
     -----

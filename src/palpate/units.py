@@ -1,4 +1,4 @@
-"""Units, so that nobody is off by 1000. Only the units of this field; anything else is refused."""
+"""Units with conversion to SI. Only the units of this field are known; any other is an error."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ UNITS: dict[str, Factors] = {
     "force per length": Factors({"N/m": 1.0, "N/mm": 1e3, "mN/mm": 1.0}),
 }
 
-#: Lengths below this [m] cannot be meant, and their squares are lost in double precision.
+#: Lengths below this [m] are errors of the input; their squares would vanish in double precision.
 SMALLEST_LENGTH = 1e-18
 
 #: kind of each SI unit of a channel
@@ -100,7 +100,7 @@ def is_number(value: Any) -> bool:
 
 
 def parse_quantity(text: object, kind: str, what: str) -> float:
-    """ "2 mm" -> 0.002. A bare number is refused: it has no unit."""
+    """Convert "2 mm" to 0.002. A number without a unit is an error."""
     units = UNITS[kind]
     example = _EXAMPLES[kind]
     if isinstance(text, bool | int | float):

@@ -17,6 +17,7 @@ from palpate.bench.trust.sensors import Sensor, random_sensor
 from palpate.cli import app
 from palpate.inverse.estimate import Errors
 from palpate.status import Status
+from palpate.touch.fields import ErrorParts
 
 LINE = Sensor("line", (21,), 1e-3, 1e-3, 0.0, ("stress_zz",), 1e5, 0.45)
 
@@ -132,7 +133,7 @@ def touch_of(frame: trust.Frame, factor: float = 1.0, half: float = 0.5, **field
         **{f"outside_{n}": np.zeros(s) for n, s in OUTSIDE.items()},
     )
     values = factor * cell_means(frame.load, grid)
-    return pp.Touch(values, grid, ("z",), "adaptive", errors=fields.pop("errors", errors), **fields)
+    return pp.Touch(values, grid, ("z",), "adaptive", _errors=fields.pop("_errors", ErrorParts(errors)), **fields)
 
 
 OUTSIDE = {"force": (2,), "moment": (1,), "center": (1,), "peak": (), "traction": (2, 25)}
@@ -193,7 +194,7 @@ def test_words_are_what_this_frame_says() -> None:
     assert "known roughly only" in said[1]
     assert judged(frame, wide).wrong
     assert not judged(frame, wide).betrays
-    unknown = touch_of(frame, 2.0, errors=None)
+    unknown = touch_of(frame, 2.0, _errors=None)
     assert judged(frame, unknown).words == ("force or interval not known",)
     assert judged(frame, unknown, unknown).betrays  # it never has one
 
@@ -234,7 +235,7 @@ def test_no_contact_is_an_answer_and_no_word() -> None:
 def test_pressure_that_acts_and_is_not_sought_is_wrong() -> None:
     frame = a_frame()
     touch = touch_of(frame)
-    shear = pp.Touch(np.zeros_like(touch.values), touch.surface, ("x",), "adaptive", errors=touch.errors)
+    shear = pp.Touch(np.zeros_like(touch.values), touch.surface, ("x",), "adaptive", _errors=touch._errors)
     assert judged(frame, shear).wrong
     assert judged(frame, shear).far
 

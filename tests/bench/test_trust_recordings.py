@@ -19,6 +19,7 @@ from palpate.bench.trust.presses import cell_means
 from palpate.bench.trust.rows import Frame
 from palpate.inverse.estimate import Errors
 from palpate.status import Status
+from palpate.touch.fields import ErrorParts
 
 ROWS = [name for name, row in trust.ROWS.items() if row.recorded is not None]
 
@@ -184,7 +185,7 @@ def touch_of(frame: Frame, factor: float = 1.0, half: float = 0.1, **fields: Any
         beyond_force=np.zeros(names),
         **{f"outside_{n}": np.zeros(s) for n, s in zeros.items()},
     )
-    return pp.Touch(values, grid, ("z",), "adaptive", errors=fields.pop("errors", errors), **fields)
+    return pp.Touch(values, grid, ("z",), "adaptive", _errors=fields.pop("_errors", ErrorParts(errors)), **fields)
 
 
 def judged(frame: Frame, touch: pp.Touch) -> trust.Verdict:
@@ -225,7 +226,7 @@ def test_an_overload_is_at_least_so_much(monkeypatch: pytest.MonkeyPatch) -> Non
     nothing = touch_of(frame, 0.0, status=np.int8(Status.NO_CONTACT), touching=np.asarray(False))
     with_ends(nothing, -0.01 * truth, 0.01 * truth, monkeypatch)
     assert judged(frame, nothing).betrays
-    unknown = touch_of(frame, math.nan, errors=None, status=np.int8(Status.MISSING))
+    unknown = touch_of(frame, math.nan, _errors=None, status=np.int8(Status.MISSING))
     assert not judged(frame, unknown).betrays
 
 

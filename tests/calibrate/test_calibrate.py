@@ -12,7 +12,7 @@ import palpate as pp
 from palpate import grasp
 from palpate.calibrate import FORCE_ONLY_NOTE, Weight, calibrate, find_delay, read_calibration, write_calibrated
 from palpate.calibrate.regressions import ridge
-from palpate.errors import InvalidInput, NotObservable
+from palpate.errors import InvalidInput, NotObservable, Unsupported
 from palpate.status import Status
 
 PITCH, DEPTH = 4e-3, 3e-3
@@ -117,6 +117,54 @@ def test_the_elastic_model_holds_and_its_unit_is_found(calibrated: pp.Skin) -> N
     assert low[2] < force[0] < high[2]
     assert float(touch.pressure.max()) > 0.0
     assert "Forces and stress do not tell the modulus" in " ".join(found.said)
+
+
+def test_markers_that_move_sideways_alone_are_tracked() -> None:
+    array = pp.AreaArray(shape=(4, 4), pitch=2e-3, depth=2e-3, channels=["displacement_x", "displacement_y"])
+    gel = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
+    unit = pp.solutions.hertz_point(force=1.0, contact_radius=2e-3).fields(
+        gel.pad, array.channels, array.points[:, 0], array.points[:, 1], 2e-3
+    )
+    rng = np.random.default_rng(0)
+    force = np.array([0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 1.5])
+    presses = force[:, None, None, None] * unit.reshape(2, 4, 4) + 1e-7 * rng.standard_normal((len(force), 2, 4, 4))
+    found = gel.calibrate(presses, reference=force)
+    assert found.calibration is not None
+    assert not found.calibration.elastic
+    with found.track(baseline=3) as tracker:
+        for frame in presses[:3]:
+            tracker.step(frame)
+        touch = tracker.step(presses[4])
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 2.0 < high[2]
+    assert float(touch.force[2]) == pytest.approx(2.0, rel=0.05)
+    assert FORCE_ONLY_NOTE in touch.notes
+    with pytest.raises(Unsupported, match="seek z too"):
+        found.track(components=["x", "y"])
+
+
+def test_twenty_weights_make_intervals_of_the_size_of_the_errors(skin: pp.Skin) -> None:
+    widths, errors, inside = [], [], []
+    for seed in range(4):
+        readings, force, _ = bench(60, 9000 + seed)
+        found = calibrate(skin, readings[:20], reference=force[:20])
+        value, std = found.force(readings[20:].reshape(40, -1))
+        half = 2.2 * std[:, 2]
+        errors.append(np.abs(value[:, 2] - force[20:]).mean())
+        widths.append(half.mean())
+        inside.append((np.abs(value[:, 2] - force[20:]) < half).mean())
+    assert np.mean(inside) > 0.9
+    assert np.mean(widths) < 6.0 * np.mean(errors)
+
+
+def test_a_press_far_beyond_the_labels_is_a_guess_however_well_they_agree(calibrated: pp.Skin) -> None:
+    found = calibrated.calibration
+    assert found is not None
+    readings, _, _ = bench(12, 3)
+    largest = readings[np.abs(readings).max(axis=(1, 2, 3)).argmax()].reshape(1, -1)
+    value, std = found.force(np.concatenate([largest, 10.0 * largest]))
+    assert std[1, 2] > 0.5 * value[1, 2]
+    assert found.maps["fz"].unlike(10.0 * largest) > 0.8
 
 
 def test_a_rejected_model_gives_force_alone(calibrated: pp.Skin) -> None:
@@ -496,13 +544,13 @@ def test_the_zero_of_a_calibration_serves_where_none_is_taken(skin: pp.Skin, tmp
     assert kept.zero == pytest.approx(offset, abs=2.0 * noise)
     assert 0.3 * noise < float(np.median(kept.zero_std)) < 3.0 * noise
     new = ball(3.0, 1e-3, 1e-3, depth=3.4e-3) / 41.0 * (1.0 + 0.1 * np.random.default_rng(21).normal(size=(1, 4, 4)))
-    with found.track(baseline=kept.zero) as tracker:
+    with found.track(zero=kept.zero) as tracker:
         touch = tracker.step(offset + new)
     assert float(touch.force[2]) == pytest.approx(3.0, rel=0.2)
     flat = new.reshape(1, -1)
     own, opened = (c.force(flat)[1][0, 2] for c in (kept, kept.opened()))
     assert opened > own
-    with found.track(baseline=np.asarray(kept.zero) + 0.0 * noise) as tracker:
+    with found.track(zero=np.asarray(kept.zero) + 0.0 * noise) as tracker:
         assert tracker.calibration.open_zero
 
 

@@ -164,6 +164,7 @@ def test_damaged_constants_are_refused() -> None:
     ("options", "words"),
     [
         ({"constants": ["stiffness"]}, "constants names 'stiffness'"),
+        ({"constants": ["poissons_ratio"]}, "poissons_ratio is not fitted: state it with the pad"),
         ({"constants": ["depth"], "pad_models": ["foam"]}, "models names 'foam'"),
         ({"pad_models": ["bonded"]}, "pad_models="),
     ],
@@ -212,7 +213,7 @@ def test_gains_are_divided_out_of_what_the_pad_sees(tmp_path: Path) -> None:
     assert read.uncertainty == found.uncertainty
     same = read.reconstruct(reading).pressure
     np.testing.assert_allclose(np.asarray(same), np.asarray(found.reconstruct(reading).pressure))
-    tracked = read.track(baseline=np.zeros_like(reading)).step(reading)
+    tracked = read.track(zero=np.zeros_like(reading)).step(reading)
     assert np.abs(np.asarray(tracked.pressure) - truth).sum() < 0.8 * off[0]
 
 

@@ -10,32 +10,14 @@ import pytest
 import scipy.ndimage
 
 import palpate as pp
+from camera_scenes import GEL, gel_file
 from palpate.camera import Displacements, Flow, Looks, Scene, Texture, View, follow
 
 pytest.importorskip("cv2")
 
-GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
 SCENE = Scene(pad=GEL, depth=0.5e-3, print=Texture(grain=0.15e-3), size=(160, 120), scale=0.1e-3, spacing=0.5e-3)
+TEXTURE = 'texture = "1.5 mm"\nreference = 2'
 BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0).shifted(1e-3, -0.7e-3).sliding(0.3, direction=2.0)
-SKIN = """
-[pad]
-kind = "bonded_layers"
-
-[[pad.layer]]
-thickness = "3.5 mm"
-youngs_modulus = "300 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-
-[camera]
-{how}
-texture = "1.5 mm"
-reference = 2
-"""
 
 
 @pytest.mark.parametrize("looks", [{}, {"noise": 8.0, "compression": 60}])
@@ -72,7 +54,7 @@ def test_a_large_picture_is_compared_at_half_its_size_and_answers_in_its_own_pix
 
 def test_force_from_a_skin_file_that_says_texture(tmp_path: Path) -> None:
     path = tmp_path / "gel.toml"
-    path.write_text(SKIN.format(how='scale = "0.1 mm"'))
+    path.write_text(gel_file('scale = "0.1 mm"\n' + TEXTURE))
     rng = np.random.default_rng(1)
     contact = SCENE.skin.sample(BALL)
     load = contact.sum(axis=(1, 2)) * SCENE.surface.cell
@@ -99,10 +81,10 @@ def test_what_cannot_be_read_is_refused_with_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(pp.InvalidInput, match="texture must be a positive distance between readings"):
         Displacements([picture] * 2, view, reference=1, rate=30.0, texture=-1e-3)
     path = tmp_path / "gel.toml"
-    path.write_text(SKIN.format(how='pitch = "2 mm"'))
+    path.write_text(gel_file('pitch = "2 mm"\n' + TEXTURE))
     with pytest.raises(pp.InvalidInput, match="pitch is that of dots, and texture says that there are none"):
         follow([picture] * 3, path, rate=30.0)
-    path.write_text(SKIN.format(how='scale = "0.1 mm"').replace('"1.5 mm"', '"-1 mm"'))
+    path.write_text(gel_file('scale = "0.1 mm"\n' + TEXTURE).replace('"1.5 mm"', '"-1 mm"'))
     with pytest.raises(pp.InvalidInput, match="texture must be"):
         follow([picture] * 3, path, rate=30.0)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from camera_scenes import small_scene
+from camera_scenes import BALL, gel_file, small_scene
 from command_line import run
 
 cv2 = pytest.importorskip("cv2")
@@ -29,31 +29,8 @@ from palpate.live import Session, unpacked  # noqa: E402
 from palpate.live.camera import CameraSource  # noqa: E402
 from palpate.recordings import read_recording, read_touch, recorder  # noqa: E402
 
-GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.3)
-SKIN = """\
-[pad]
-kind = "bonded_layers"
-
-[[pad.layer]]
-thickness = "3.5 mm"
-youngs_modulus = "300 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-
-[surface]
-shape = [10, 13]
-spacing = "1.2 mm"
-
-[camera]
-scale = "0.1 mm"
-reference = 3
-"""
-SCENE = small_scene(GEL)
+SKIN = gel_file('scale = "0.1 mm"\nreference = 3', surface='shape = [10, 13]\nspacing = "1.2 mm"')
+SCENE = small_scene()
 BLACK = np.zeros((120, 160), np.uint8)
 #: Seconds that a machine with other things to do may take.
 PATIENCE = 120.0

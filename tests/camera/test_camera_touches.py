@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from camera_scenes import small_scene
+from camera_scenes import GEL, gel_file, small_scene
 from command_line import run
 
 cv2 = pytest.importorskip("cv2")
@@ -21,32 +21,10 @@ for _name in ("typer", "pydantic", "h5netcdf", "matplotlib"):
 from palpate.camera import Displacements, Dots, Scene, View, dot_grid, follow, gel_skin, overlay  # noqa: E402
 from palpate.recordings import read_recording, read_touch  # noqa: E402
 
-GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
 BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).shifted(1e-3, 0.5e-3).sliding(0.3, direction=0.5)
 TRUE = np.array([0.45 * np.cos(0.5), 0.45 * np.sin(0.5), 1.5])
-SKIN = """\
-[pad]
-kind = "bonded_layers"
-
-[[pad.layer]]
-thickness = "3.5 mm"
-youngs_modulus = "300 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-
-[surface]
-shape = [13, 16]
-spacing = "1 mm"
-
-[camera]
-pitch = "2 mm"
-reference = 3
-"""
-SCENE = small_scene(GEL)
+SKIN = gel_file('pitch = "2 mm"\nreference = 3', surface='shape = [13, 16]\nspacing = "1 mm"')
+SCENE = small_scene()
 
 
 @functools.cache
@@ -267,7 +245,7 @@ def test_frames_without_an_answer_have_intervals_of_nan(track: bool) -> None:
                 touch.interval(0.95, "mass")
             assert np.isfinite(touch.exceeds(1.0, "force")) or unknown
             if touches.last.index == 5:
-                assert np.isnan(touch.std.values).all()
+                assert np.isnan(touch.std()).all()
                 assert int(touch.status) == int(pp.Status.MISSING)
 
 

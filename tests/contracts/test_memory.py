@@ -305,4 +305,4 @@ def test_a_touch_without_error_bars_is_not_sent_to_its_own_method() -> None:
         ("another", 'use method="tikhonov"'),
     ):
         with pytest.raises(pp.Unsupported, match=words):
-            pp.Touch(np.ones((2, 4)), grid, ("x", "z"), method).std  # noqa: B018
+            pp.Touch(np.ones((2, 4)), grid, ("x", "z"), method).std()

@@ -35,7 +35,7 @@ def test_thickness_widens_the_interval_by_what_it_does_to_the_force() -> None:
     own = float(np.sqrt(((high[2] - low[2]) / 2) ** 2 - ((most[2] - least[2]) / 2) ** 2)) / 1.96
     found = [float(gel(h, count=14).reconstruct(readings).force[2]) for h in (7.84e-3, 8.16e-3)]
     assert own == pytest.approx(5.0 * (found[0] - found[1]) / 2, rel=0.15)
-    assert touch.stated.force[2] == pytest.approx(own, rel=1e-2)
+    assert touch._errors.pad.force[2] == pytest.approx(own, rel=1e-2)
     # the constants of the method neither scale it nor lean it to one side
     assert (high[2] + low[2]) / 2 == pytest.approx((most[2] + least[2]) / 2, rel=1e-9)
 
@@ -44,16 +44,18 @@ def test_what_nobody_says_of_depth_and_thickness_is_a_tenth() -> None:
     readings = noisy(gel())
     assumed = pp.Skin(gel().pad, gel().planes, uncertainty=pp.Uncertainty(youngs_modulus=0.0, gain=0.0, scale=0.0))
     stated = gel(thickness=GEOMETRY, depth=GEOMETRY)
-    np.testing.assert_array_equal(assumed.reconstruct(readings).stated.force, stated.reconstruct(readings).stated.force)
-    assert gel().reconstruct(readings).stated is None
-    assert assumed.reconstruct(readings, method="tikhonov").stated is None  # which takes both as described
+    np.testing.assert_array_equal(
+        assumed.reconstruct(readings)._errors.pad.force, stated.reconstruct(readings)._errors.pad.force
+    )
+    assert gel().reconstruct(readings)._errors.pad is None
+    assert assumed.reconstruct(readings, method="tikhonov")._errors.pad is None  # which takes both as described
 
 
 def test_markers_on_the_surface_are_there() -> None:
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=0.0, channels=GEL)
     skin = pp.Skin(pad, array, uncertainty=pp.Uncertainty(gain=0.0))
-    assert skin.reconstruct(noisy(skin)).stated is None
+    assert skin.reconstruct(noisy(skin))._errors.pad is None
 
 
 @pytest.mark.parametrize("index", [8, 12])

@@ -37,8 +37,8 @@ def test_a_contact_that_turns_uses_its_friction_up(part: float) -> None:
     assert monitor.state is not None
     assert monitor.state.twist == pytest.approx(abs(part) * MU, rel=0.03)
     assert monitor.state.utilisation == pytest.approx(abs(part), abs=0.04)
-    assert monitor.state.margins is not None
-    assert np.nanmedian(monitor.state.margins) == pytest.approx(1.0 - abs(part), abs=0.02)
+    assert monitor.state.utilisation_map is not None
+    assert np.nanmedian(monitor.state.utilisation_map) == pytest.approx(abs(part), abs=0.02)
 
 
 def test_force_and_moment_share_the_friction() -> None:
@@ -50,7 +50,7 @@ def test_force_and_moment_share_the_friction() -> None:
     assert monitor.state.utilisation == pytest.approx(1.0, abs=0.04)
 
 
-def test_margins_tell_the_rim_that_slips_from_the_middle_that_sticks() -> None:
+def test_utilisation_tells_the_rim_that_slips_from_the_middle_that_sticks() -> None:
     def shear(p: Any, x: Any, y: Any, r: Any) -> tuple[Any, Any]:
         return np.where(r > 1.2e-3, MU, 0.2 * MU) * p, np.zeros_like(p)
 
@@ -58,14 +58,14 @@ def test_margins_tell_the_rim_that_slips_from_the_middle_that_sticks() -> None:
     touch = touched(shear)
     monitor.update(touch)
     assert monitor.state is not None
-    margins = monitor.state.margins
-    assert margins is not None
+    used = monitor.state.utilisation_map
+    assert used is not None
     values = np.asarray(touch.values)
     slips = values[0] > 0.9 * MU * values[2]
     contact = values[2] > 0.1 * values[2].max()
-    np.testing.assert_allclose(margins[contact & slips], 0.0, atol=1e-9)
-    np.testing.assert_allclose(margins[contact & ~slips], 0.8, atol=1e-9)
-    assert np.isnan(margins[~contact]).all()
+    np.testing.assert_allclose(used[contact & slips], 1.0, atol=1e-9)
+    np.testing.assert_allclose(used[contact & ~slips], 0.2, atol=1e-9)
+    assert np.isnan(used[~contact]).all()
 
 
 def test_a_line_has_no_twist() -> None:

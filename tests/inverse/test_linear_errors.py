@@ -266,7 +266,7 @@ def test_linear_methods_have_intervals(method: str, rng: np.random.Generator) ->
     low, high = touch.interval(0.95, "force")
     assert ((low < [3.0, 10.0]) & (high > [3.0, 10.0])).mean() >= 0.8  # of ten intervals of 95 %
     assert (high - low < 5.0).all()
-    assert (np.asarray(touch.std) > 0).all()
+    assert (np.asarray(touch.std()) > 0).all()
     low, high = touch.interval(0.95)
     assert (np.asarray(low) < 0).any()  # traction may pull: nothing stops at zero
     assert np.isfinite(touch.interval(0.9, "peak_pressure")).all()
@@ -281,16 +281,16 @@ def test_frames_of_a_batch_have_the_error_bars_that_they_have_alone(rng: np.rand
     y = frames(of, 3, rng) * np.array([1.0, 0.1, 3.0])[:, None, None]
     touch = of.reconstruct(y, method="tikhonov")
     for i in range(3):
-        alone, picked = of.reconstruct(y[i], method="tikhonov").errors, touch[i].errors
+        alone, picked = of.reconstruct(y[i], method="tikhonov")._errors.posterior, touch[i]._errors.posterior
         assert alone is not None
         assert picked is not None
         for name in ("traction", "force", "moment", "center", "peak", "outside_force", "variance_reduction"):
             np.testing.assert_allclose(getattr(picked, name), getattr(alone, name), rtol=1e-9, err_msg=name)
     copy = pickle.loads(pickle.dumps(touch))
-    np.testing.assert_array_equal(copy.errors.force, touch.errors.force)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(copy._errors.posterior.force, touch._errors.posterior.force)  # type: ignore[union-attr]
     single = of.reconstruct(y.astype(np.float32), method="tikhonov")
     assert single.values.dtype == np.float32
-    np.testing.assert_allclose(single.errors.force, touch.errors.force, rtol=0.02)  # type: ignore[union-attr]
+    np.testing.assert_allclose(single._errors.posterior.force, touch._errors.posterior.force, rtol=0.02)  # type: ignore[union-attr]
 
 
 def test_pulling_frames_of_an_automatic_batch_have_error_bars(rng: np.random.Generator) -> None:
@@ -318,8 +318,8 @@ def test_a_frame_where_nothing_shows_has_the_error_of_what_would_not_show(rng: n
     # a force spread over a depth would be seen above 1/sqrt(taxels there) of the noise: the interval is at least of that order
     low, high = touch.interval(0.95, "force")
     assert ((high - low)[:, 1] > 2e-4).all()
-    assert touch.errors is not None
-    assert (np.abs(touch.force) < 1.96 * touch.errors.force).mean() > 0.9
+    assert touch._errors is not None
+    assert (np.abs(touch.force) < 1.96 * touch._errors.posterior.force).mean() > 0.9
 
 
 def test_readings_that_are_zero_throughout_have_no_error_bars() -> None:
@@ -333,7 +333,7 @@ def test_an_unobservable_mean_has_no_interval(rng: np.random.Generator) -> None:
     of = pp.Skin(pad, array, boundary="periodic")
     touch = of.reconstruct(1e-7 * rng.standard_normal((2, 12, 12)), components=["x", "y"])
     assert np.isnan(touch.interval(0.95, "force")[0][:2]).all()
-    assert np.isfinite(np.asarray(touch.std)).all()
+    assert np.isfinite(np.asarray(touch.std())).all()
 
 
 def test_a_periodic_offset_is_not_noise(rng: np.random.Generator) -> None:

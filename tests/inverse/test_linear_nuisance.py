@@ -46,13 +46,13 @@ def test_patterns_are_marginalised_as_dense_algebra_does(kinds: list[str], monke
     covariance = w - w @ a.T @ inverse @ a @ w
     touch = skin.reconstruct(y.reshape(2, 20), method="wiener", spectrum=density)
     np.testing.assert_allclose(np.ravel(touch.values), mean, atol=1e-9)
-    assert touch.errors is not None
-    np.testing.assert_allclose(np.ravel(touch.errors.traction), np.sqrt(np.diag(covariance)), rtol=1e-8)
+    assert touch._errors is not None
+    np.testing.assert_allclose(np.ravel(touch._errors.posterior.traction), np.sqrt(np.diag(covariance)), rtol=1e-8)
     force = np.kron(np.eye(2), np.full(grid.count, grid.cell))
     bare = w - w @ a.T @ np.linalg.solve(a @ w @ a.T + np.diag(noise**2), a @ w)
     total = bare + PATTERN**2 * (covariance - bare)
     expected = np.sqrt(np.einsum("ri,ij,rj->r", force, total, force) + (5e-4 * force @ mean) ** 2)
-    np.testing.assert_allclose(touch.errors.force, expected, rtol=1e-8)
+    np.testing.assert_allclose(touch._errors.posterior.force, expected, rtol=1e-8)
 
 
 def cell(count: int = 20) -> tuple[pp.AreaArray, np.ndarray]:
@@ -105,7 +105,7 @@ def test_a_frame_of_a_batch_has_the_patterns_that_it_has_alone() -> None:
         alone = skin.reconstruct(batch[i], **given)
         scale = np.abs(alone.values).max()
         np.testing.assert_allclose(whole.values[i], alone.values, atol=1e-8 * scale)
-        np.testing.assert_allclose(np.asarray(whole[i].std), np.asarray(alone.std), rtol=1e-6, atol=1e-9 * scale)
+        np.testing.assert_allclose(np.asarray(whole[i].std()), np.asarray(alone.std()), rtol=1e-6, atol=1e-9 * scale)
     assert any("2 of 3 frames" in n or "3 of 3 frames" in n for n in whole.notes)
 
 

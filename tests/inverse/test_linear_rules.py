@@ -73,7 +73,7 @@ def test_noise_is_never_reported_below_what_grids_are_known_to(tables: Path, rul
     skin = pp.Skin(pad, array, boundary="periodic")
     touch = skin.reconstruct(recording.readings[0], method=pp.Tikhonov(order=0, rule=rule))
     assert (touch.noise_std >= 2e-4 * np.abs(recording.readings[0]).max() * (1 - 1e-9)).all()
-    assert (np.asarray(touch.std)[:2] > 0).all()
+    assert (np.asarray(touch.std())[:2] > 0).all()
     assert any("noise cannot be separated from traction" in n for n in touch.notes)
 
 

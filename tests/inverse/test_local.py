@@ -173,9 +173,9 @@ def test_samples_of_the_posterior_are_as_wide_as_its_model() -> None:
     skin = on_gel(12)
     readings = noisy(skin.sense(dipole(skin)))
     touch = skin.reconstruct(readings, components=["x", "y"], draws=200, rng=0)
-    assert touch.errors is not None
+    assert touch._errors is not None
     assert touch.draws is not None
-    std = np.asarray(touch.errors.traction)[:2]
+    std = np.asarray(touch._errors.posterior.traction)[:2]
     ratio = np.asarray(touch.draws)[:, :2].std(axis=0)[std > 0] / std[std > 0]
     assert 0.9 < np.median(ratio) < 1.1
 
@@ -188,9 +188,9 @@ def test_what_is_not_known_of_the_pad_is_in_the_error_bars() -> None:
     ]
     readings = noisy(skins[0].sense(dipole(skins[0])))
     sure, unsure = (s.reconstruct(readings, components=["x", "y"]) for s in skins)
-    assert unsure.stated is not None
-    assert sure.stated is not None
-    assert np.asarray(unsure.stated.traction).max() > 5 * np.asarray(sure.stated.traction).max()
+    assert unsure._errors.pad is not None
+    assert sure._errors.pad is not None
+    assert np.asarray(unsure._errors.pad.traction).max() > 5 * np.asarray(sure._errors.pad.traction).max()
 
 
 @pytest.mark.parametrize("scattered", [False, True])

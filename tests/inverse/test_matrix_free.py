@@ -122,11 +122,11 @@ def test_same_traction_for_the_same_parameter(layout, either):
     assert free.status == pp.Status.SOLVED
     if layout not in WITH_ERRORS:
         return
-    np.testing.assert_allclose(free.errors.force, dense.errors.force, rtol=0.05)
-    np.testing.assert_allclose(free.errors.moment, dense.errors.moment, rtol=0.05)
-    np.testing.assert_allclose(free.errors.peak, dense.errors.peak, rtol=0.05)
-    np.testing.assert_allclose(free.errors.center, dense.errors.center, rtol=0.05)
-    np.testing.assert_allclose(free.errors.outside_force, dense.errors.outside_force, rtol=1e-5)
+    np.testing.assert_allclose(free._errors.posterior.force, dense._errors.posterior.force, rtol=0.05)
+    np.testing.assert_allclose(free._errors.posterior.moment, dense._errors.posterior.moment, rtol=0.05)
+    np.testing.assert_allclose(free._errors.posterior.peak, dense._errors.posterior.peak, rtol=0.05)
+    np.testing.assert_allclose(free._errors.posterior.center, dense._errors.posterior.center, rtol=0.05)
+    np.testing.assert_allclose(free._errors.posterior.outside_force, dense._errors.posterior.outside_force, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_same_parameter(layout, rule, near, either):
     np.testing.assert_allclose(np.log(free.parameter), np.log(dense.parameter), atol=near)
     np.testing.assert_allclose(free.noise_std, dense.noise_std, rtol=0.02)
     np.testing.assert_allclose(free.force, dense.force, rtol=0.02, atol=1e-3 * np.abs(dense.force).max())
-    np.testing.assert_allclose(free.errors.force, dense.errors.force, rtol=0.05)
+    np.testing.assert_allclose(free._errors.posterior.force, dense._errors.posterior.force, rtol=0.05)
 
 
 def test_a_shift_of_the_image_is_taken_out_alike(either):
@@ -166,7 +166,7 @@ def test_a_shift_of_the_image_is_taken_out_alike(either):
     dense, free = either(HALF_SPACE, array, readings)
     np.testing.assert_allclose(np.log(free.parameter), np.log(dense.parameter), atol=0.06)
     same_traction(dense, free, 0.02)
-    np.testing.assert_allclose(free.errors.force[:2], dense.errors.force[:2], rtol=0.05)
+    np.testing.assert_allclose(free._errors.posterior.force[:2], dense._errors.posterior.force[:2], rtol=0.05)
     assert [n.split(":")[0] for n in free.notes] == [n.split(":")[0] for n in dense.notes]
 
 
@@ -187,11 +187,11 @@ def test_standard_deviations_of_cells(layout, either):
     pad, array, _ = LAYOUTS[layout]
     skin = pp.Skin(pad, array)
     dense, free = either(pad, array, noisy(skin, pressed(skin)))
-    ratio = free.errors.traction / dense.errors.traction
+    ratio = free._errors.posterior.traction / dense._errors.posterior.traction
     assert abs(float(ratio.mean()) - 1.0) < 0.03
     assert float(ratio.std()) < 0.15  # 32 draws know a standard deviation to 13 %, with mirror images to 6 %
-    again = np.array(free.errors.traction)
-    np.testing.assert_array_equal(again, either(pad, array, noisy(skin, pressed(skin)))[1].errors.traction)
+    again = np.array(free._errors.posterior.traction)
+    np.testing.assert_array_equal(again, either(pad, array, noisy(skin, pressed(skin)))[1]._errors.posterior.traction)
 
 
 def test_frames_of_a_batch_are_those_alone(monkeypatch):
@@ -204,8 +204,8 @@ def test_frames_of_a_batch_are_those_alone(monkeypatch):
     for i in (0, 2):
         alone = pp.Skin(HALF_SPACE, area()).reconstruct(readings[i], method="tikhonov")
         np.testing.assert_allclose(batch.traction[i], alone.traction, atol=1e-6 * float(np.abs(alone.traction).max()))
-        np.testing.assert_allclose(batch.errors.force[i], alone.errors.force, rtol=1e-3)
-        np.testing.assert_allclose(batch[i].errors.traction, alone.errors.traction, rtol=1e-4)
+        np.testing.assert_allclose(batch._errors.posterior.force[i], alone._errors.posterior.force, rtol=1e-3)
+        np.testing.assert_allclose(batch[i]._errors.posterior.traction, alone._errors.posterior.traction, rtol=1e-4)
     assert not np.asarray(batch.traction[3]).any()
     single = skin.reconstruct(readings[1].astype(np.float32), method="tikhonov")
     assert single.traction.dtype == np.float32

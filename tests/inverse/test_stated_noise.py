@@ -42,7 +42,7 @@ def test_a_contact_is_known_as_well_as_its_readings() -> None:
             touch = tracker.step(frame, 0.1 + 0.01 * i, std=said)
         low, high = touch.interval(0.95, "force")
         assert low[1] < 10.0 < high[1]
-        widths.append(float(touch.errors.force[1]))  # what the pad's model leaves is not the readings' fault
+        widths.append(float(touch._errors.posterior.force[1]))  # what the pad's model leaves is not the readings' fault
     assert wide[0] > 3.0 * narrow[0]
 
 

@@ -13,7 +13,9 @@ from palpate.errors import InvalidInput
 from palpate.microscopy import Field, Film, cell_forces, forces_of_labels, read_labels
 from palpate.microscopy.adhesions import sampled
 from palpate.microscopy.blobs import Response, painted, work_of
-from palpate.microscopy.vectors import noise_of, outliers
+from palpate.microscopy.sampler import COUNT, Chain, Places
+from palpate.microscopy.spread import read
+from palpate.microscopy.vectors import Vectors, find_doubtful, noise_of, outliers
 from palpate.sensing.uncertainty import EXACT
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -80,6 +82,51 @@ def test_noise_and_outliers_of_a_field_without_traction():
     assert outliers(u, noise_of(u)).sum() <= 8
     u[:, 10, 20] += 60e-9
     assert outliers(u, noise_of(u))[10, 20]
+
+
+def test_an_outlier_beside_an_adhesion_is_doubtful_though_its_neighbours_differ_too():
+    # off by 32 times the noise; taken for a vector it made the energy 1.7 times too large
+    cell = cell_of(21001, noise=0.05, outliers=True, edge=False)
+    u = cell.displacement - np.nanmedian(cell.displacement, axis=(1, 2), keepdims=True)
+    there = np.isfinite(u[0])
+    bad = outliers(u, cell.truth["noise"]) & there
+    assert cell.outliers[9, 11]
+    assert not bad[9, 11]
+    doubtful = find_doubtful(u, bad, there, cell.truth["noise"])
+    assert doubtful[9, 11]
+    assert (doubtful & ~cell.outliers).sum() <= 6
+
+
+def test_without_information_a_chain_samples_its_prior():
+    """Births, deaths and switches of doubtful vectors, alone and with a blob, are in balance."""
+    pitch, n = 1e-6, 12
+    axis = pitch * np.arange(n)
+    places = np.stack([a.ravel() for a in np.meshgrid(axis, axis)], axis=1)
+    vectors = Vectors(
+        places, np.full((2, n * n), 1e-9), np.zeros(n * n), np.ones(n * n), 0.0, doubtful=(5 * n + 5, 5 * n + 6)
+    )
+    even = np.full((n, n), 1.0 / (n * pitch) ** 2)
+    chain = Chain(
+        vectors, Response.of(GEL, 0.0, 0.1e-6, 2e-5), Places(even, even, (0, 0), pitch), (1e-8, 0.35e-6, 1e-5), 1.0, known=True, drift=False, odds=0.0, rng=np.random.default_rng(1),
+    )  # fmt: skip
+    counts, wrong = [], []
+    for _ in range(1500):
+        chain.walk(8)
+        counts.append(len(chain.blobs))
+        wrong.append(chain.wrong.copy())
+    # standard errors: 0.4 blobs, 0.03
+    assert np.mean(counts[300:]) == pytest.approx(COUNT, abs=1.6)
+    assert np.mean(wrong, axis=0) == pytest.approx([0.5, 0.5], abs=0.1)
+
+
+def test_the_interval_holds_what_a_common_size_of_adhesions_would_change():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(4000)
+    energies, common = np.exp(0.1 * rng.standard_normal(4000) - 0.1 * x), 0.05
+    widths = [np.ptp(np.log(read("strain_energy", energies, common, s)[2])) / 3.92 for s in (None, 10 * x, -10 * x)]
+    # energies change by -1 with the logarithm of the size, which is uncertain by 0.25
+    assert widths[1] ** 2 - widths[0] ** 2 == pytest.approx(0.25**2, rel=0.1)
+    assert widths[2] == widths[0]
 
 
 @pytest.fixture(scope="module")

@@ -121,6 +121,35 @@ def test_matlab_vectors_of_columns_and_rows_are_positions(tmp_path: Path):
     assert any("along the rows" in note for note in turned.notes)
 
 
+@pytest.mark.parametrize("struct", [True, False])
+def test_filtered_vectors_of_a_bootstrap_are_one_of_two_fields(struct: bool, tmp_path: Path):
+    """TFM-UQ writes U, V as correlated, UPost, VPost without bad windows, and UStd, VStd of both."""
+    import scipy.io
+
+    u = pulled()
+    u[:, 3, 4] = np.nan
+    held = {"xvec": 20.0 + 16.0 * np.arange(24), "yvec": 30.0 + 16.0 * np.arange(20), "U": 2 * u[0], "V": 2 * u[1], "UPost": u[0], "VPost": u[1]}  # fmt: skip
+    held |= {"UStd": 0 * u[0] + 0.03, "VStd": 0 * u[0] + 0.04, "delInds": u[0] > 1}
+    scipy.io.savemat(tmp_path / "f.mat", {"output": held} if struct else held)
+    with pytest.raises(InvalidInput, match=r"2 fields.*UPost.*Say which with name"):
+        read_field(tmp_path / "f.mat", pixel=PIXEL, unit="px")
+    name = "output.UPost, output.VPost" if struct else "UPost, VPost"
+    found = read_field(tmp_path / "f.mat", pixel=PIXEL, unit="px", name=name)
+    np.testing.assert_allclose(found.displacement, u * PIXEL)
+    np.testing.assert_allclose(found.std[:, 0, 0], [3e-9, 4e-9])
+
+
+def test_one_array_called_upost_is_not_taken_as_errors(tmp_path: Path):
+    u = pulled()
+    places = {"xvec": 20.0 + 16.0 * np.arange(24), "yvec": 30.0 + 16.0 * np.arange(20)}
+    np.savez(tmp_path / "f.npz", u=u[0], v=u[1], UPost=0 * u[0] + 0.03, **places)
+    assert read_field(tmp_path / "f.npz", pixel=PIXEL, unit="px").std is None
+    np.savez(tmp_path / "g.npz", u=u[0], v=u[1], UStd=0 * u[0] + 0.03, **places)
+    found = read_field(tmp_path / "g.npz", pixel=PIXEL, unit="px")
+    np.testing.assert_allclose(found.std[:, 0, 0], 3e-9)
+    assert any("standard deviation of both" in note for note in found.notes)
+
+
 @pytest.mark.parametrize("mark", [";", " ", "\t"])
 def test_decimal_commas_are_read(mark: str, tmp_path: Path):
     lines = [mark.join(["x", "y", "u", "v"])]

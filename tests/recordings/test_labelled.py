@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 import palpate as pp
 from palpate import solutions
-from palpate.inverse.estimate import Errors
+from palpate.inverse.estimate import Errors, Stated
 from palpate.recordings.labelled import recording_dataset, recording_of, touch_dataset, touch_of
 from palpate.sensing.grids import AreaGrid, LineGrid
+from palpate.touch.fields import ErrorParts
 
 #: Of every plane and length in UTF-8, with what JSON, TOML and HDF5 might trip over. All of Unicode takes seconds to list.
 LETTERS = "aZ0 _-/\\\"'{}[],:=#%&<>;\t\x01\x7f\xa0\xad\xb5\xdf\xe9\u0301\u03c3\u05d0\u0628\u200d\u202e\u2212\u4e2d\ue000\ufeff\ufffd\U00010348\U0001f600\U000e0001\U0010ffff"  # fmt: skip
@@ -72,6 +73,7 @@ def touches(draw: Any) -> pp.Touch:
             for f in fields(Errors)
         }
     )  # fmt: skip
+    stated = Stated(**{f.name: getattr(errors, f.name) for f in fields(Stated)})
     return pp.Touch(
         values=some(*full).astype(draw(st.sampled_from(("f4", "f8")))),
         surface=grid,
@@ -84,7 +86,7 @@ def touches(draw: Any) -> pp.Touch:
         unobservable_force=draw(st.sampled_from(((), ("x",)))),
         time=maybe(some()),
         meta=draw(st.dictionaries(WORDS, WORDS, max_size=2)),
-        errors=maybe(errors),
+        _errors=maybe(ErrorParts(errors, maybe(stated), 0.1)),
         converged=maybe(some() > 0),
         touching=maybe(some() > 0),
         outliers=maybe(some(6) > 0),
@@ -109,11 +111,14 @@ def same_recording(a: pp.Recording, b: pp.Recording) -> None:
 
 
 def same_touch(a: pp.Touch, b: pp.Touch) -> None:
-    for field in fields(pp.Touch):
+    same_fields(a, b)
+
+
+def same_fields(a: Any, b: Any) -> None:
+    for field in fields(a):
         one, other = getattr(a, field.name), getattr(b, field.name)
-        if field.name == "errors" and one is not None:
-            for part in fields(Errors):
-                np.testing.assert_array_equal(getattr(one, part.name), getattr(other, part.name), err_msg=part.name)
+        if isinstance(one, ErrorParts | Errors | Stated):
+            same_fields(one, other)
         elif isinstance(one, np.ndarray | np.generic):
             assert np.asarray(one).dtype == np.asarray(other).dtype, field.name
             np.testing.assert_array_equal(one, other, err_msg=field.name)
@@ -154,7 +159,7 @@ def test_what_was_found_comes_back() -> None:
     readings = np.asarray(area.sense(area.sample(solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.3))))
     for given_readings in (readings, np.stack([readings, 0 * readings, 2 * readings])):
         same_touch(touch_of(touch_dataset(found := area.reconstruct(given_readings, friction=0.6))), found)
-        assert found.errors is not None
+        assert found._errors is not None
 
 
 def test_what_is_no_recording_and_no_touch() -> None:
@@ -179,3 +184,17 @@ def test_what_is_no_recording_and_no_touch() -> None:
     ):
         with pytest.raises(pp.InvalidInput, match=words):
             touch_of(bad)
+
+
+def test_files_keep_the_parts_of_the_errors_under_the_names_they_had() -> None:
+    """`errors_*`, `stated_*` and `common_std` are what files before `palpate.touch.fields.ErrorParts` hold."""
+    grid = LineGrid(count=4, spacing=1e-3)
+    sizes = {"traction": (2, 4), "force": (2,), "moment": (1,), "center": (1,), "peak": ()}
+    parts = {name: np.full(size, 0.1) for name, size in sizes.items()}
+    posterior = Errors(**parts, variance_reduction=parts["traction"], **{f"outside_{n}": v for n, v in parts.items()}, beyond_force=parts["force"])  # fmt: skip
+    touch = pp.Touch(np.ones((2, 4)), grid, ("x", "z"), "tikhonov", _errors=ErrorParts(posterior, Stated(**parts), 0.2))
+    held = touch_dataset(touch)
+    assert {f"errors_{f.name}" for f in fields(Errors)} | {f"stated_{f.name}" for f in fields(Stated)} <= set(held)
+    assert held.attrs["common_std"] == 0.2
+    back = touch_of(held)
+    np.testing.assert_array_equal(back.interval(0.95, "force"), touch.interval(0.95, "force"))

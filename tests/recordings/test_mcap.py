@@ -87,7 +87,7 @@ def test_reference_readers_open_it(tmp_path: Path) -> None:
     # the pressure lies in the grid's bytes as it does in the touch
     data, fields = seen["/palpate/touch"][1][1].data, 4
     pressure = np.ascontiguousarray(touch.values[1, 2], dtype="<f4")
-    row = np.stack([pressure[8], touch.values[1, 0, 8], touch.std.values[1, 2, 8], touch.values[1, 1, 8]], axis=-1)
+    row = np.stack([pressure[8], touch.values[1, 0, 8], touch.std()[1, 2, 8], touch.values[1, 1, 8]], axis=-1)
     assert row.astype("<f4").tobytes() in data
     assert len(data) > pressure.size * 4 * fields
 

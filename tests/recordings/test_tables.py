@@ -90,24 +90,21 @@ SAME: dict[str, tuple[str, TableMapping, str, float]] = {
         "t.txt",
         0.0,
     ),
-    "units in the titles": (
-        text(
-            [[*r[:2], r[2] * 0.05, r[3] * 0.05, r[4] * 50.0, r[5] * 50.0] for r in rows()],
-            titles="frame,id,x (mm),y [mm],dx (um),dy (um)",
-        ),
-        TableMapping(frame="frame", marker="id", x="x", y="y", channels=CHANNELS, rate=50.0),
-        "t.csv",
-        0.0,
-    ),
-    "both letters for micro in the titles": (
-        text(
-            [[*r[:2], r[2] * 0.05, r[3] * 0.05, r[4] * 50.0, r[5] * 50.0] for r in rows()],
-            titles="frame,id,x (mm),y [mm],dx (\N{MICRO SIGN}m),dy (\N{GREEK SMALL LETTER MU}m)",
-        ),
-        TableMapping(frame="frame", marker="id", x="x", y="y", channels=CHANNELS, rate=50.0),
-        "t.csv",
-        0.0,
-    ),
+    **{
+        name: (
+            text(
+                [[*r[:2], r[2] * 0.05, r[3] * 0.05, r[4] * 50.0, r[5] * 50.0] for r in rows()],
+                titles=f"frame,id,x (mm),y [mm],dx ({one}m),dy ({other}m)",
+            ),
+            TableMapping(frame="frame", marker="id", x="x", y="y", channels=CHANNELS, rate=50.0),
+            "t.csv",
+            0.0,
+        )
+        for name, one, other in (
+            ("units in the titles", "u", "u"),
+            ("both letters for micro in the titles", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"),
+        )
+    },
     "no numbers of markers": (
         text(rows()),
         TableMapping(frame="frame", x="x", y="y", channels=CHANNELS, scale=PIXEL, position_scale=PIXEL, rate=50.0),

@@ -11,6 +11,7 @@ import pytest
 import palpate as pp
 from palpate.bench.trust.rows import make_frame
 from palpate.sensing.uncertainty import EXACT
+from palpate.touch.fields import ErrorParts
 
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
 
@@ -113,9 +114,8 @@ def test_a_ramp_under_a_contact_is_found_though_nobody_named_it() -> None:
 def test_offsets_are_solved_with_the_contact_until_they_rest() -> None:
     """A block that slides on a line of two channels, every reading off by 15 % of the largest: 1573 N/m (1494 to 1651) was said for 1855 of shear."""
     frame = make_frame("offset", 8, seed=857)
-    touch = replace(
-        frame.skin.reconstruct(frame.readings), common_std=0.0, stated=None
-    )  # of readings exactly as described
+    touch = frame.skin.reconstruct(frame.readings)
+    touch = replace(touch, _errors=ErrorParts(touch._errors.posterior))  # of readings exactly as described
     low, high = touch.interval(0.95, "force")
     assert (low < frame.load.force).all()
     assert (frame.load.force < high).all()
@@ -135,7 +135,8 @@ def test_drift_of_every_displacement_that_was_found_leaves_none_to_hide() -> Non
 def test_a_hypothesis_that_is_refuted_gives_way_to_one_that_is_not() -> None:
     """Two channels of stress on a line, every reading off by a fifth of the largest: contact all along gained more, left no noise and was 1.4 of the force off."""
     frame = make_frame("offset", 5, seed=4242)
-    touch = replace(frame.skin.reconstruct(frame.readings, friction=frame.friction), stated=None)
+    touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
+    touch = replace(touch, _errors=replace(touch._errors, pad=None))
     low, high = touch.interval(0.95, "force")
     assert touch.fit > 0.01
     assert (low < frame.load.force).all()

@@ -295,6 +295,7 @@ REMEDIES = [
     ),
     value("needs a number and one of", weighed, "200 stone, 2.5 s to 3.5 s", "200 g, 2.5 s to 3.5 s"),
     value("is no number; write {}.", Weight.parse, "2.0.0 g, 1 s to 2 s", "200 g, 12 s to 20 s"),
+    value("{} is not fitted:", lambda v: balls(constants=v), ["poissons_ratio", "unit"], ["unit"]),
     value("constants names {}; accepted", lambda v: balls(constants=v), ["stiffness"], ["unit"]),
     value("models names {}; accepted", lambda v: balls(pad_models=v), ["foam"], ["half-space", "bonded"]),
     value(

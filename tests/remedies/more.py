@@ -195,7 +195,7 @@ REMEDIES = [
     ),
     value(
         "this touch was made or read back without its error bars; take the one that Skin.reconstruct returns",
-        lambda touch: touch.std,
+        lambda touch: touch.std(),
         pp.Touch(np.ones((2, 9)), pp.LineGrid(count=9, spacing=1e-3), ("x", "z"), "tikhonov"),
         SKIN.reconstruct(PRESS, method="tikhonov"),
     ),

@@ -275,7 +275,7 @@ def test_a_frame_without_an_answer_is_nan_and_not_the_last_one(touch: pp.Touch) 
     outlet, sent = outlet_of(lost)
     assert outlet.status is Status.MISSING
     assert math.isnan(sent["wrench"].wrench.force.z)
-    assert math.isnan(sent["slip_margin"].data)
+    assert math.isnan(sent["utilisation"].data)
     assert sent["traction"].is_dense is False
 
 

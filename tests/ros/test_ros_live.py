@@ -73,7 +73,7 @@ class Robot:
             ("/palpate/wrench_high", WRENCH, 100),
             ("/palpate/center", "geometry_msgs/msg/PoseWithCovarianceStamped", 100),
             ("/palpate/traction", "sensor_msgs/msg/PointCloud2", 100),
-            ("/palpate/slip_margin", "std_msgs/msg/Float32", 100),
+            ("/palpate/utilisation", "std_msgs/msg/Float32", 100),
             ("/palpate/events", "std_msgs/msg/String", past),
             ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 10),
         ):

@@ -16,44 +16,21 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from camera_scenes import small_scene
+from camera_scenes import BALL, gel_file, small_scene
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("pydantic")
 
 from palpate.ros.pictures import PATIENCE, PictureIntake, are_pictures  # noqa: E402
 
-GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.3)
-SKIN = """\
-[pad]
-kind = "bonded_layers"
-
-[[pad.layer]]
-thickness = "3.5 mm"
-youngs_modulus = "300 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-
-[surface]
-shape = [10, 13]
-spacing = "1.2 mm"
-
-[camera]
-scale = "0.1 mm"
-reference = 3
-"""
+SKIN = gel_file('scale = "0.1 mm"\nreference = 3', surface='shape = [10, 13]\nspacing = "1.2 mm"')
 BLACK = np.zeros((120, 160), np.uint8)
 
 
 @functools.cache
 def filmed() -> tuple[np.ndarray, ...]:
     """At rest, and pressed twice."""
-    scene = small_scene(GEL)
+    scene = small_scene()
     rng, ball = np.random.default_rng(0), scene.skin.sample(BALL)
     return tuple(scene.picture(ball if pressed else None, rng=rng) for pressed in (0, 0, 0, 1, 1))
 

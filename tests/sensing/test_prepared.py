@@ -62,7 +62,7 @@ def test_nothing_is_worked_out_again(saved: Path, monkeypatch: pytest.MonkeyPatc
         m.setattr(spectrum, "_svd", not_again)
         found = again.reconstruct(readings)
     np.testing.assert_array_equal(found.traction, before.traction)
-    np.testing.assert_array_equal(found.std, before.std)
+    np.testing.assert_array_equal(found.std(), before.std())
 
 
 def test_areas_masks_and_the_linear_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

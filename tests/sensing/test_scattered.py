@@ -92,7 +92,7 @@ def test_beads_are_solved_alike(monkeypatch):
         found.append([skin.reconstruct(readings, method="tikhonov", **o) for o in ({"parameter": 4e-21}, {})])
     (dense, chosen), (free, by_rule) = found
     assert np.abs(np.asarray(free.traction - dense.traction)).max() < 1e-4 * float(np.abs(dense.traction).max())
-    np.testing.assert_allclose(free.errors.force[:2], dense.errors.force[:2], rtol=0.05)
+    np.testing.assert_allclose(free._errors.posterior.force[:2], dense._errors.posterior.force[:2], rtol=0.05)
     np.testing.assert_allclose(np.log(by_rule.parameter), np.log(chosen.parameter), atol=0.06)
     np.testing.assert_allclose(by_rule.noise_std, chosen.noise_std, rtol=0.02)
 
@@ -128,7 +128,7 @@ def test_standard_deviations_of_cells_over_beads(monkeypatch):
             places = np.meshgrid(*skin.surface.axes, indexing="ij")
             bump = np.exp(-sum((p - 8e-6) ** 2 for p in places) / (4e-6) ** 2)
             readings = skin.sense(np.stack([300.0 * bump, -200.0 * bump, 0.0 * bump]), rng=np.random.default_rng(1))
-        found.append(skin.reconstruct(readings, method="tikhonov").errors.traction[:2])
+        found.append(skin.reconstruct(readings, method="tikhonov")._errors.posterior.traction[:2])
     ratio = found[1] / found[0]
     assert abs(float(ratio.mean()) - 1.0) < 0.06
     assert float(ratio.std()) < 0.2

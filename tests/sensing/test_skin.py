@@ -143,3 +143,35 @@ def test_a_batch_is_its_frames() -> None:
     np.testing.assert_allclose(batch.values[1, 0], one.values, atol=1e-9 * np.abs(one.values).max())
     assert batch.parameter is not None
     assert batch.parameter.shape == (2, 1)
+
+
+def test_noise_and_zero_are_given_with_the_readings() -> None:
+    def made(noise: float | None) -> pp.Skin:
+        pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        channels = ["stress_xz", "stress_zz"]
+        return pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=channels, noise=noise))
+
+    rng = np.random.default_rng(0)
+    plain, known = made(None), made(40.0)
+    press = known.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0), rng=rng)
+    offset = 300.0 + 20.0 * rng.standard_normal((2, 15))
+    rest = offset + 40.0 * rng.standard_normal((40, 2, 15))
+    expected = known.reconstruct(press)
+    for noise in (40.0, [40.0, 40.0], np.array([40.0, 40.0])):
+        touch = plain.reconstruct(press, noise=noise)
+        np.testing.assert_array_equal(touch.values, expected.values)
+        np.testing.assert_array_equal(touch.noise_std, expected.noise_std)
+    np.testing.assert_allclose(plain.reconstruct(press + offset, zero=rest).noise_std, 40.0, rtol=0.15)
+    # a given noise counts for more than that of the frames at rest
+    np.testing.assert_allclose(plain.reconstruct(press + offset, zero=rest, noise=70.0).noise_std, 70.0, rtol=0.05)
+
+    with plain.track(noise=40.0) as tracker, known.track() as same:
+        np.testing.assert_array_equal(tracker.step(press).values, same.step(press).values)
+    with plain.track(zero=rest) as tracker:
+        touch = tracker.step(press + offset)
+        np.testing.assert_allclose(touch.noise_std, 40.0, rtol=0.15)
+        assert touch.force[1] == pytest.approx(10.0, rel=0.05)
+    with pytest.raises(pp.InvalidInput, match="leave one out"):
+        plain.track(zero=rest, baseline=5)
+    with pytest.raises(pp.InvalidInput, match=r"one per channel \(2: stress_xz, stress_zz\)"):
+        plain.reconstruct(press, noise=[1.0, 2.0, 3.0])

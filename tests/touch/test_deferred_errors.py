@@ -44,12 +44,13 @@ def test_one_frame_works_them_out_when_asked(skin: pp.Skin, monkeypatch: pytest.
         touch = skin.reconstruct(readings)
         alone = skin.reconstruct(readings[None])
         assert float(touch.force[2]) == pytest.approx(0.5, rel=0.1)
-    assert isinstance(touch.errors, ContactErrors)
-    assert touch.errors.deferred
+    assert isinstance(touch._errors.posterior, ContactErrors)
+    assert touch._errors.posterior.deferred
     both = skin.reconstruct(np.stack([readings, readings]))
-    assert not isinstance(both.errors, ContactErrors)  # many frames do not keep their models
+    assert not isinstance(both._errors.posterior, ContactErrors)  # many frames do not keep their models
     picked = alone.frame(0)
-    for name in ("std", "force", "variance_reduction"):
+    np.testing.assert_array_equal(picked.std(), touch.std())
+    for name in ("force", "variance_reduction"):
         np.testing.assert_array_equal(getattr(picked, name), getattr(touch, name))
     for of in ("traction", "force", "moment", "center_of_pressure", "peak_pressure"):
         for one, other, first in zip(touch.interval(of=of), picked.interval(of=of), both.interval(of=of)):
@@ -57,7 +58,7 @@ def test_one_frame_works_them_out_when_asked(skin: pp.Skin, monkeypatch: pytest.
             np.testing.assert_array_equal(one, first[0])
     low, high = touch.interval(of="force")
     assert low[2] < 0.5 < high[2]
-    assert not touch.errors.force.flags.writeable
+    assert not touch._errors.posterior.force.flags.writeable
 
 
 def test_copies_and_joined_results_have_them(skin: pp.Skin) -> None:
@@ -73,7 +74,7 @@ def test_copies_and_joined_results_have_them(skin: pp.Skin) -> None:
 
 def test_the_models_are_let_go_of(skin: pp.Skin) -> None:
     touch = skin.reconstruct(frame(skin))
-    errors = touch.errors
+    errors = touch._errors.posterior
     assert isinstance(errors, ContactErrors)
     for name in errors.__dataclass_fields__:
         getattr(errors, name)

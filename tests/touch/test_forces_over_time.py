@@ -179,13 +179,13 @@ def test_offsets_that_noise_explains_are_noticed_because_they_stay(tmp_path: Pat
     assert not any(STANDS in n for n in notes[:FRAMES])
     assert all(STANDS in n for n in notes[FRAMES + 1 :])
     assert "--baseline 10" in STANDS
-    for readings, baseline in (
-        (raw, 10),
-        (raw, raw[0]),
-        (raw - raw[0], 0),
-        (noise, 0),
+    for readings, given in (
+        (raw, {"baseline": 10}),
+        (raw, {"zero": raw[0]}),
+        (raw - raw[0], {}),
+        (noise, {}),
     ):  # what it says to do, and a sensor without offsets
-        with skin.track(baseline=baseline) as tracker:
+        with skin.track(**given) as tracker:
             touches = [tracker.step(frame, i / 50) for i, frame in enumerate(readings)]
         assert not any(STANDS in touch.notes for touch in touches)
         if readings is not noise:
@@ -210,7 +210,7 @@ def test_offsets_that_noise_explains_are_noticed_because_they_stay(tmp_path: Pat
     ("options", "match"),
     [
         ({"baseline": 16}, "from 0 to 15 of the 16"),
-        ({"baseline": -1}, "from 0 to 15"),
+        ({"baseline": -1}, "number of frames >= 0"),
         ({"frame": 16}, "give 0 to 15, or -1"),
         ({"frame": 1, "resume": True}, "leave out resume"),
     ],

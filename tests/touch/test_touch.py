@@ -11,6 +11,7 @@ from palpate._batches import per_frame_fields
 from palpate.inverse.estimate import Errors, Stated
 from palpate.status import Status
 from palpate.touch import joined
+from palpate.touch.fields import ErrorParts
 from palpate.touch.table import table_words
 from palpate.uncertainty import Case, constants
 
@@ -134,7 +135,6 @@ def full(frames: int = 4) -> pp.Touch:
         residual=some(),
         time=np.arange(frames) * 0.5,
         meta={"skin": "mine"},
-        errors=errors,
         converged=np.arange(frames) % 2 == 0,
         touching=np.arange(frames) % 3 > 0,
         outliers=some(36) > 0.5,
@@ -160,7 +160,9 @@ def full(frames: int = 4) -> pp.Touch:
         drag=some(2),
         drag_std=some(),
         sticking=some(4),
-        stated=Stated(traction=some(3, 3, 4), force=some(3), moment=some(3), center=some(2), peak=some()),
+        _errors=ErrorParts(
+            errors, Stated(traction=some(3, 3, 4), force=some(3), moment=some(3), center=some(2), peak=some()), 0.1
+        ),
         reading_names={i: f"stress_zz at taxel ({i},)" for i in range(36)},
     )
 
@@ -210,7 +212,7 @@ def test_what_only_some_frames_have_is_missing_in_the_rest() -> None:
     whole = joined([touch.frame(0), bare])
     assert list(whole.methods) == ["adaptive", "tikhonov"]
     assert np.isnan(whole.time[1])  # type: ignore[index]
-    assert np.isnan(whole.errors.force[1]).all()  # type: ignore[union-attr]
+    assert np.isnan(whole._errors.posterior.force[1]).all()  # type: ignore[union-attr]
     low, high = whole.interval(0.95, "force")
     assert np.isfinite(low[0]).all()
     assert np.isnan(low[1]).all()
@@ -245,7 +247,7 @@ def test_a_touch_does_not_change() -> None:
         touch.values[0, 0, 0] = 2.0
     values[0, 0, 0] = 2.0  # the caller's own array stays as it is
     with pytest.raises(ValueError, match="read-only"):
-        full().errors.force[0] = 0.0  # type: ignore[union-attr]
+        full()._errors.posterior.force[0] = 0.0  # type: ignore[union-attr]
 
 
 def test_fields_must_have_the_batch_axes() -> None:
@@ -302,3 +304,33 @@ def test_numbers_of_a_frame_that_is_not_explained_are_not_told() -> None:
     row = table_words(found.table()).splitlines()[1]
     assert row.split()[1:3] == ["-", "-"]
     assert row.endswith("unexplained")
+
+
+def test_a_standard_deviation_is_half_the_interval_that_no_floor_cuts() -> None:
+    skin = pp.Skin(
+        pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5),
+        pp.AreaArray(
+            shape=(8, 8), pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=20.0
+        ),
+    )
+    readings = skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=1.0), rng=np.random.default_rng(0))
+    touch = skin.reconstruct(np.stack([readings, readings]), friction=0.5)
+    for of in ("traction", "force", "moment", "center_of_pressure", "peak_pressure", "slip_margin"):
+        given = {"friction": 0.5} if of == "slip_margin" else {}
+        low, high = touch.interval(0.6826894921, of, **given)
+        std = touch.std(of, **given)
+        assert type(std) is type(low) is np.ndarray
+        assert std.shape == low.shape == high.shape
+        uncut = low > 0 if of in ("traction", "force", "peak_pressure") else np.full(low.shape, True)
+        assert uncut.any()
+        np.testing.assert_allclose(std[uncut], 0.5 * (high - low)[uncut], rtol=1e-6)
+        assert (std >= 0.5 * (high - low) * (1 - 1e-9)).all()
+    assert touch.std().shape == touch.values.shape
+    assert touch.has_intervals
+    assert not skin.reconstruct(readings, method="dft").has_intervals
+
+
+def test_a_load_without_an_upper_end_has_an_infinite_deviation() -> None:
+    touch = full()[0]
+    bounds = np.array([[np.nan, np.nan], [np.nan, np.nan], [0.0, np.inf]])
+    assert replace(touch, force_bounds=bounds, calibrated=None).std("force")[2] == np.inf

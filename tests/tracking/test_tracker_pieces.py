@@ -102,7 +102,7 @@ def test_error_bars_need_no_columns(skin: pp.Skin, monkeypatch: pytest.MonkeyPat
         tracker = skin.track(baseline=10, friction=0.6)
         for frame in frames:
             touch = tracker.step(frame)
-        errors.append(touch.errors)
+        errors.append(touch._errors.posterior)
     for field in fields(errors[0]):
         one, other = (np.nan_to_num(getattr(e, field.name)) for e in errors)
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6 * max(float(np.abs(other).max()), 1e-300))

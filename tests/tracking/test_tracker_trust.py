@@ -168,7 +168,7 @@ def test_error_bars_of_a_pull_are_made_anew_beside_the_stream_where_there_is_a_b
         assert "errors of a pull" in asked
     for _ in range(6):  # and those of the pull are not those of the next push
         touch = stream.step(pressed)
-        if touch.pushing and touch.errors is not None:
+        if touch.pushing and touch.has_intervals:
             assert holds(touch, 1.0)
     stream.tracker.close()
 

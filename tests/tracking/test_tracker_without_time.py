@@ -142,7 +142,7 @@ def without_time(skin: pp.Skin, pressed: Any) -> tuple[float, float]:
             touch = tracker.step(reading)
             if i < REST:
                 continue
-            assert touch.errors is not None
+            assert touch._errors is not None
             low, high = bounds(touch)
             assert math.isfinite(low)
             assert math.isfinite(high)

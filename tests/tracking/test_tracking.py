@@ -142,7 +142,7 @@ def test_tracker_is_as_right_as_the_truth_allows(skin: pp.Skin, story: Any, foll
         true = frame.traction.sum(axis=(1, 2)) * skin.surface.cell
         if frame.stage in ("roll", "shear"):
             assert np.abs(np.asarray(touch.force) - true).max() < 0.06 * true[2]
-            assert touch.errors is not None
+            assert touch._errors is not None
             low, high = touch.interval(0.95, "force")
             inside.append(low[2] <= true[2] <= high[2])
     assert np.mean(inside) > 0.8
@@ -348,8 +348,9 @@ def test_single_precision_and_several_planes() -> None:
     ("options", "words"),
     [
         ({"baseline": -1}, "baseline"),
-        ({"baseline": np.zeros((2, 3))}, "shape"),
-        ({"baseline": np.full((3, 14, 14), np.nan)}, "finite"),
+        ({"baseline": np.zeros((2, 3))}, "zero="),
+        ({"zero": np.zeros((2, 3))}, "shape"),
+        ({"zero": np.full((3, 14, 14), np.nan)}, "finite"),
         ({"tolerance": 0.0}, "tolerance"),
         ({"budget": -1.0}, "budget"),
         ({"rate": 0.0}, "rate"),
@@ -454,11 +455,11 @@ def test_error_bars_are_right_from_the_first_frame(skin: pp.Skin) -> None:
         reading = clean + noise * np.abs(clean).max() * rng.standard_normal(clean.shape)
         touch = skin.track(friction=MU).step(reading)
         same = skin.reconstruct(reading, method="constrained", friction=MU)
-        assert touch.errors is not None
-        assert same.errors is not None
+        assert touch._errors is not None
+        assert same._errors is not None
         # a frame whose fit is doubted has twice the error, which a tracker does not know of
         doubled = 2.0 if float(same.fit) < Policy().fit.doubted else 1.0
-        assert 1 / 3 < touch.errors.force[2] * doubled / same.errors.force[2] < 3
+        assert 1 / 3 < touch._errors.posterior.force[2] * doubled / same._errors.posterior.force[2] < 3
         np.testing.assert_allclose(touch.noise_std, same.noise_std, rtol=0.4)
 
 
@@ -467,7 +468,7 @@ def test_a_given_zero_is_in_the_units_of_the_readings() -> None:
     skin = pp.Skin(PAD, replace(ARRAY, noise=[50.0, 50.0, 200.0]))
     rng = np.random.default_rng(0)
     offset = 2000.0 * rng.standard_normal((3, 14, 14))
-    tracker = skin.track(friction=MU, baseline=offset)
+    tracker = skin.track(friction=MU, zero=offset)
     assert not tracker.step(offset + rng.standard_normal(offset.shape)).touching
     touch = tracker.step(offset + skin.sense(BALL))
     assert touch.force[2] == pytest.approx(1.0, abs=0.02)

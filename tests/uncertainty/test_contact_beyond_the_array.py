@@ -36,23 +36,23 @@ def test_the_interval_of_a_punch_half_off_a_line_reaches_to_all_of_it(side: int,
     # nothing beyond takes from what was measured
     assert force[1] - low[1] < 0.5 * (high[1] - force[1])
     assert any("at the edge" in note or "across the edge" in note for note in touch.notes)
-    assert touch.errors is not None
-    assert touch.errors.beyond_force[1] > 0.3 * force[1]
+    assert touch._errors is not None
+    assert touch._errors.posterior.beyond_force[1] > 0.3 * force[1]
     if shear:
         assert low[0] < true[0] + 0.1 * true[1]
         assert force[0] - low[0] > high[0] - force[0]
     # the moment knows of it too
     inner = skin.reconstruct(np.roll(readings, -7 * side, axis=1))
-    assert inner.errors is not None
-    assert touch.errors.moment[0] > 2.0 * inner.errors.moment[0]
+    assert inner._errors is not None
+    assert touch._errors.posterior.moment[0] > 2.0 * inner._errors.posterior.moment[0]
 
 
 def test_a_contact_that_ends_before_the_outermost_taxels_has_nothing_beyond() -> None:
     skin, readings, _ = _half_off(1, 0.0, seed=2)
     ball = np.asarray(skin.sense(pp.solutions.hertz_line(half_width=4e-3, force=50.0)))
     touch = skin.reconstruct(ball + 0.01 * ball.max() * np.random.default_rng(0).standard_normal(ball.shape))
-    assert touch.errors is not None
-    assert not touch.errors.beyond_force.any()
+    assert touch._errors is not None
+    assert not touch._errors.posterior.beyond_force.any()
     assert not any("the edge" in note for note in touch.notes)
     assert readings.shape == ball.shape
 
@@ -107,11 +107,11 @@ def test_a_touch_that_was_written_before_this_error_was_kept_is_read_without_it(
     skin, readings, _ = _half_off(1, 0.0, seed=2)
     touch = skin.reconstruct(readings)
     older = touch_of(touch_dataset(touch).drop_vars("errors_beyond_force"))
-    assert touch.errors is not None
-    assert older.errors is not None
-    assert touch.errors.beyond_force.any()
-    assert not older.errors.beyond_force.any()
-    np.testing.assert_array_equal(older.errors.force, touch.errors.force)
+    assert touch._errors is not None
+    assert older._errors is not None
+    assert touch._errors.posterior.beyond_force.any()
+    assert not older._errors.posterior.beyond_force.any()
+    np.testing.assert_array_equal(older._errors.posterior.force, touch._errors.posterior.force)
 
 
 def test_the_part_of_the_force_that_one_reading_tells_is_how_the_force_follows_it() -> None:

@@ -46,7 +46,7 @@ def test_room_for_gains_is_how_far_forces_scatter(make: Callable[..., pp.Skin], 
         np.asarray(skin.reconstruct(readings * (1.0 + 0.05 * rng.standard_normal(readings.shape))).force)
         for _ in range(60)
     ]
-    said = np.asarray(skin.reconstruct(readings).stated.force)
+    said = np.asarray(skin.reconstruct(readings)._errors.pad.force)
     sought = said > 0
     assert sought[-1]
     ratio = np.std(found, axis=0)[sought] / said[sought]
@@ -57,8 +57,8 @@ def test_room_for_gains_is_how_far_forces_scatter(make: Callable[..., pp.Skin], 
 @pytest.mark.parametrize(("make", "contact"), CASES)
 def test_gains_that_are_stated_or_exact_need_no_room(make: Callable[..., pp.Skin], contact: Contact) -> None:
     readings = np.asarray(make().sense(contact))
-    assert make(gain=0.0).reconstruct(readings).stated is None
-    stated, assumed = (s.reconstruct(readings).stated for s in (make(gain=0.05), make()))
+    assert make(gain=0.0).reconstruct(readings)._errors.pad is None
+    stated, assumed = (s.reconstruct(readings)._errors.pad for s in (make(gain=0.05), make()))
     # the same in the force, and where they are stated in all the rest
     np.testing.assert_allclose(stated.force, assumed.force, rtol=1e-6)
     assert stated.peak > 0

@@ -13,6 +13,7 @@ from palpate.inverse.linear.matrix_free import path
 from palpate.recordings import read_touch, write_touch
 from palpate.recordings.labelled import touch_of
 from palpate.sensing.uncertainty import EXACT
+from palpate.touch.fields import ErrorParts
 
 PAD = pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=0.5)
 IN_PLANE = pp.AreaArray(shape=(10, 10), pitch=1e-6, depth=0.0, channels=["displacement_x", "displacement_y"])
@@ -34,10 +35,10 @@ def test_a_pull_that_the_model_does_not_explain_may_be_a_push() -> None:
     skin = pp.Skin(PAD, array)
     pull = skin.reconstruct(-skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)))
     assert not pull.pushing
-    errors = replace(pull.errors, force=pull.errors.force + 20.0)
+    errors = ErrorParts(replace(pull._errors.posterior, force=pull._errors.posterior.force + 20.0))
     ends = {}
     for fit in (0.5, 0.001):
-        ends[fit] = replace(pull, errors=errors, fit=np.asarray(fit)).interval(0.95, "force")[1][1]
+        ends[fit] = replace(pull, _errors=errors, fit=np.asarray(fit)).interval(0.95, "force")[1][1]
     assert ends[0.5] == 0.0
     assert ends[0.001] > 1.0
 
@@ -78,7 +79,7 @@ def test_a_modulus_that_nothing_is_said_of_is_known_to_15_percent_and_a_scale_to
     known = pp.Skin(PAD, array, uncertainty=pp.Uncertainty(depth=0.0, gain=0.0))
     pressed = known.reconstruct(known.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)))
     assert not any("modulus" in n for n in pressed.notes)
-    assert pressed.common_std == 0.02
+    assert pressed._scale_std == 0.02
     low, high = pressed.interval(0.95, "force")
     assert float(high[1] - low[1]) / 2 == pytest.approx(0.4, rel=0.1)
     # a centre of pressure and a ratio of forces do not change with either
@@ -100,17 +101,17 @@ def test_what_a_linear_estimate_owes_is_what_it_changes_by(name: str) -> None:
     right = skin.reconstruct(skin.sense(traction), method=method)
     wrong = skin.reconstruct(off.sense(traction), method=method)
     if name == "youngs_modulus":  # three displacements follow it alike, and so does all that is found
-        assert right.stated is None
+        assert right._errors.pad is None
         assert np.allclose(
-            right.common_std * np.abs(right.force), np.abs(wrong.force - right.force), rtol=0.03, atol=1e-4
+            right._scale_std * np.abs(right.force), np.abs(wrong.force - right.force), rtol=0.03, atol=1e-4
         )
         return
-    assert right.stated is not None
+    assert right._errors.pad is not None
     change = np.abs(wrong.force - right.force)
-    assert np.allclose(right.stated.force, change, rtol=0.1, atol=0.02 * change.max())
-    assert right.stated.peak == pytest.approx(float(abs(wrong.peak_pressure - right.peak_pressure)), rel=0.25)
+    assert np.allclose(right._errors.pad.force, change, rtol=0.1, atol=0.02 * change.max())
+    assert right._errors.pad.peak == pytest.approx(float(abs(wrong.peak_pressure - right.peak_pressure)), rel=0.25)
     field = np.abs(np.asarray(wrong.values) - np.asarray(right.values))
-    assert np.linalg.norm(right.stated.traction - field) < 0.25 * np.linalg.norm(field)
+    assert np.linalg.norm(right._errors.pad.traction - field) < 0.25 * np.linalg.norm(field)
 
 
 def test_gains_by_random_signs_are_as_large_as_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,9 +119,9 @@ def test_gains_by_random_signs_are_as_large_as_one_by_one(monkeypatch: pytest.Mo
 
     skin = pp.Skin(PAD, DEEP, uncertainty=pp.Uncertainty(gain=0.05))
     readings = skin.sense(BALL)
-    found = skin.reconstruct(readings, method="tikhonov").stated
+    found = skin.reconstruct(readings, method="tikhonov")._errors.pad
     monkeypatch.setattr(stated, "SKETCHES", 1000)
-    each = skin.reconstruct(readings, method="tikhonov").stated
+    each = skin.reconstruct(readings, method="tikhonov")._errors.pad
     assert found is not None
     assert each is not None
     assert np.allclose(found.force, each.force, rtol=0.3)
@@ -131,11 +132,11 @@ def test_frames_one_by_one_and_together_and_from_a_file_owe_the_same(tmp_path: P
     skin = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.1, gain=0.02))
     frames = np.stack([pulled(skin), -0.5 * pulled(skin), 0.0 * pulled(skin)])
     whole = skin.reconstruct(frames)
-    assert whole.stated is not None
+    assert whole._errors.pad is not None
     for i, frame in enumerate(frames):
-        one = skin.reconstruct(frame).stated
+        one = skin.reconstruct(frame)._errors.pad
         assert one is not None
-        assert np.allclose(one.force, whole[i].stated.force, rtol=1e-9, atol=0.0)
+        assert np.allclose(one.force, whole[i]._errors.pad.force, rtol=1e-9, atol=0.0)
     write_touch(whole, tmp_path / "touch.nc")
     again = touch_of(read_touch(tmp_path / "touch.nc"))
     assert np.array_equal(
@@ -147,9 +148,9 @@ def test_without_a_decomposition_it_owes_the_same(monkeypatch: pytest.MonkeyPatc
     uncertainty = pp.Uncertainty(youngs_modulus=0.1, depth=0.05)
     method = pp.Tikhonov(parameter=1e-13)
     readings = pp.Skin(PAD, DEEP).sense(BALL)
-    dense = pp.Skin(PAD, DEEP, uncertainty=uncertainty).reconstruct(readings, method=method).stated
+    dense = pp.Skin(PAD, DEEP, uncertainty=uncertainty).reconstruct(readings, method=method)._errors.pad
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 1)
-    free = pp.Skin(PAD, DEEP, uncertainty=uncertainty).reconstruct(readings, method=method).stated
+    free = pp.Skin(PAD, DEEP, uncertainty=uncertainty).reconstruct(readings, method=method)._errors.pad
     assert dense is not None
     assert free is not None
     assert np.allclose(free.traction, dense.traction, rtol=1e-2, atol=1e-3 * dense.traction.max())

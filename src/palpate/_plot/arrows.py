@@ -1,4 +1,4 @@
-"""Which cells of a map get an arrow."""
+"""Select the cells of a map that get an arrow."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ __all__ = ["arrow_cells"]
 def arrow_cells(
     size: Floats, apart: tuple[float, float], least: Floats | float
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Rows and columns of the cells that get an arrow: the strongest first, none nearer to another than ``apart`` cells, none below ``least``.
+    """Return rows and columns of the cells that get an arrow, strongest first. No two are closer than ``apart`` cells,
+    and none is weaker than ``least``.
 
-    A fixed subsample misses what is smaller than its step; the strongest cell of a small adhesion is always there.
+    A fixed grid of arrows would miss anything smaller than its step; this selection always includes the strongest cell
+    of a small adhesion.
 
     Examples
     --------

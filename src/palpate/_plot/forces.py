@@ -1,4 +1,4 @@
-"""Forces over time."""
+"""Plot forces over time."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_forces", "plot_forces"]
 
-#: Events that begin something a reader looks for; others only fill the picture.
+#: Events that are marked in the figure; marking the others would crowd it.
 MARKED = ("contact", "slip", "incipient slip", "pull", "excess pressure", "excess force", "unexplained")
 
-#: Height of a row of events [inch], and lines that are drawn through the panels at most.
+#: Height of a row of events [inch], and largest number of lines drawn through the panels.
 ROW, MOST_LINES = 0.12, 20
-#: Seconds since 1970 that are said as a date: 2001 to 2096.
+#: Range of times, in seconds since 1970, that are shown as a date: 2001 to 2096.
 EPOCH = (1e9, 4e9)
-#: An axis shows intervals of up to so many times the half width that this part of the frames has.
+#: An axis shows intervals up to WIDE times the half-width that the fraction USUAL of the frames does not exceed.
 WIDE, USUAL = 3.0, 0.9
 
 
@@ -66,14 +66,14 @@ def plot_forces(table: pandas.DataFrame, *, events: Sequence[Any] = (), title: s
 
 
 def draw_forces(ax: Axes, table: pandas.DataFrame, *, events: Sequence[Any] = ()) -> None:
-    """The forces of a table with their 95 % bands and events, into axes of a figure of your own."""
+    """Draw the forces of a table with their 95 % bands and events into axes of the caller's figure."""
     clock = _clock(table)
     spans = _spans(events, clock)
     _draw(ax, table, [t for t in table if _is_value(t, "force_")], clock)
     _guide(ax, spans)
     _legend(ax, ax)
     if spans:
-        # rows inside, above the forces, which make room
+        # put the rows of events inside the axes, and extend the axis so that forces lie below them
         share = min(0.5, 0.09 * len(spans))
         low, high = ax.get_ylim()
         ax.set_ylim(low, low + (high - low) / (1.0 - share))
@@ -84,7 +84,7 @@ def draw_forces(ax: Axes, table: pandas.DataFrame, *, events: Sequence[Any] = ()
 
 @dataclass(frozen=True)
 class _Clock:
-    """Positions of frames on the axis, its offset, and its label."""
+    """Positions of frames on the time axis, its offset, and its label."""
 
     when: Any
     zero: float
@@ -107,14 +107,14 @@ def _clock(table: pandas.DataFrame) -> _Clock:
 
 @dataclass
 class _Span:
-    """When something went on: (began, ended), in the order in which it began first."""
+    """The times (began, ended) of one kind of event; kinds are ordered by their first beginning."""
 
     kind: str
     times: list[tuple[float, float]]
 
 
 def _spans(events: Sequence[Any], clock: _Clock) -> list[_Span]:
-    """The kinds to mark, each with all its times; an event without an end continues to the last frame."""
+    """Return the kinds to mark, each with all its times. An event without an end extends to the last frame."""
     last = float(np.nanmax(clock.when)) if len(clock.when) and np.isfinite(clock.when).any() else 0.0
     found: dict[str, _Span] = {}
     going_on: dict[str, float] = {}
@@ -151,7 +151,7 @@ def _draw(ax: Axes, table: pandas.DataFrame, titles: Sequence[str], clock: _Cloc
         colour = INK[name[-1]] if force else INK["pressure" if name == "peak_pressure" else "other"]
         value, below, above = (factor * numbers for numbers in _numbers(table, title))
         there = np.concatenate([[False], np.isfinite(value), [False]])
-        # a frame between unknown ones has no line
+        # a frame between frames without an answer has no line
         alone = np.flatnonzero(there[1:-1] & ~there[:-2] & ~there[2:])
         ax.fill_between(when, below, above, color=colour, alpha=0.25, linewidth=0)
         label = name[-1] if force else None
@@ -175,16 +175,17 @@ def _draw(ax: Axes, table: pandas.DataFrame, titles: Sequence[str], clock: _Cloc
 
 
 def _numbers(table: pandas.DataFrame, title: str) -> tuple[Any, Any, Any]:
-    """A column of the table, and both ends of its intervals."""
+    """Return a column of the table, and both ends of its intervals."""
     names = (title, *(title.replace(" (", f"_{side} (") for side in ("low", "high")))
     value, low, high = (np.asarray(table[name], dtype=np.float64) for name in names)
     return value, low, high
 
 
 def _limits(columns: Sequence[tuple[Any, Any, Any]]) -> tuple[float, float, bool]:
-    """Ends of an axis that shows all values and the intervals as they mostly are, and whether some interval does not fit.
+    """Return the ends of an axis that shows all values and most intervals, and whether some interval does not fit.
 
-    A very uncertain frame has an interval hundreds of times as wide as the values: an axis of that length would show nothing else.
+    A very uncertain frame has an interval hundreds of times as wide as the values; an axis of that length would show
+    nothing else.
     """
     values = np.concatenate([c[0] for c in columns])
     halves = [np.maximum(value - low, high - value) for value, low, high in columns]
@@ -209,7 +210,7 @@ def _limits(columns: Sequence[tuple[Any, Any, Any]]) -> tuple[float, float, bool
 
 
 def _legend(ax: Axes, above: Axes) -> None:
-    """The names of the forces of ``ax``, over ``above``."""
+    """Put the names of the forces in ``ax`` above the axes ``above``."""
     handles, labels = ax.get_legend_handles_labels()
     above.legend(
         handles, labels, frameon=False, ncols=max(1, len(labels)), loc="lower left", bbox_to_anchor=(0.0, 1.0),
@@ -219,7 +220,7 @@ def _legend(ax: Axes, above: Axes) -> None:
 
 
 def _hatch_gaps(ax: Axes, when: Any, values: Any) -> None:
-    """Hatch the frames without an answer; a slip margin has none without contact, which is no gap."""
+    """Hatch frames without an answer. Frames without contact have no slip margin, but that is not a gap."""
     missing = ~np.isfinite(values)
     if not missing.any() or missing.all() or ax.get_ylabel().startswith("slip"):
         return
@@ -229,7 +230,7 @@ def _hatch_gaps(ax: Axes, when: Any, values: Any) -> None:
 
 
 def _guide(ax: Axes, spans: Sequence[_Span]) -> None:
-    """A faint line where something begins, as long as lines do not fill the picture."""
+    """Draw a faint line where an event begins, unless there are too many lines."""
     begun = [began for span in spans for began, _ in span.times]
     if len(begun) <= MOST_LINES:
         for began in begun:
@@ -237,7 +238,9 @@ def _guide(ax: Axes, spans: Sequence[_Span]) -> None:
 
 
 def _name(ax: Axes, spans: Sequence[_Span], *, right: bool = False) -> None:
-    """One row for each kind: its name beside the row, a bar while it goes on, a mark where it begins. Names cannot lie on each other."""
+    """Draw one row for each kind of event: its name beside the row, a bar while it lasts, a mark where it begins. Rows
+    keep the names from overlapping.
+    """
     for row, span in enumerate(spans):
         colour = "0.35" if span.kind == "contact" else INK["error"]
         for began, ended in span.times:

@@ -1,4 +1,4 @@
-"""Pressure and shear on the surface."""
+"""Plot pressure and shear on the surface."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_touch"]
 
-#: Arrows are drawn down to this part of the largest.
+#: Arrows are drawn down to this fraction of the largest.
 WEAK = 0.12
-#: Arrows across a panel at most.
+#: Largest number of arrows across a panel.
 ACROSS = 15
-#: Pull from which on, as a part of the largest pressure, a map shows both signs.
+#: A map shows both signs if the pull exceeds this fraction of the largest pressure.
 PULL = 0.02
 #: The axes of a map for each view: z points into the pad, and x, y, z are right-handed.
 VIEWS = {
@@ -48,7 +48,7 @@ def plot_touch(
     picture: Any = None,
     taxels: Sequence[Array] = (),
 ) -> Figure:
-    """A figure of one frame; see `Touch.plot`."""
+    """Plot one frame; see `Touch.plot`."""
     require("figures", "matplotlib")
     one = touch.frame(frame)
     if picture is not None:
@@ -87,9 +87,9 @@ def plot_touch(
 
 def _std(touch: Shown) -> Floats | None:
     """Standard deviation of the traction, if available."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return None
-    std = np.asarray(touch.std.values, dtype=np.float64)
+    std = np.asarray(to_numpy(touch.std()), dtype=np.float64)
     return std if np.isfinite(std).any() else None
 
 
@@ -111,7 +111,7 @@ def _plot_line(touch: Shown, values: Floats, true: Floats | None, title: str | N
         if touch.surface.components[row] not in touch.components:
             continue
         if bounds is not None:
-            low, high = (np.asarray(b.values)[row] * factor for b in bounds)
+            low, high = (np.asarray(to_numpy(b))[row] * factor for b in bounds)
             axes.fill_between(x, low, high, color=INK[name], alpha=0.22, linewidth=0, label=f"{name}, 95 %")
         if true is not None:
             axes.plot(x, true[row] * factor, color=INK["truth"], lw=0.9, ls="--" if row else ":", label=f"{name}, true")
@@ -142,7 +142,9 @@ def _plot_area(
     seen_from: str,
     taxels: Sequence[Array],
 ) -> Figure:
-    """Panels of pressure, shear and uncertainty; with a truth a second row, with the error in place of the uncertainty."""
+    """Draw panels of pressure, shear and uncertainty. With a truth, add a second row of panels, which shows the error
+    instead of the uncertainty.
+    """
     from matplotlib.figure import Figure
 
     pressure, sheared = "z" in touch.components, bool({"x", "y"} & set(touch.components))
@@ -186,19 +188,19 @@ def _plot_area(
 
 
 def _in_space(figure: Figure, axes: Axes) -> Any:
-    """Axes in three dimensions in the place of flat ones."""
+    """Replace flat axes by axes in three dimensions."""
     place = axes.get_subplotspec()
     axes.remove()
     return figure.add_subplot(place, projection="3d", computed_zorder=False)
 
 
 def _width(touch: Shown) -> tuple[float, str]:
-    """Factor and unit of lengths in a map."""
+    """Return factor and unit of lengths in a map."""
     return scaled(max(float(np.ptp(a)) for a in touch.surface.axes), "m")
 
 
 def _plot_into(touch: Shown, values: Floats, title: str | None, ax: Axes, seen_from: str) -> Figure:
-    """One panel in a figure of the user's: pressure in colour with the shear as arrows."""
+    """Draw one panel into the user's figure: pressure in colour and shear as arrows."""
     if "z" in touch.components:
         _pressure(ax, touch, values[2], title or "pressure", _top(values[2]), [values], seen_from)
         if {"x", "y"} & set(touch.components):
@@ -213,7 +215,7 @@ def _top(*images: Floats) -> float:
 
 
 def _misses(touch: Shown, field: Floats) -> Floats:
-    """The size of a field over the components that were sought."""
+    """Return the magnitude of a field over the components that were estimated."""
     sought = [touch.surface.components.index(c) for c in touch.components]
     return np.asarray(np.sqrt((field[sought] ** 2).sum(axis=0)))
 
@@ -250,7 +252,7 @@ def _pressure(
     axes: Axes, touch: Shown, image: Floats, title: str, largest: float, rows: list[Floats], seen_from: str
 ) -> None:
     factor, unit = scaled(largest, "Pa")
-    # push and pull are separated around zero; pressure that only pushes needs no second colour
+    # use two colours only if the map contains pull as well as push
     both = min(float(np.nanmin(r[2], initial=0.0)) for r in rows) < -PULL * largest
     _show(
         axes,
@@ -278,7 +280,7 @@ def _shear(axes: Axes, touch: Shown, values: Floats, title: str, largest: float,
 
 
 def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, colour: str) -> None:
-    """Arrows on the strongest cells first, and the scale of an arrow."""
+    """Draw arrows on the strongest cells first, and a scale arrow."""
     from matplotlib.patheffects import withStroke
 
     size = np.nan_to_num(np.hypot(values[0], values[1]))
@@ -288,7 +290,7 @@ def _arrows(axes: Axes, touch: Shown, values: Floats, largest: float, colour: st
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
     apart = max(float(np.ptp(x)), float(np.ptp(y))) / ACROSS
     std = _std(touch)
-    # no arrows for insignificant shear
+    # draw no arrows for insignificant shear
     doubt = 0.0 if std is None else 1.96 * np.hypot(std[0], std[1]) / np.sqrt(2.0)
     i, j = arrow_cells(size, (apart / dy, apart / dx), np.maximum(WEAK * largest, doubt))
     arrows = axes.quiver(

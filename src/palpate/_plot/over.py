@@ -1,4 +1,4 @@
-"""A result laid over the picture that it was found in."""
+"""Draw a result over the picture from which it was computed."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
 
 __all__ = ["Lies", "plot_over"]
 
-#: Map and colours of a panel.
+#: Quantity and colour map of each panel.
 SHOWN = {"pressure": "inferno", "shear": "cividis", "std": "magma"}
-#: Below this part of the largest nothing is drawn, and the picture shows.
+#: Nothing is drawn below this fraction of the largest value, so that the picture shows through.
 FAINT = 0.03
-#: Opacity at the largest value; and the largest width of the drawing in pixels.
+#: Opacity at the largest value, and largest width of the drawing [px].
 OPAQUE, FINEST = 0.85, 800
 #: Grey of red, green and blue (ITU-R BT.601).
 LUMA = np.array([0.299, 0.587, 0.114])
-#: Arrows side by side across a picture.
+#: Number of arrows across a picture.
 ARROWS = 13
 
 
 class Lies(Protocol):
-    """The position of a picture: a `palpate.camera.View`."""
+    """Maps places to pixels of a picture; a `palpate.camera.View` is one."""
 
     def pixels(self, places: npt.ArrayLike) -> Floats:
-        """Pixels (column, row) of places (x, y) [m]."""
+        """Return pixels (column, row) of places (x, y) [m]."""
         ...
 
     def places(self, pixels: npt.ArrayLike) -> Floats:
-        """Places (x, y) [m] of pixels (column, row)."""
+        """Return places (x, y) [m] of pixels (column, row)."""
         ...
 
 
@@ -57,7 +57,9 @@ def plot_over(
     title: str | None = None,
     std: npt.ArrayLike | None = None,
 ) -> Figure:
-    """A figure of one frame over its picture; see `palpate.camera.overlay`. ``std`` (component, y, x): of a touch without error bars of its own."""
+    """Plot one frame over its picture; see `palpate.camera.overlay`. ``std`` (component, y, x) is for a touch without
+    error bars of its own.
+    """
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 
@@ -74,7 +76,7 @@ def plot_over(
             f"a picture must be (row, column) or (row, column, 3); got the shape {picture.shape} of {picture.dtype}. Of several, give the one of this frame."
         )
     picture = eight_bit(picture)
-    if picture.ndim == 3:  # grey, so that every colour is the field's: a lit gel has colours of its own
+    if picture.ndim == 3:  # convert to grey, so that all colours belong to the field: a lit gel has colours of its own
         picture = (picture[..., :3] @ LUMA).astype(np.uint8)
     if show != "all" and show not in SHOWN:
         raise InvalidInput(f"show must be {', '.join(SHOWN)} or all; got {show!r}.")
@@ -122,9 +124,9 @@ def _field(touch: Shown, name: str, known: npt.ArrayLike | None = None) -> Float
         return values[2] if "z" in touch.components else None
     if name == "shear":
         return np.asarray(np.hypot(values[0], values[1])) if {"x", "y"} & set(touch.components) else None
-    if known is None and touch.errors is None:
+    if known is None and not touch.has_intervals:
         return None
-    std = np.asarray(touch.std.values if known is None else known, dtype=np.float64)
+    std = np.asarray(to_numpy(touch.std()) if known is None else known, dtype=np.float64)
     if not np.isfinite(std).any():
         return None
     sought = [touch.surface.components.index(c) for c in touch.components]
@@ -134,7 +136,9 @@ def _field(touch: Shown, name: str, known: npt.ArrayLike | None = None) -> Float
 def _panel(
     axes: Axes, touch: Shown, field: Floats, picture: npt.NDArray[Any], view: Lies, name: str, top: float
 ) -> Any:
-    """The field in colour through the view, as fine as the picture, the more of it the stronger it is; shear as arrows."""
+    """Draw the field in colour at the resolution of the picture, more opaque where it is stronger; draw shear as
+    arrows.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -179,7 +183,7 @@ def _panel(
 
 
 def _at(touch: Shown, fields: Floats, places: Floats, order: int) -> Floats:
-    """Fields (..., y, x) between their cells, at places (..., 2) [m]; 0 beyond the surface."""
+    """Interpolate fields (..., y, x) at places (..., 2) [m]; 0 beyond the surface."""
     from scipy.ndimage import map_coordinates
 
     (y, x), (dy, dx) = touch.surface.axes, touch.surface.spacings
@@ -190,7 +194,9 @@ def _at(touch: Shown, fields: Floats, places: Floats, order: int) -> Floats:
 def _smooth(
     touch: Shown, field: Floats, shape: tuple[int, ...], view: Lies
 ) -> tuple[Floats, tuple[float, float, float, float]]:
-    """A field (y, x) at the pixels of a picture, or at every so manyeth of a large one, by cubic splines within the values that it has; and its edges."""
+    """Return a field (y, x) at the pixels of a picture (at every n-th pixel of a large one) by cubic splines limited
+    to the range of its values, and its edges.
+    """
     step = max(1, max(shape[:2]) // FINEST)
     rows, columns = (np.arange(0, n, step) + 0.5 * (step - 1) for n in shape[:2])
     values = _at(touch, field, view.places(np.stack(np.meshgrid(columns, rows), axis=-1)), 3)
@@ -200,7 +206,9 @@ def _smooth(
 
 
 def _arrows(touch: Shown, shear: Floats, shape: tuple[int, ...], view: Lies) -> tuple[Floats, Floats]:
-    """Middles (n, 2) and arrows (n, 2) [pixels] of shear (2, y, x): the strongest first, none longer than the distance to the next."""
+    """Return middles (n, 2) and arrows (n, 2) [px] of shear (2, y, x): strongest first, none longer than the distance
+    to the next.
+    """
     apart = max(shape[:2]) / ARROWS
     fine = apart / 3.0
     rows, columns = (np.arange(0.5 * min(fine, n - 1), n, fine) for n in shape[:2])
@@ -209,7 +217,7 @@ def _arrows(touch: Shown, shear: Floats, shape: tuple[int, ...], view: Lies) -> 
     found = np.stack([_at(touch, part, places, 1) for part in shear], axis=-1)
     size = np.hypot(found[..., 0], found[..., 1])
     strongest = max(float(size.max(initial=0.0)), 1e-300)
-    # through the view too: a picture may be tilted, and its rows go down
+    # transform arrows by the view too: a picture may be tilted, and its rows count downwards
     small = 1e-3 * float(np.ptp(touch.surface.x))
     arrows = view.pixels(places + small * found / strongest) - pixels
     arrows *= 0.95 * apart / max(float(np.hypot(*np.moveaxis(arrows, -1, 0)).max()), 1e-300)
@@ -218,14 +226,14 @@ def _arrows(touch: Shown, shear: Floats, shape: tuple[int, ...], view: Lies) -> 
 
 
 def _axes_of_the_numbers(axes: Axes, view: Lies, size: tuple[int, int], extent: float) -> None:
-    """x and y as arrows in a corner, of a length that is said."""
+    """Draw x and y as arrows in a corner, and write their length."""
     from matplotlib.patheffects import withStroke
 
     length = nice(0.15 * extent)
     here = view.pixels(np.array([[0.0, 0.0], [length, 0.0], [0.0, length]]))
     arms = here[1:] - here[0]
     rim = 0.04 * min(size)
-    # so that both arrows and their letters lie inside
+    # choose the corner so that both arrows and their letters lie inside
     column = 2.2 * rim - min(0.0, float(arms[:, 0].min()))
     row = size[1] - 1 - 3.4 * rim - max(0.0, float(arms[:, 1].max()))
     outline = [withStroke(linewidth=2.5, foreground="black")]

@@ -1,4 +1,4 @@
-"""Pressure on a surface that bends, in three dimensions."""
+"""Plot the pressure on a curved surface in three dimensions."""
 
 from __future__ import annotations
 
@@ -17,18 +17,22 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_in_space", "draw_taxels"]
 
-#: Cells with less than this part of their area on the surface are left out.
+#: Cells with less than this fraction of their area on the surface are left out.
 PARTLY = 0.25
-#: The arrow of the net force is this long, in parts of the surface's width; lines that are at right angles to the view are shorter.
+#: Length of the arrow of the net force, as a fraction of the surface's width. Lines not at right angles to the view
+#: look shorter.
 ARROW = 0.45
-#: Direction of view [degrees]: from outside, below the plane of x and y, and beside a load on a side, so that it is visible.
+#: Direction of view [degrees]: from outside, below the x-y plane, and beside a load on a side, so that the load is
+#: visible.
 ELEVATION, AZIMUTH, BESIDE = -35.0, 120.0, 35.0
-#: A normal that leans this far from z is on a side.
+#: A load is on a side if its normal leans this far from z.
 LEANS = 0.2
 
 
 def draw_in_space(axes: Axes3D, touch: Shown, values: Floats, top: float, taxels: Sequence[Array]) -> None:
-    """Pressure in colour on the surface as it lies in space, z downwards, with the net force, and dots above taxels where the surface faces the viewer."""
+    """Draw pressure in colour on the surface in space, with z downwards, the net force, and dots above taxels where
+    the surface faces the viewer.
+    """
     from matplotlib import colormaps
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -71,12 +75,12 @@ def draw_in_space(axes: Axes3D, touch: Shown, values: Floats, top: float, taxels
         getattr(axes, f"set_{name}label")(f"{name} [{unit}]", labelpad=-6)
     axes.tick_params(labelsize=6, pad=-3)
     axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.95)
-    # from outside the pad, z downwards: a roll keeps x, y, z right-handed, and an inverted axis would not
+    # view from outside the pad with z downwards by a roll, which keeps x, y, z right-handed (an inverted axis would not)
     axes.view_init(elev=ELEVATION, azim=azimuth, roll=180.0)
 
 
 def draw_taxels(axes: Any, taxels: Sequence[Array], width: float) -> None:
-    """Dots at the taxels, in the coordinates of the surface."""
+    """Draw dots at the taxels, in the coordinates of the surface."""
     for array in taxels:
         y, x = array.points.T
         axes.plot(x * width, y * width, ls="none", marker="o", ms=1.6, mfc="white", mec="0.2", mew=0.4, label="_taxels")

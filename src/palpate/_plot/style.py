@@ -1,4 +1,4 @@
-"""Colours, sizes and units of pictures."""
+"""Colours, sizes and units of figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["COLUMN", "INK", "PAGE", "column_size", "journal", "nice", "scaled"]
 
-#: Colours that stay apart in print and for colour-blind readers (M. Okabe and K. Ito's, 2008, for axes).
+#: Colours that remain distinct in print and for colour-blind readers (M. Okabe and K. Ito, 2008).
 INK = {
     "pressure": "#0b5394",
     "shear": "#c55a11",
@@ -28,7 +28,7 @@ COLUMN, PAGE = 3.5, 7.2
 
 
 def journal() -> Any:
-    """A context with the type of a journal's figure: 8 points, thin lines, text that stays text in PDF and SVG."""
+    """Return a context with the style of a journal's figure: 8 points, thin lines, text stored as text in PDF and SVG."""
     import matplotlib
 
     return matplotlib.rc_context(
@@ -50,7 +50,7 @@ def journal() -> Any:
 
 
 def nice(size: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above ``size``, for the scale of arrows.
+    """Return the largest number of the form 1, 2 or 5 times a power of ten that is at most ``size``, for scale arrows.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def nice(size: float) -> float:
 
 
 def scaled(largest: float, unit: str) -> tuple[float, str]:
-    """Factor and label that bring ``largest`` (SI) to a readable size: (1e-3, "kPa")."""
+    """Return factor and unit label that bring ``largest`` (SI) to a readable size: (1e-3, "kPa")."""
     if unit == "1":
         return 1.0, ""
     for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")):
@@ -75,7 +75,9 @@ def scaled(largest: float, unit: str) -> tuple[float, str]:
 
 
 def column_size(table: pandas.DataFrame, title: str) -> float:
-    """Size that decides the unit of a column: its largest number, or, if that is small beside its interval, a tenth of the largest bound."""
+    """Return the size from which the unit of a column is chosen: its largest number or, if that is small compared with
+    its interval, a tenth of the largest bound.
+    """
     name, unit = title.split(" (")
     ends = (title, *(f"{name}_{side} ({unit}" for side in ("low", "high")))
     number, *bounds = (

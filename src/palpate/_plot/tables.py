@@ -1,4 +1,4 @@
-"""Pictures of the library's own measurements."""
+"""Figures of the library's own measurements."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ __all__ = ["plot_accuracy", "plot_trust"]
 
 
 def plot_accuracy(records: Sequence[Any]) -> Figure:
-    """Error over the clairvoyant filter's, one panel per layout, one dot per contact, method and noise."""
+    """Plot the error relative to that of the clairvoyant filter: one panel per layout, one dot per contact, method and
+    noise.
+    """
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 
@@ -48,7 +50,7 @@ def plot_accuracy(records: Sequence[Any]) -> Figure:
 
 
 def plot_trust(lines: Sequence[Any]) -> Figure:
-    """Frames of each row that are wrong: without a word, and with one."""
+    """Plot the fraction of frames in each row that are wrong, without and with a note."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 

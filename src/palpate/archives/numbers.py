@@ -1,4 +1,4 @@
-"""Numbers of all frames of a run: in memory while they are few, in a file without a name when they are many."""
+"""Store the numbers of all frames of a run: in memory if they are few, in an unnamed file if they are many."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ if TYPE_CHECKING:
 
 __all__ = ["MAX_FRAMES_IN_MEMORY", "Numbers"]
 
-#: Recordings of more frames keep their numbers in a file: thirty numbers a frame are 25 MB here.
+#: Recordings of more frames than this use a file: with thirty numbers a frame they would take 25 MB.
 MAX_FRAMES_IN_MEMORY = 100_000
 
 
 class Numbers:
-    """What `palpate.touch.table.columns` gives of the frames of a run, which come in any order.
+    """Stores the numbers of frames, as `palpate.touch.table.columns` computes them, in any order of arrival.
 
-    ``frames`` is how many will come, the first of many with the number 0; their numbers go into a file in ``folder`` that has no name and is gone with this object, column by column.
+    ``frames`` is their total number, counted from 0. If they are many, their numbers go column by column into a file
+    in ``folder`` that has no name and vanishes with this object.
 
     Raises
     ------
@@ -47,13 +48,13 @@ class Numbers:
         self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}
 
     def add(self, start: int, numbers: dict[str, Any]) -> None:
-        """Numbers of the frames from ``start`` on."""
+        """Add the numbers of the frames from ``start`` on."""
         if self._file is None:
             self._parts[start] = numbers
             return
         count = len(numbers["status"])
         titles = tuple(numbers)
-        self._held[start] = count, self._kinds.setdefault(titles, titles)  # one for all pieces that have the same
+        self._held[start] = count, self._kinds.setdefault(titles, titles)  # pieces with equal titles share one object
         self._status[start : start + count] = [_CODES[s] for s in numbers["status"]]
         for title, values in numbers.items():
             if title == "status":
@@ -66,20 +67,20 @@ class Numbers:
                 left = left[self._file.write(left) :]
 
     def __len__(self) -> int:
-        """How many frames have come."""
+        """Number of frames that have been added."""
         if self._file is not None:
             return sum(count for count, _ in self._held.values())
         return sum(len(part["status"]) for part in self._parts.values())
 
     def untouched(self) -> Any:
-        """Whether each frame has no contact."""
+        """Whether each frame is without contact."""
         if self._file is not None:
             return np.isin(self._status, [Status.NO_CONTACT, Status.UNDECIDED])
         labels = [Status.NO_CONTACT.label, Status.UNDECIDED.label]
         return np.concatenate([np.isin(self._parts[s]["status"], labels) for s in sorted(self._parts)])
 
     def table(self) -> pandas.DataFrame:
-        """One row a frame; columns of many frames stay in the file until they are looked at."""
+        """Return a table with one row for each frame; with many frames, columns stay in the file until they are used."""
         import pandas
 
         if self._file is None:
@@ -92,7 +93,7 @@ class Numbers:
             k = self._titles.index(title)
             column: Floats = np.memmap(cast(Any, self._file), np.float64, "c", 8 * k * self._frames, (self._frames,))
             for start, (count, titles) in self._held.items():
-                if title not in titles:  # a missing frame may lack values that need the friction
+                if title not in titles:  # a frame that is missing may lack columns that need the friction
                     column[start : start + count] = math.nan
             out[title] = column
         labels = pandas.Categorical.from_codes(

@@ -1,4 +1,4 @@
-"""Workers for pieces: this thread, threads, processes, or a Dask cluster. `Pool` is their interface."""
+"""Workers that process pieces: this thread, threads, processes, or a Dask cluster. `Pool` is their interface."""
 
 from __future__ import annotations
 
@@ -23,32 +23,34 @@ if TYPE_CHECKING:
 
 __all__ = ["Pool", "in_order", "pool_of"]
 
-#: So often a piece may lose its worker: one that needs more memory than there is would take one worker after another.
+#: Number of workers that a piece may lose: a piece that needs more memory than there is would kill one worker after
+#: another.
 LOSSES = 3
 #: Timeout of a scheduler [s].
 ANSWER = 10
 
 
 class Pool(AbstractContextManager["Pool"]):
-    """Runs tasks in processes; leaving the context stops all of them."""
+    """Runs tasks in workers; leaving the context stops all of them."""
 
-    #: Tasks that wait or are worked on at a time, so that memory does not grow with the recording.
+    #: Number of tasks that wait or run at a time; it is limited so that memory does not grow with the recording.
     width: int = 1
     #: Whether tasks run in other processes, which write their own results if they can.
     elsewhere: bool = False
 
     @abc.abstractmethod
     def submit(self, task: Task) -> Callable[[], Solved]:
-        """Start a task; the returned function waits for it."""
+        """Start a task. Return a function that waits for it and returns its result."""
 
     def restart(self) -> None:
-        """New workers in the place of those that were lost."""
+        """Start new workers in place of those that were lost."""
 
     def __exit__(self, *_: object) -> None: ...
 
 
 def in_order(pool: Pool, tasks: Iterator[Task]) -> Iterator[tuple[Task, Solved]]:
-    """Each task with its piece, in the order of the tasks. A task whose worker is lost is given to another.
+    """Yield each task with its result, in the order of the tasks. If the worker of a task is lost, another gets the
+    task.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def in_order(pool: Pool, tasks: Iterator[Task]) -> Iterator[tuple[Task, Solved]]
 
 
 def _later(pool: Pool, task: Task) -> Callable[[], Solved]:
-    """A task that waits, also where the pool has just lost a worker."""
+    """Submit a task, even if the pool has just lost a worker."""
     try:
         return pool.submit(task)
     except BrokenExecutor as error:
@@ -95,7 +97,7 @@ def _later(pool: Pool, task: Task) -> Callable[[], Solved]:
 
 
 def pool_of(skin: Skin, options: dict[str, Any], *, workers: int, scheduler: str | None) -> Pool:
-    """The requested pool.
+    """Return the requested pool.
 
     Raises
     ------
@@ -132,7 +134,7 @@ class _Here(Pool):
 
 
 class _Threads(Pool):
-    """Threads of this process: for methods that spend their time in large products, and where memory is short."""
+    """Threads of this process, for methods that spend their time in large matrix products, and if memory is short."""
 
     def __init__(self, skin: Skin, options: dict[str, Any], workers: int) -> None:
         self._skin, self._options, self.width = skin, options, 2 * workers
@@ -162,7 +164,7 @@ class _Processes(Pool):
     def _begin(self) -> None:
         import multiprocessing
 
-        # not forked: a copy of a process with threads may never come to itself
+        # do not fork: a copy of a process that has threads may hang
         context = multiprocessing.get_context("spawn")
         watched, self._held = context.Pipe(duplex=False)
         self._executor = ProcessPoolExecutor(
@@ -199,7 +201,9 @@ def _end_with(watched: Connection) -> None:
 
 
 def _limit_threads() -> Any:
-    """Restrict linear algebra in this process to one thread, since its neighbours use the other cores. Return None if no library allows that."""
+    """Limit linear algebra in this process to one thread, because other processes use the other cores. Return None if
+    no library supports this.
+    """
     import scipy.linalg.blas  # noqa: F401  # so that its own library is there to be told
 
     try:
@@ -210,7 +214,7 @@ def _limit_threads() -> Any:
 
 
 class _Dask(Pool):
-    """A cluster: its scheduler gives the task of a lost worker to another, and looks after their threads."""
+    """A Dask cluster, whose scheduler gives the task of a lost worker to another and limits the workers' threads."""
 
     elsewhere = True
 

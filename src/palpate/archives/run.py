@@ -1,4 +1,4 @@
-"""A recording of any length from one file into another."""
+"""Reconstruct a recording of any length, from one file into another."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import numpy.typing as npt
 
 import palpate
 from palpate._memory import require
@@ -32,7 +32,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
 from palpate.recordings.zarrstream import interrupted_run
 from palpate.sensing.readings import Creep, Layout, joined_planes
-from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest
+from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest, given_rest
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome, notes_with
@@ -46,21 +46,24 @@ if TYPE_CHECKING:
 
 __all__ = ["Reconstructed", "piece_length", "reconstruct_recording", "worker_count"]
 
-#: Bytes of traction in a piece: large enough for efficient batches, small enough to hold many in memory.
+#: Size of the traction in a piece [bytes]: large enough for efficient batches, small enough to hold many pieces in
+#: memory.
 PIECE_BYTES = 3_000_000
-#: Frames in a piece at most: what a run that is interrupted has to do again.
+#: Largest number of frames in a piece, which is what an interrupted run has to repeat.
 LONGEST = 256
-#: The same of methods that solve one frame after another, a hundredth of a second to some seconds each.
+#: The same for methods that solve frames one after another, which take from a hundredth of a second to some seconds
+#: each.
 SLOW = 8
-#: Frames for each process that make up for its beginning: 1.5 s of imports and sensor against 0.04 s or more for each frame.
+#: Number of frames for each process that outweigh its start: 1.5 s for imports and sensor against at least 0.04 s for
+#: each frame.
 PAYS = 50
-#: Processes that start by default: each holds 150 MB.
+#: Largest number of processes that start by default: each uses 150 MB.
 MAX_DEFAULT_PROCESSES = 8
 
 
 @dataclass(frozen=True)
 class Reconstructed:
-    """The result of a run.
+    """The result of a run over a recording.
 
     Attributes
     ----------
@@ -77,7 +80,7 @@ class Reconstructed:
     remarks : tuple of str
         Remarks on the readings.
     notes : tuple of str
-        Assumptions and outcomes of all frames; those of ``touch`` are of one.
+        Assumptions and outcomes of all frames; the notes of ``touch`` are those of a single frame.
     """
 
     path: Path
@@ -91,12 +94,15 @@ class Reconstructed:
 
     @cached_property
     def table(self) -> pandas.DataFrame:
-        """Numbers of all frames (`Touch.table`). Of many frames (`MANY`) they stay in a file, and a column is read when it is looked at."""
+        """Return the numbers of all frames (`Touch.table`). If there are more than `MANY`, they stay in a file, and a
+        column is read when it is used.
+        """
         return self.numbers.table()
 
 
 def piece_length(skin: Skin, method: Method | None = None) -> int:
-    """Frames in a piece where the user does not say; it depends on skin and method alone, so that a run can be made again.
+    """Return the default number of frames in a piece. It depends on skin and method only, so that a run can be
+    repeated exactly.
 
     Slow methods get short pieces, so that finished frames are written and reported soon.
 
@@ -115,9 +121,11 @@ def piece_length(skin: Skin, method: Method | None = None) -> int:
 
 
 def worker_count(skin: Skin, method: Method | None, frames: int) -> int:
-    """Processes that pay where the user does not say: one for each core, of small sensors and methods that take their time over each frame.
+    """Return the default number of processes: one for each core, for small sensors and for methods that take long for
+    each frame.
 
-    A process takes a second or two to start, too long for linear methods and few frames, and prepares large sensors again.
+    A process takes a second or two to start, which is too long for linear methods and few frames, and large sensors
+    would have to be prepared again in each.
 
     Examples
     --------
@@ -148,7 +156,8 @@ def reconstruct_recording(
     resume: bool = False,
     overwrite: bool = False,
     frame: int | None = None,
-    baseline: int | Floats = 0,
+    baseline: int = 0,
+    zero: npt.ArrayLike | None = None,
     provenance: Mapping[str, str] | None = None,
     progress: Callable[[int, int], object] | None = None,
     **options: Any,
@@ -178,11 +187,11 @@ def reconstruct_recording(
         Replace a result, or an interrupted run.
     frame : int, optional
         Solve and write only this frame; -1 is the last. Default: all frames.
-    baseline : int or array
-        The zero itself, one frame of readings (channel, *array), such as that of a calibration (``skin.calibration.zero``: its error is then in the
-        intervals); or frames at the start without contact: their mean (`palpate.sensing.zero.zero_of`) is subtracted from all readings. Five or more
-        also give the noise, if the array states none. 0 (default): the readings have a zero. ``remarks`` notes readings that evidently do not (raw
-        counts).
+    baseline : int
+        Frames at the start that are the ``zero``. 0 (default): none of them, the readings are zero already or ``zero`` is given; ``remarks`` notes
+        readings that evidently have no zero (raw counts).
+    zero : array (frame, channel, *array), optional
+        As for `Skin.reconstruct`. That of a calibration (``skin.calibration.zero``) has its error in the intervals.
     provenance : mapping of str to str
         Kept as attributes of the result.
     progress : callable (done, frames)
@@ -243,29 +252,27 @@ def reconstruct_recording(
         count = len(source)
         if (
             skin.calibration is None or skin.calibration.constants is None
-        ):  # presses told better what a recording says of itself
+        ):  # the calibration is more accurate than the positions that the recording states
             check_described(source.head, skin.planes)
         if frame is not None and not -count <= frame < count:
             raise InvalidInput(
                 f"frame {frame} is not among the {count} frames of {source.name}: give 0 to {count - 1}, or -1 for the last."
             )
-        given = None if isinstance(baseline, int) else np.asarray(baseline, dtype=np.float64)
-        if given is not None and given.shape != source.head.readings.shape[1:]:
-            raise InvalidInput(
-                f"baseline must be a number of frames, or one frame of shape {source.head.readings.shape[1:]}; got shape {given.shape}."
-            )
-        if isinstance(baseline, bool) or (isinstance(baseline, int) and not 0 <= baseline < max(count, 1)):
+        rest = given_rest(zero, baseline, skin.planes)
+        if not baseline < max(count, 1):
             raise InvalidInput(
                 f"baseline must be a number of frames at the start, from 0 to {count - 1} of the {count} in {source.name}; got {baseline!r}."
             )
         wanted = range(count) if frame is None else range(frame % count, frame % count + 1)
         elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
         settings: dict[str, Any] = {"method": chosen, "components": components}
-        rest = Rest.of(source.frames(0, baseline).readings) if isinstance(baseline, int) and baseline else None
-        zero = given if rest is None else rest.zero
-        if given is not None and skin.calibration is not None and skin.calibration.is_zero(given):
+        if baseline:
+            rest = Rest.of(source.frames(0, baseline).readings)
+        zero = None if rest is None else rest.zero
+        if not baseline and skin.calibration is not None and skin.calibration.is_zero(zero):
             elastic = at_calibrated_zero(elastic)
-        elastic = elastic if rest is None else elastic.at_rest(rest)
+        elif rest is not None:
+            elastic = elastic.at_rest(rest)
         pool = pool_of(elastic, settings, workers=workers, scheduler=scheduler)
         stack.enter_context(pool)
         levels, layout = Levels(), Layout(elastic.planes, elastic.pad)
@@ -283,7 +290,7 @@ def reconstruct_recording(
             "frames": count,
             "chunk": length,
             "method": str(chosen),
-            "baseline": baseline if given is None else fingerprint([given]),
+            "baseline": baseline if baseline or zero is None else fingerprint([zero]),
             "options": fingerprint([chosen, components]),
             "skin": fingerprint(
                 [skin.pad, skin.planes, skin.surface, skin.boundary, skin.problem().nuisance, skin.uncertainty]
@@ -307,7 +314,7 @@ def reconstruct_recording(
         with _numbers_of(target):
             numbers = Numbers(len(wanted), target.resolve().parent)
         gathered = _Gathered(numbers, target)
-        for start, frames in done.items():  # by an earlier run
+        for start, frames in done.items():  # frames that an earlier run finished
             gathered.add(start, PieceResult.of(stream.part(start, start + frames)))
         place = stream.place if pool.elsewhere and wanted.start == 0 else lambda: None
         with nullcontext() if known.can("touch_stream") else _save_numbers_on_interrupt(numbers, target, len(wanted)):
@@ -322,7 +329,7 @@ def reconstruct_recording(
         remarks = (OFFSETS,)
     elif zero is None and frame is None and levels.still(gathered.numbers.untouched()):
         remarks = (STANDS,)
-    if rest is not None and rest.wanders:
+    if baseline and rest is not None and rest.wanders:
         remarks += (
             f"the readings drift in the {baseline} frames of the zero, or something touches: give fewer (--baseline, baseline=)",
         )
@@ -344,13 +351,15 @@ def _numbers_of(target: Path) -> Iterator[None]:
 
 @contextmanager
 def _save_numbers_on_interrupt(numbers: Numbers, target: Path, frames: int) -> Iterator[None]:
-    """If a run is interrupted whose format cannot continue: write the numbers so far as NAME.part.csv, and add a note to the exception."""
+    """If a run is interrupted and its format cannot be resumed, write the numbers so far as NAME.part.csv, and add a
+    note to the exception.
+    """
     try:
         yield
     except BaseException as error:
         if solved := len(numbers):
             kept = target.with_name(f"{target.stem}.part.csv")
-            with suppress(OSError, InvalidInput):  # a full disk, which is why it ended
+            with suppress(OSError, InvalidInput):  # a full disk may be why the run ended
                 atomically(kept, lambda path: write_table(numbers.table().iloc[:solved], path))
                 error.add_note(
                     f"{kept} holds the forces of the first {solved} of {frames} frames. To be able to go on after a stop, "
@@ -360,7 +369,7 @@ def _save_numbers_on_interrupt(numbers: Numbers, target: Path, frames: int) -> I
 
 
 class _Gathered:
-    """Numbers of all frames, and the frame with the largest traction, as pieces come in any order."""
+    """Collects the numbers of all frames, and the frame with the largest traction, from pieces in any order."""
 
     def __init__(self, numbers: Numbers, beside: Path) -> None:
         self.numbers, self._beside = numbers, beside
@@ -405,7 +414,9 @@ def _tasks(
     wanted: range,
     place: Callable[[], Place | None],
 ) -> Iterator[Task]:
-    """The remaining pieces, after subtracting zero and creep: creep has a memory, so that it goes through all frames in turn."""
+    """Yield the remaining pieces, with zero and creep subtracted. Creep depends on the past, so that all frames must
+    pass through its filter in order.
+    """
     creep = Creep(skin.planes, skin.pad.prony, "remove") if isinstance(skin.pad, Viscoelastic) else None
     layout = Layout(skin.planes, skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad)
     whole = len(wanted) == len(source)

@@ -1,4 +1,4 @@
-"""The work on one piece of a recording, in any process."""
+"""Process one piece of a recording, in any process."""
 
 from __future__ import annotations
 
@@ -34,13 +34,15 @@ class Task:
     stop: int
     readings: Any
     time: Floats
-    #: the place where a worker may write itself
+    #: the place in the file to which a worker may write itself
     place: Place | None = None
 
 
 @dataclass(frozen=True)
 class PieceResult:
-    """Of some frames: the numbers of each, what was assumed and what became of them, and the frame with the largest traction (sum of its sizes, place, touch)."""
+    """Summary of a piece: the numbers of each frame, assumptions and outcomes, and the frame with the largest traction
+    (sum of magnitudes, index, touch).
+    """
 
     numbers: dict[str, Any]
     assumptions: tuple[str, ...]
@@ -59,14 +61,14 @@ class PieceResult:
 
 @dataclass(frozen=True)
 class Solved:
-    """A piece, ready to be written or written already, and its result."""
+    """A piece that is ready to be written or already written, and its summary."""
 
     piece: Piece | Written
     result: PieceResult
 
 
 def solve(skin: Skin, options: dict[str, Any], task: Task) -> Solved:
-    """The touches of a task's frames, as they are written."""
+    """Compute the touches of a task's frames, in the form in which they are written."""
     piece = piece_of(skin.reconstruct(task.readings, time=task.time, **options))
     result = PieceResult.of(piece.touch())
     written = None if task.place is None else task.place.write(task.start, piece)
@@ -74,7 +76,7 @@ def solve(skin: Skin, options: dict[str, Any], task: Task) -> Solved:
 
 
 def packed(skin: Skin, options: dict[str, Any]) -> bytes:
-    """Skin and options on their way to another process.
+    """Serialise skin and options for another process.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def packed(skin: Skin, options: dict[str, Any]) -> bytes:
 
 
 def solve_packed(job: bytes, task: Task) -> Solved:
-    """The same in another process, which prepares the skin once."""
+    """Do the same as `solve` in another process, which prepares the skin once."""
     return solve(*_unpacked(job), task)
 
 
@@ -105,7 +107,7 @@ def _unpacked(job: bytes) -> tuple[Skin, dict[str, Any]]:
 
 
 def fingerprint(thing: Any) -> str:
-    """The same text for the same pad, array or method in every process; another for another."""
+    """Return a text that is equal for equal pads, arrays or methods in every process, and differs otherwise."""
     text = json.dumps(_described(thing), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

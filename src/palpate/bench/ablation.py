@@ -1,7 +1,8 @@
-"""The contribution of each part of the automatic method, and the sensitivity of the answer to its numbers.
+"""Measure the contribution of each part of the automatic method, and the sensitivity of the result to its numbers.
 
-Every frame of a population that tuned nothing (`palpate.bench.unseen`) is solved by the whole method, without each part, and with each number
-halved and doubled (`palpate.inverse.contact.policy`). Errors are over those of the whole method in the same frame.
+Every frame of a population that was not used for tuning (`palpate.bench.unseen`) is solved by the whole method,
+without each part, and with each number halved and doubled (`palpate.inverse.contact.policy`). Errors are relative to
+those of the whole method in the same frame.
 """
 
 from __future__ import annotations
@@ -24,22 +25,22 @@ from palpate.uncertainty import Calibration
 
 __all__ = ["Ablated", "Outcome", "Row", "ablation", "as_markdown", "summary", "variants"]
 
-#: Samples of the bootstrap.
+#: Number of bootstrap samples.
 RESAMPLED = 2000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ablated(Automatic):
-    """The automatic method without some of its parts, or with other numbers, if pressure is sought."""
+    """The automatic method without some of its parts or with other numbers, for problems that estimate pressure."""
 
     policy: Policy = field(default_factory=Policy)
 
     def prepare(self, problem: Problem) -> AutomaticEstimator:
-        """As `Automatic` does."""
+        """Prepare as `Automatic` does."""
         return self._prepared_by(problem, self.policy)
 
 
-#: Parts that replace each other are also removed together. Rims are compared with a pull without a search for rims.
+#: Parts that can replace each other are also removed together. Rims are compared for a pull without a search for rims.
 JOINT_PARTS: dict[str, tuple[str, ...]] = {
     "local weights, both": ("parts.wide_weights", "parts.narrow_weights"),
     "outliers and broken readings": ("parts.screening", "parts.outliers"),
@@ -48,7 +49,9 @@ JOINT_PARTS: dict[str, tuple[str, ...]] = {
 
 
 def variants(*, thresholds: bool = True, every: bool = False) -> dict[str, Policy]:
-    """Every row of the table: without each part, and, if wanted, with each number halved and doubled that no derivation gives; ``every``: with each number."""
+    """Return every row of the table: the method without each part and, with ``thresholds``, with each number halved
+    and doubled that no derivation fixes; with ``every``, with each number.
+    """
     whole = Policy()
     out: dict[str, Policy] = {}
     for one in numbers():
@@ -71,8 +74,10 @@ def variants(*, thresholds: bool = True, every: bool = False) -> dict[str, Polic
 
 @dataclass(frozen=True)
 class Outcome:
-    """One frame by one variant: relative error, whether the 95 % intervals of normal force hold the truth (calibrated, and 1.96 of the
-    model's own standard deviations; None: no error bars), whether contact was found, processor seconds."""
+    """Result of one frame by one variant: relative error, whether the 95 % intervals of normal force contain the truth
+    (calibrated, and 1.96 of the model's own standard deviations; None: no error bars), whether contact was found,
+    processor time [s].
+    """
 
     error: float
     covered: bool | None
@@ -92,10 +97,11 @@ def _outcome(sample: Sample, method: Ablated) -> Outcome:
     difference = float(np.linalg.norm((np.asarray(touch.values) - sample.truth)[columns]))
     true = float(np.asarray(Touch(sample.truth, skin.surface, touch.components, "truth").force)[-1])
     touching = bool(np.asarray(touch.values).any())
-    if touch.errors is None:
+    if touch._errors is None:
         return Outcome(difference / size if size > 0 else math.nan, None, None, touching, seconds)
     low, high = (np.asarray(v)[..., -1] for v in touch.interval(0.95, of="force"))
-    std = np.hypot(touch.errors.force[-1], touch.errors.outside_force[-1])
+    posterior = touch._errors.posterior
+    std = np.hypot(posterior.force[-1], posterior.outside_force[-1])
     bounds = Calibration().bounds(0.95, np.asarray(touch.force)[-1], std, np.zeros(()), np.asarray(-math.inf))
     return Outcome(
         difference / size if size > 0 else math.nan,
@@ -107,7 +113,7 @@ def _outcome(sample: Sample, method: Ablated) -> Outcome:
 
 
 def acts(sample: Sample, policy: Policy) -> bool:
-    """Whether a variant can change the answer of this frame at all."""
+    """Return whether a variant can change the result of this frame."""
     has = {
         "": True,
         "friction": sample.friction is not None,
@@ -141,10 +147,11 @@ def ablation(
     jobs: int = 1,
     report: Callable[[int], None] | None = None,
 ) -> list[tuple[str, bool, dict[str, Outcome]]]:
-    """Kind, whether nothing touches, and the outcome of every variant ("whole" first), of each frame.
+    """Return for each frame its kind, whether nothing touches, and the outcome of every variant ("whole" first).
 
-    ``kinds``: of which `palpate.bench.unseen.CONTACT_KINDS`, in turn; ``numbers``: how many of the frames halved and doubled numbers are tried on; ``only``: the variants wanted (names of `variants`;
-    default: all); ``seconds``: no frame is begun after so long (by the wall clock), so that the first of ``frames`` are returned.
+    ``kinds``: those of `palpate.bench.unseen.CONTACT_KINDS` to use, in turn. ``numbers``: on how many of the frames
+    halved and doubled numbers are tried. ``only``: the variants to try (names of `variants`; default: all).
+    ``seconds``: no frame is started after this much wall-clock time, and only the finished frames are returned.
     """
     tasks = [
         (seed, i, kinds[i % len(kinds)], i < numbers, None if only is None else tuple(only)) for i in range(frames)
@@ -152,7 +159,7 @@ def ablation(
     found: list[tuple[str, bool, dict[str, Outcome]]] = []
     started = time.monotonic()
     while len(found) < frames and (seconds is None or not found or time.monotonic() - started < seconds):
-        # in turns where the time is limited, so that it is looked at between them
+        # with a time limit, work in turns and check the time between them
         turn = tasks[len(found) :] if seconds is None else tasks[len(found) : len(found) + jobs]
         for one in spread_over(_one_frame, turn, jobs):
             found.append(one)
@@ -163,12 +170,14 @@ def ablation(
 
 @dataclass(frozen=True)
 class Row:
-    """A variant against the whole method.
+    """A variant compared with the whole method.
 
-    ``mean`` is the geometric mean of the errors' ratios, ``low`` and ``high`` its 95 % interval (bootstrap over frames), ``kinds`` the
-    same mean of each kind with its relative standard error (NaN of a single frame) and the number of frames, ``worst`` the largest ratio, ``largest`` the largest error, ``changed`` the part of frames with another
-    answer, ``missed`` and ``alarms`` the contacts not found and the empty frames taken for contact, ``coverage`` and ``plain`` those of
-    `Outcome`, ``time`` the processor time over that of the whole method.
+    ``mean`` is the geometric mean of the ratios of errors, ``low`` and ``high`` its 95 % interval (bootstrap over
+    frames). ``kinds`` is the same mean for each kind with its relative standard error (NaN for a single frame) and the
+    number of frames. ``worst`` is the largest ratio, ``largest`` the largest error, ``changed`` the fraction of frames
+    with another result. ``missed`` and ``alarms`` are the numbers of contacts that were not found and of empty frames
+    taken for contact. ``coverage`` and ``plain`` are those of `Outcome`, ``time`` is the processor time relative to
+    that of the whole method.
     """
 
     name: str
@@ -188,7 +197,7 @@ class Row:
 
 
 def summary(found: Sequence[tuple[str, bool, dict[str, Outcome]]], seed: int = 0) -> list[Row]:
-    """The table: one row for the whole method, one for each variant."""
+    """Return the table: one row for the whole method, and one for each variant."""
     rng = np.random.default_rng(seed)
     rows = []
     for name in dict.fromkeys(name for _, _, by in found for name in by):
@@ -225,13 +234,13 @@ def summary(found: Sequence[tuple[str, bool, dict[str, Outcome]]], seed: int = 0
 
 
 def _mean(logs: Floats) -> tuple[float, float, int]:
-    """Geometric mean, its relative standard error, and of how many."""
+    """Return the geometric mean, its relative standard error, and the number of values."""
     count = len(logs)
     return float(np.exp(logs.mean())), float(logs.std(ddof=1) / math.sqrt(count)) if count > 1 else math.nan, count
 
 
 def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
-    """The table as a page's section; ``empty``: how many empty frames there were."""
+    """Return the table as a section of a page; ``empty`` is the number of empty frames."""
     whole = rows[0]
     counts = ", ".join(f"{count} of {kind}" for kind, (_, _, count) in whole.kinds.items())
     lines = [

@@ -1,4 +1,4 @@
-"""Accuracy: contacts x noise x methods, compared with the clairvoyant filter."""
+"""Measure the accuracy for combinations of contacts, noise and methods, relative to the clairvoyant filter."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ __all__ = [
     "table",
 ]
 
-#: Noise levels, as parts of the largest reading.
+#: Noise levels, as fractions of the largest reading.
 NOISES = (1e-3, 1e-2, 5e-2)
 
-#: Name of the automatic method in records and tables: on these contacts it is that one.
+#: Name in records and tables of the automatic method, which on these contacts is the adaptive one.
 DEFAULT = "adaptive"
 
 
 @dataclass(frozen=True)
 class Record:
-    """One reconstruction against the truth.
+    """One reconstruction compared with the truth.
 
-    ``method`` is the requested method, ``found_by`` the one whose constants its error bars ``z`` have.
+    ``method`` is the requested method, ``found_by`` the one whose constants scale its error bars ``z``.
     """
 
     layout: str
@@ -59,14 +59,15 @@ class Record:
 
     @property
     def ratio(self) -> float:
-        """Error over that of the clairvoyant filter."""
+        """Error relative to that of the clairvoyant filter."""
         return self.error / self.clairvoyant
 
 
 def standardised(touch: Touch, truth: Floats, friction: float | None, *, inside: bool = False) -> dict[str, Floats]:
-    """(true - found)/std of the model for every quantity; cells are those in contact, in truth or as found.
+    """Return (true - estimated)/std of the model for every quantity. Cells are those in contact, truly or as
+    estimated.
 
-    ``inside`` omits the error of load outside the array.
+    With ``inside`` the error of load outside the array is left out.
     """
     grid = touch.surface
     columns = [grid.components.index(c) for c in touch.components]
@@ -79,7 +80,7 @@ def standardised(touch: Touch, truth: Floats, friction: float | None, *, inside:
         found, std, outside, _ = intervals.uncalibrated(touch, known, of, mu)
         return known.quantities[of].standardised(np.asarray(value), found, std, outside)
 
-    # with traction of either sign, every cell counts
+    # if traction may have either sign, use every cell
     found_contact = np.asarray(touch.contact() if known.signed else touch.values[-1] > 0)
     out = {
         "traction": z("traction", truth)[columns][:, (truth[-1] > 0) | found_contact],
@@ -113,7 +114,8 @@ def run(
     yardstick: bool = True,
     inside: bool = False,
 ) -> list[Record]:
-    """One noise draw of one contact, by the methods requested; without ``yardstick`` the clairvoyant filter's error is NaN.
+    """Evaluate one noise draw of one contact by the requested methods. Without ``yardstick`` the error of the
+    clairvoyant filter is NaN.
 
     Methods with an option for friction get the layout's, unless they have one. ``inside``: see `standardised`.
     """
@@ -135,22 +137,22 @@ def run(
             noisy, method=_with_friction(method, layout), components=list(layout.components)
         )
         error = float(np.linalg.norm((np.asarray(touch.values) - truth)[columns])) / size
-        z = standardised(touch, truth, layout.friction, inside=inside) if touch.errors is not None else {}
+        z = standardised(touch, truth, layout.friction, inside=inside) if touch.has_intervals else {}
         records.append(Record(layout.name, name, noise, str(method), error, clairvoyant, z, touch.method))
     return records
 
 
 def _with_friction(method: str | Method, layout: Layout) -> Method:
-    """The method, with the layout's friction if it accepts one."""
+    """Return the method, with the layout's friction if it has that option."""
     if isinstance(method, Method):
-        unset = getattr(method, "friction", 0) is None  # 0: it has none
+        unset = getattr(method, "friction", 0) is None  # 0: it has no such option
         return replace(method, friction=layout.friction) if unset else method  # type: ignore[call-arg]
     name = Automatic.name if method == DEFAULT else method
     return method_named(name, {"friction": layout.friction} if "friction" in methods()[name].options() else {})
 
 
 def measured(layout: Layout, method: Method | None = None, *, comparisons: bool = True) -> tuple[str | Method, ...]:
-    """The methods that `accuracy` measures on a layout: ``method`` or the default, and those for comparison."""
+    """Return the methods that `accuracy` measures on a layout: ``method`` or the default, and those for comparison."""
     first = DEFAULT if method is None else method
     return (first, *(m for m in layout.methods if m != str(first))) if comparisons else (first,)
 
@@ -166,7 +168,9 @@ def accuracy(
     jobs: int = 1,
     report: Callable[[Record], None] | None = None,
 ) -> list[Record]:
-    """Every contact of the layouts at every noise level, ``draws`` times, by ``method`` (default: the automatic one)."""
+    """Measure every contact of the layouts at every noise level, ``draws`` times, by ``method`` (default: the
+    automatic one).
+    """
     tasks = [
         (name, noise, contact, draws, seed, method, comparisons)
         for name in layouts
@@ -200,7 +204,9 @@ def _one_contact(task: tuple[str, float, str, int, int, Method | None, bool]) ->
 
 
 def ratios(records: Sequence[Record], method: str = DEFAULT) -> dict[tuple[str, str, float], float]:
-    """Mean error over draws, over the clairvoyant filter's, of each layout, contact and noise."""
+    """Return the mean error over draws, relative to the clairvoyant filter's, for each layout, contact and noise
+    level.
+    """
     groups: dict[tuple[str, str, float], list[float]] = {}
     for r in records:
         if r.method == method:
@@ -209,7 +215,9 @@ def ratios(records: Sequence[Record], method: str = DEFAULT) -> dict[tuple[str, 
 
 
 def coverage(records: Sequence[Record], level: float, method: str = DEFAULT) -> dict[str, float]:
-    """Part of true values inside the interval of that level, for each quantity; every contact and noise counts alike."""
+    """Return the fraction of true values inside the interval of this level, for each quantity; all contacts and noise
+    levels have equal weight.
+    """
     inside: dict[str, dict[tuple[str, str, float], list[float]]] = {}
     zero, one, none = np.asarray(0.0), np.asarray(1.0), np.asarray(-math.inf)
     for record in records:
@@ -218,14 +226,16 @@ def coverage(records: Sequence[Record], level: float, method: str = DEFAULT) -> 
         for quantity, z in record.z.items():
             known = calibrated(record.found_by, LAYOUTS[record.layout].case, quantity)
             low, high = (float(v) for v in known.bounds(level, zero, one, zero, none))
-            # every frame counts once, however many cells it has
+            # every frame has the same weight, however many cells it has
             group = inside.setdefault(quantity, {}).setdefault((record.layout, record.contact, record.noise), [])
             group.append(float(np.mean((z >= low) & (z <= high))))
     return {quantity: float(np.mean([np.mean(v) for v in groups.values()])) for quantity, groups in inside.items()}
 
 
 def accuracy_markdown(records: Sequence[Record], *, command: str) -> str:
-    """Both tables as Markdown: errors over the clairvoyant filter's, and the coverage of intervals. ``command`` made them."""
+    """Return both tables as Markdown: errors relative to the clairvoyant filter's, and the coverage of intervals.
+    ``command`` is the command that made them.
+    """
     noises = sorted({r.noise for r in records})
     lines = [
         f"Written by `{command}`. Error over the clairvoyant filter's, geometric mean over the contacts (worst contact):",
@@ -259,20 +269,20 @@ def accuracy_markdown(records: Sequence[Record], *, command: str) -> str:
 
 
 def spread_over(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> Iterable[Any]:
-    """Results in order, from ``jobs`` processes."""
+    """Yield results in order, computed by ``jobs`` processes."""
     if jobs == 1:
         yield from map(function, tasks)
         return
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    # a fresh interpreter each: a forked one would share the state of threaded linear algebra
+    # start new interpreters: a forked one would inherit the state of threaded linear algebra
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         yield from pool.map(function, tasks, chunksize=1)
 
 
 def table(records: Sequence[Record]) -> list[tuple[str, str, float, float, float, int]]:
-    """(layout, method, noise, geometric mean of the ratios, largest ratio, contacts), largest noise last."""
+    """Return (layout, method, noise, geometric mean of the ratios, largest ratio, contacts), largest noise last."""
     rows = []
     methods = list(dict.fromkeys(r.method for r in records))
     for method in methods:

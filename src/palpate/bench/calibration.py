@@ -1,4 +1,4 @@
-"""Calibration of the error bars: constants from a random population of contacts."""
+"""Calibrate the error bars: fit their constants to a random population of contacts."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ from palpate.uncertainty import AMBIGUOUS, FEW, GAUSSIAN, Calibration, Case, Con
 
 __all__ = ["beyond", "calibration", "crossing", "population", "write_constants"]
 
-#: Quantities whose error has a sign: pressure only adds up, edges are rounded, weak shear is drawn to zero.
+#: Quantities whose errors have a preferred sign: errors of pressure add up, because it is positive; edges are rounded;
+#: weak shear is shrunk to zero.
 SHIFTED = ("force", "peak_pressure", "shear_force", "slip_margin")
 
 
-#: Channels of each kind of sensing: of pressure alone, and with shear.
+#: Channels for each kind of sensing: pressure alone, and with shear.
 CHANNELS = {
     "stress": (["stress_zz"], ["stress_xz", "stress_yz", "stress_zz"]),
     "strain": (["strain_zz"], ["strain_xz", "strain_yz", "strain_zz"]),
@@ -41,7 +42,7 @@ CHANNELS = {
 def population(
     rng: np.random.Generator, *, contact: str | None = None, sensing: str = "stress", body: str = "half-space"
 ) -> tuple[Layout, Traction, float]:
-    """A random layout, contact (inside the array) and noise, none of them those of `LAYOUTS`.
+    """Return a random layout, contact (inside the array) and noise, none of which is one of `LAYOUTS`.
 
     ``contact`` is "line", "area", "area with shear" (default: any of them), one of the last two with ", few taxels" (3 to 11 by 3 to 11, which
     may be shallow) or "area, ambiguous" (a bonded gel of which the displacements in
@@ -55,7 +56,7 @@ def population(
         count = int(rng.integers(60, 140))
         depth = float(rng.uniform(0.5, 2.5))
         array = LineArray(count=count, pitch=0.5, depth=depth, channels=CHANNELS[sensing][0])
-        reach = 0.25 * count - 2.0 * array.depth  # contacts end inside the array
+        reach = 0.25 * count - 2.0 * array.depth  # room for contacts that lie inside the array
         parts = []
         for _ in range(int(rng.choice([1, 1, 2, 3]))):
             kind = str(rng.choice(["cylinder", "punch", "strip", "wedge", "tilted", "bump"]))
@@ -99,7 +100,7 @@ def population(
 
 
 def _body(body: str, ratio: float, depth: float, rng: np.random.Generator) -> Pad:
-    """A half-space, or a layer on a rigid base 1.05 to 3 times as deep as the taxels."""
+    """Return a half-space, or a layer on a rigid base 1.05 to 3 times as deep as the taxels."""
     if body == "half-space":
         return HalfSpace(youngs_modulus=1.0, poissons_ratio=ratio)
     thickness = depth * float(rng.uniform(1.05, 3.0))
@@ -107,7 +108,8 @@ def _body(body: str, ratio: float, depth: float, rng: np.random.Generator) -> Pa
 
 
 def crossing(rng: np.random.Generator, *, contact: str | None = None) -> tuple[Layout, Traction, float]:
-    """The same with a contact across the array's edge: from almost all of it inside to more than half beyond.
+    """Return a random frame like `population` whose contact crosses the edge of the array: from almost all inside to
+    more than half outside.
 
     ``contact`` is None (stress in half-spaces) or "area, ambiguous" (scattered markers in a bonded gel).
     """
@@ -139,7 +141,7 @@ def crossing(rng: np.random.Generator, *, contact: str | None = None) -> tuple[L
 
 
 def _across_markers(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
-    """Contact across the edge or the corner of markers that are followed in the plane of a bonded gel."""
+    """Return a contact across the edge or the corner of markers that are tracked in the plane of a bonded gel."""
     noise = float(np.exp(rng.uniform(math.log(3e-3), math.log(3e-2))))
     shape = (int(rng.integers(5, 9)), int(rng.integers(6, 10)))
     y, x = (np.arange(n) - 0.5 * (n - 1) for n in shape)
@@ -154,7 +156,7 @@ def _across_markers(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
     )
     a, b = np.exp(rng.uniform(math.log(0.7), math.log(1.6), size=2))
     edge = np.array([x[-1], y[-1]]) + rng.uniform(-0.95, 0.5) * np.array([a, b])
-    if rng.random() < 0.5:  # not a corner
+    if rng.random() < 0.5:  # an edge, not a corner
         edge[int(rng.integers(2))] *= float(rng.uniform(0.0, 0.6))
     center = edge * rng.choice([-1.0, 1.0], 2)
     kind = str(rng.choice(["ball", "ball", "punch", "block", "ring", "cone", "tilted"]))
@@ -176,7 +178,8 @@ def calibration(
     jobs: int = 1,
     report: Callable[[int], None] | None = None,
 ) -> dict[Case, dict[str, tuple[float, float, float]]]:
-    """Shift, scale and degrees of freedom of each case and quantity that make the intervals of 50 and 95 % hold.
+    """Return for each case and quantity the shift, scale and degrees of freedom with which the intervals of 50 and 95
+    % have their coverage.
 
     From a random `population` of contacts; of `method="local"` from `pulled` patches, whatever ``contact``, ``sensing`` and ``body``.
     """
@@ -203,18 +206,20 @@ def _one_frame(task: tuple[int, int, str, str | None, str, str]) -> tuple[Case, 
     if method == Local.name:
         return _one_pulled(rng)
     layout, traction, noise = population(rng, contact=contact, sensing=sensing, body=body)
-    # linear methods never find exactly zero outside the array; `beyond` gives its error
+    # linear methods never estimate exactly zero outside the array; `beyond` gives the error there
     inside = method in GAUSSIAN
     return layout.case, run(layout, "random", traction, noise, rng, (method,), yardstick=False, inside=inside)[0].z
 
 
 def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
-    """Errors over standard deviations of a frame of `pulled` patches, with random signs; none if its notes say that the noise is unknown."""
+    """Return errors divided by standard deviations for a frame of `pulled` patches with random signs; none if its
+    notes say that the noise is unknown.
+    """
     frame = pulled(rng)
     touch = frame.skin.reconstruct(frame.readings, method=Local.name, components=["x", "y"])
-    errors = touch.errors
-    if errors is None:
+    if touch._errors is None:
         raise InvalidInput(f'method="{Local.name}" has no error bars.')
+    errors = touch._errors.posterior
     if str(touch.methods) != Local.name or any(note.startswith(BLIND) for note in touch.notes):
         return touch.calibration_case, {}
     strong = np.hypot(*frame.truth)
@@ -238,9 +243,10 @@ def beyond(
     jobs: int = 1,
     report: Callable[[int], None] | None = None,
 ) -> dict[Case, float]:
-    """For each case, the relative error of load outside the array that gives the 95 % interval of the force its coverage.
+    """Return, for each case, the relative error of load outside the array with which the 95 % interval of the force
+    has its coverage.
 
-    On contacts across the edge (`crossing`: stress in half-spaces, markers in bonded gels) of the same kind of contact.
+    It uses contacts of the same kind that cross the edge (`crossing`: stress in half-spaces, markers in bonded gels).
     """
     kinds = {case.contact for case in found}
     rows: dict[str, list[tuple[float, float, float]]] = {kind: [] for kind in kinds}
@@ -263,7 +269,7 @@ def beyond(
 
 
 def _one_beyond(task: tuple[int, int, str, set[str]]) -> tuple[str, tuple[float, float, float] | None]:
-    """(contact, (error, std, part outside) of the normal force) of a frame across the edge."""
+    """Return (contact, (error, std, fraction outside) of the normal force) for a frame whose contact crosses the edge."""
     seed, index, method, kinds = task
     rng = np.random.default_rng((seed, index))
     layout, traction, noise = crossing(rng, contact=AMBIGUOUS if kinds == {AMBIGUOUS} else None)
@@ -274,13 +280,13 @@ def _one_beyond(task: tuple[int, int, str, set[str]]) -> tuple[str, tuple[float,
     readings = readings + noise * float(np.abs(readings).max()) * rng.standard_normal(readings.shape)
     options: dict[str, Any] = {} if method in GAUSSIAN else {"friction": layout.friction}
     touch = layout.skin.reconstruct(readings, method=method, components=list(layout.components), **options)
-    if touch.errors is None:
+    if touch._errors is None:
         raise InvalidInput(f'method="{method}" has no error bars.')
     true = float(touch.surface.integral(truth[-1]))
     return kind, (
         true - float(touch.force[-1]),
-        float(touch.errors.force[-1]),
-        float(touch.errors.outside_force[-1]),
+        float(touch._errors.posterior.force[-1]),
+        float(touch._errors.posterior.outside_force[-1]),
     )
 
 
@@ -294,9 +300,10 @@ def write_constants(
     version: str,
     outside: Mapping[Case, float] | None = None,
 ) -> None:
-    """Put new constants into the file of constants: entries of the same method and case are replaced, others kept.
+    """Write new constants to the file of constants; entries of the same method and case are replaced, others kept.
 
-    Cases without frames (shear if none is sought) take the nearest entry, and so does the part outside the array if ``outside`` lacks it.
+    Cases without frames (shear if it is not estimated) take the nearest entry. The fraction outside the array does so
+    too if ``outside`` lacks it.
     """
     file = Path(path)
     try:
@@ -343,7 +350,9 @@ def write_constants(
 
 
 def _nearest(entries: Sequence[Mapping[str, Any]], method: str, case: Case) -> Constants:
-    """Whose constants a case borrows: the nearest of its contact, or those of areas with shear, which have every quantity."""
+    """Return the constants that a case takes over: the nearest of its contact, or those of areas with shear, which
+    have every quantity.
+    """
     near = constants(method, case)
     if near.calibrated:
         return near
@@ -356,7 +365,7 @@ def _nearest(entries: Sequence[Mapping[str, Any]], method: str, case: Case) -> C
 
 
 def _fit(frames: Sequence[Floats], *, shifted: bool) -> tuple[float, float, float]:
-    """(shift, scale, freedom) of b + s t_nu with the right share of errors within its 50 and 95 % intervals."""
+    """Return (shift, scale, freedom) of b + s t_nu with the right fraction of errors within its 50 and 95 % intervals."""
     import scipy.optimize
     import scipy.special
 
@@ -383,6 +392,6 @@ def _fit(frames: Sequence[Floats], *, shifted: bool) -> tuple[float, float, floa
     else:
         log_freedom = float(scipy.optimize.brentq(miss, low, high))
     freedom = math.exp(log_freedom)
-    # between the two levels no Student distribution fits both
+    # if no Student distribution fits both levels, use the geometric mean of the scales that fit each
     scale = float(np.sqrt(half / scipy.special.stdtrit(freedom, 0.75) * most / scipy.special.stdtrit(freedom, 0.975)))
     return round(shift, 3), round(scale, 3), round(freedom, 2)

@@ -1,4 +1,4 @@
-"""Contacts with known traction: on a line as exact cell means, on areas as patches."""
+"""Contacts with known traction: in line contact as exact cell means, in area contact as patches."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Traction = Callable[[Grid], Floats]
 
 
 def line_contact(*parts: tuple[str, float, float, float]) -> Traction:
-    """Sum of (kind, centre, half-width, size) on a line, as exact cell means."""
+    """Return the sum of (kind, centre, half-width, size) in line contact, as exact cell means."""
 
     def cells(grid: Grid) -> Floats:
         if not isinstance(grid, LineGrid):
@@ -53,7 +53,7 @@ def line_contact(*parts: tuple[str, float, float, float]) -> Traction:
 
 @dataclass(frozen=True)
 class Patch:
-    """One contact patch on an area."""
+    """One contact patch in area contact."""
 
     kind: str
     center: tuple[float, float]
@@ -78,7 +78,9 @@ class Patch:
 
 
 def area_contact(*patches: Patch, shear: str = "", friction: float = 0.0) -> Traction:
-    """Patches on an area, with shear inside the friction cone: "slide", "stick" (growing outwards) or "twist"."""
+    """Return patches in area contact with shear inside the friction cone: "slide", "stick" (growing outwards) or
+    "twist".
+    """
 
     def cells(grid: Grid) -> Floats:
         y, x = np.meshgrid(*grid.axes, indexing="ij")
@@ -136,14 +138,14 @@ AREA_PATCHES: dict[str, tuple[Patch, ...]] = {
     ),
     "bar": (Patch("block", (0, 0), (7.5, 1.2), angle=0.3),),
 }
-#: Contacts whose middle lies two units inside the edge of the line array (at 30), and the same in its middle.
+#: Contacts whose middle is two units inside the edge of the line array (at 30), and the same contacts in its middle.
 CROSSING: dict[str, tuple[str, float, float]] = {
     "cylinder": ("cylinder", 28, 3.5),
     "strip": ("strip", 28, 3.5),
     "punch": ("punch", 28, 3.5),
     "wedge": ("wedge", 28, 4.5),
 }
-#: Coefficient of friction of the contacts that slide or slip in part.
+#: Coefficient of friction of the contacts that slide or slip partly.
 FRICTION = 0.5
 SHEARED: dict[str, tuple[str, str]] = {
     "sliding ball": ("ball", "slide"),

@@ -43,7 +43,8 @@ from palpate.uncertainty import Case
 
 __all__ = ["LAYOUTS", "Layout"]
 
-#: Cells of the surface the data are made on, per cell sought, and how many cells it is wider on each side.
+#: For the surface on which data are computed: number of cells per cell of the estimate, and number of cells by which it
+#: is wider on each side.
 FINER, WIDER = {1: 10, 2: 6}, {1: 24, 2: 3}
 
 
@@ -51,7 +52,7 @@ FINER, WIDER = {1: 10, 2: 6}, {1: 24, 2: 3}
 class Layout:
     """An array on a pad, its contacts, and the quantities to estimate.
 
-    ``middle`` holds the same contacts in the middle of the array, for comparison, if they cross its edge.
+    If contacts cross the edge of the array, ``middle`` holds the same contacts in its middle, for comparison.
     """
 
     name: str
@@ -66,22 +67,24 @@ class Layout:
 
     @property
     def case(self) -> Case:
-        """The case of its error bars' constants."""
+        """Case that selects the constants of the error bars."""
         return self.skin.case(self.components)
 
     @cached_property
     def skin(self) -> Skin:
-        """The skin that a user would make without stating noise. The pad is exact, so that intervals test the method alone."""
+        """The skin that a user would make without stating noise. The pad is exact, so that intervals test only the
+        method.
+        """
         return Skin(self.pad, self.array, uncertainty=EXACT)
 
     @cached_property
     def maker(self) -> Skin:
-        """The finer and wider skin that makes the data."""
+        """The finer and wider skin on which data are computed."""
         grid = self.skin.surface
         return Skin(self.pad, self.array, surface=refined(grid, FINER[grid.dimensions], WIDER[grid.dimensions]))
 
     def make(self, traction: Traction) -> tuple[Floats, Floats]:
-        """Noise-free readings, and the mean traction (component, *surface) of each cell sought."""
+        """Return noise-free readings, and the mean traction (component, *surface) in each cell of the estimate."""
         fine = traction(self.maker.surface)
         d = self.skin.surface.dimensions
         middle: tuple[Any, ...] = (..., *(slice(WIDER[d], -WIDER[d]),) * d)
@@ -89,7 +92,9 @@ class Layout:
         return np.nan_to_num(np.asarray(self.maker.sense(fine))), mean
 
     def clairvoyant(self, traction: Traction, noise: float) -> float:
-        """Smallest expected relative error of a linear shift-invariant filter that knows the truth (see the module)."""
+        """Return the smallest expected relative error of a linear shift-invariant filter that knows the true spectrum
+        (see the module).
+        """
         array = self.array
         if isinstance(array, ScatteredArray):
             raise Unsupported("the clairvoyant filter needs a regular array; got a ScatteredArray.")
@@ -156,5 +161,5 @@ def _layouts() -> dict[str, Layout]:
     }
 
 
-#: Skins on which accuracy is measured, by name.
+#: Layouts on which accuracy is measured, by name.
 LAYOUTS = _layouts()

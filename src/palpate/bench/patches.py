@@ -1,4 +1,6 @@
-"""Traction of either sign with known truth: patches in the plane, as cells pull on gels, for the constants of `method="local"`."""
+"""Traction of either sign with known truth, for the constants of `method="local"`: patches in the plane, such as cells
+exert on gels.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,13 @@ from palpate.skin import Skin
 
 __all__ = ["PulledFrame", "pulled"]
 
-#: How much finer than the answer the truth is.
+#: The cells of the truth are this many times finer than those of the estimate.
 FINER = 3
 
 
 @dataclass(frozen=True, eq=False)
 class PulledFrame:
-    """A frame: the skin, readings (channel, *array), and the true traction (component, *surface) along x and y on the skin's surface."""
+    """One frame: the skin, readings (channel, *array), and the true traction (component, *surface) along x and y."""
 
     skin: Skin
     readings: Floats
@@ -30,11 +32,13 @@ class PulledFrame:
 
 
 def pulled(rng: np.random.Generator) -> PulledFrame:
-    """A random array of markers, pad, patches and noise.
+    """Return a random frame: array of markers, pad, patches and noise.
 
-    16 to 40 markers each way, at the surface or up to a pitch below it, on a half-space or a layer of 5 to 30 pitches; one to twelve elliptic patches of 0.7 to
-    5 pitches, even, like Hertz's, Gaussian or with long tails, towards the middle or any way, in balance or not, two times in five on weak traction as wide as the field; 0.3 to
-    10 % noise, one time in four shared by neighbours, and every other time a shift of the image by a fifth of the largest displacement.
+    The array has 16 to 40 markers each way, at the surface or up to a pitch below it, on a half-space or a layer of 5
+    to 30 pitches. One to twelve elliptic patches of 0.7 to 5 pitches are uniform, Hertzian, Gaussian or long-tailed,
+    directed to the middle or anywhere, balanced or not; in two of five frames there is also weak traction as wide as
+    the field. Noise is 0.3 to 10 %, in one of four frames shared by neighbours; every other frame has a shift of the
+    image by a fifth of the largest displacement.
     """
     import scipy.ndimage
 

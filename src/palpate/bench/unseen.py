@@ -1,8 +1,10 @@
-"""A population that tuned nothing: indenters, arrays and faults other than those of `LAYOUTS` and `palpate.bench.population`.
+"""A population that was not used for tuning: indenters, arrays and faults that differ from those of `LAYOUTS` and
+`palpate.bench.population`.
 
-Indenters: two-lobed, lopsided, Gaussian, heel (a ramp with a round end), L, cross, triangle, crescent. Arrays: few and coarse taxels as well as
-fine ones, shallow and deep, half-spaces and bonded layers, stress, strain and displacement. Now and then: taxels that are missing, stuck or
-saturated and nobody says so, channels of different noise, contact across the edge, adhesion, nothing at all.
+Indenters: two-lobed, asymmetric, Gaussian, heel (a ramp with a round end), L, cross, triangle, crescent. Arrays: few
+coarse and many fine taxels, shallow and deep, half-spaces and bonded layers, stress, strain and displacement. Some
+frames have taxels that are missing, stuck or saturated without being marked, channels of different noise, contact
+across the edge, adhesion, or no contact.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ CONTACT_KINDS = ("line", "area", "area with shear")
 
 @dataclass(frozen=True)
 class Sample:
-    """One frame, and the truth of it."""
+    """One frame and its truth."""
 
     kind: str
     layout: Layout
@@ -40,7 +42,7 @@ class Sample:
 
 
 def _lines() -> dict[str, Callable[[Floats], Floats]]:
-    """Pressure over the position in half-widths."""
+    """Return pressure as a function of position in half-widths."""
     return {
         "two-lobed": lambda u: np.where(np.abs(u) < 1, np.sin(np.pi * u) ** 2 * (1.0 + 0.4 * u), 0.0),
         "lopsided": lambda u: np.where(
@@ -53,7 +55,7 @@ def _lines() -> dict[str, Callable[[Floats], Floats]]:
 
 
 def _areas() -> dict[str, Callable[[Floats, Floats], Floats]]:
-    """Pressure over the position in half-widths along the indenter's own axes."""
+    """Return pressure as a function of position in half-widths along the indenter's own axes."""
 
     def disc(u: Floats, v: Floats) -> Floats:
         return np.clip(1.0 - u**2 - v**2, 0.0, None)
@@ -74,7 +76,7 @@ def _areas() -> dict[str, Callable[[Floats, Floats], Floats]]:
 
 
 def unseen(rng: np.random.Generator, kind: str) -> Sample:
-    """A random frame of the population, of one of `CONTACT_KINDS`."""
+    """Return a random frame of the population, of one of `CONTACT_KINDS`."""
     line = kind == "line"
     shear = kind == "area with shear" or (line and rng.random() < 0.25)
     sensing = str(rng.choice(["stress", "strain", "displacement"], p=[0.6, 0.2, 0.2]))
@@ -110,7 +112,7 @@ def unseen(rng: np.random.Generator, kind: str) -> Sample:
         readings, truth = np.zeros_like(readings), np.zeros_like(truth)
     readings = readings + largest * noise
     if not empty and rng.random() < 0.2:
-        # an undetected broken taxel: stuck at zero, or far out
+        # an unmarked broken taxel: stuck at zero, or far off
         for _ in range(int(rng.integers(1, 3))):
             place = tuple(int(rng.integers(n)) for n in readings.shape)
             readings[place] = float(rng.choice([0.0, 1.3, -0.8])) * largest
@@ -118,7 +120,9 @@ def unseen(rng: np.random.Generator, kind: str) -> Sample:
 
 
 def _contact(rng: np.random.Generator, shape: tuple[int, ...], depth: float, mu: float, *, adhesive: bool) -> Traction:
-    """One indenter or two: between twice what the depth lets through and a third of the array; one in seven across its edge."""
+    """Return one or two indenters whose sizes range from twice what the depth resolves to a third of the array; one in
+    seven crosses the edge.
+    """
     half = 0.5 * np.asarray(shape[::-1], dtype=np.float64)  # x, then y
     smallest, largest = max(1.0, 0.8 * depth), max(1.3, 0.8 * depth + 0.3, 0.6 * float(half.min()))
     edge = rng.random() < 0.15
@@ -172,7 +176,7 @@ def _contact(rng: np.random.Generator, shape: tuple[int, ...], depth: float, mu:
 
 
 def _pad(rng: np.random.Generator, depth: float) -> Pad:
-    """A half-space, or now and then a layer on a rigid base or a skin on a softer layer."""
+    """Return a half-space or, in some frames, a layer on a rigid base or a skin on a softer layer."""
     ratio = float(rng.uniform(0.25, 0.495))
     which = rng.random()
     if which < 0.7:

@@ -1,4 +1,4 @@
-"""Touches of a calibrated skin."""
+"""Compute touches with a calibrated skin."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ __all__ = ["at_calibrated_zero", "calibrated_touch", "for_pad", "with_calibratio
 def calibrated_touch(
     found: SkinCalibration, skin: Any, plain: Any, readings: Any, time: Any, options: dict[str, Any]
 ) -> Touch:
-    """The touch of readings without their zero: from the elastic model ``plain`` with the calibrated force, or force alone if the model was rejected."""
+    """Return the touch for readings from which the zero is subtracted: the result of the elastic model ``plain`` with
+    the calibrated force, or the force alone if the elastic model was rejected.
+    """
     flat = flat_readings(skin.planes, readings)
     if plain is None:
         found.check_options(options)
@@ -36,21 +38,25 @@ def calibrated_touch(
 
 
 def for_pad(found: SkinCalibration, planes: Sequence[Any], parts: Sequence[Any]) -> list[Any]:
-    """Readings of each plane (*batch, channel, *array) in the unit of the pad, over the gains that were found (of one plane)."""
+    """Divide the readings of each plane (*batch, channel, *array) by the fitted gains (of one plane), so that they
+    have the unit of the pad.
+    """
     if found.gains is None:
         return [found.unit * part for part in parts]
     return [part * from_numpy(unflat(planes, found.factors), part) for part in parts]
 
 
 def at_calibrated_zero(skin: Any) -> Any:
-    """The skin for readings minus the zero of its calibration; that zero's error is in the intervals."""
+    """Return the skin for readings minus the zero of its calibration; its intervals include the error of that zero."""
     out = copy.copy(skin)
     out._calibration, out._plain = skin.calibration.opened(), None
     return out
 
 
 def with_calibration(skin: Any, found: SkinCalibration | None) -> Any:
-    """The skin that answers by a calibration, its pad as the presses told (`with_constants`), its scale as well known as the forces of the presses; the same skin for None."""
+    """Return the skin that uses a calibration: its pad with the fitted constants (`with_constants`), and the error of
+    its scale from the forces of the presses. Return the same skin if ``found`` is None.
+    """
     if found is None:
         return skin
     out = with_constants(skin, found.constants)

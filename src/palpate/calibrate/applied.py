@@ -1,4 +1,4 @@
-"""A skin with what a calibration told: modulus, thickness, depth, places, and how well forces and gains are known."""
+"""Apply a calibration to a skin: modulus, thickness, depth, places, and the standard deviations of forces and gains."""
 
 from __future__ import annotations
 
@@ -20,16 +20,20 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["reading_gains", "with_constants", "with_force_scale"]
 
-#: Relative standard deviations end here: `palpate.Uncertainty` takes less than 1.
+#: Relative standard deviations are limited to this value: `palpate.Uncertainty` needs less than 1.
 LARGEST_STD = 0.99
 
 
 def with_constants(skin: Any, found: PadConstants | None) -> Any:
-    """The skin with what the presses told of modulus, thickness, depth and pixel scale, and their standard deviations as its `palpate.Uncertainty`.
+    """Return the skin with the fitted modulus, thickness, depth and pixel scale, and with their standard deviations as
+    its `palpate.Uncertainty`.
 
-    Force from a displacement is proportional to modulus times pixel scale squared (half-space: F ~ E u L), so the standard deviation that the modulus gets
-    is that of this product, with their correlation. Gains are divided out of readings (`reading_gains`); here their standard deviation is stated.
-    Where another pad model than that of the skin was found, or the model was rejected, the skin stays as it is.
+    Force from a displacement is proportional to modulus times pixel scale squared (half-space: F ~ E u L), so that the
+    modulus gets the standard deviation of this product, correlation included. Gains are not applied here
+    (`reading_gains` divides readings by them); only their standard deviation is stated.
+
+    If the presses favour another pad model than the skin's, or if the model was rejected, the skin is returned
+    unchanged.
 
     Examples
     --------
@@ -73,19 +77,23 @@ def with_constants(skin: Any, found: PadConstants | None) -> Any:
 
 
 def with_force_scale(skin: Any, relative: float) -> Any:
-    """The skin whose readings become pascals, or whose displacements newtons, by a factor that was fitted to known forces: this says how well it is known.
+    """State how accurately the factor is known that turns readings into pascals (or displacements into newtons) and
+    that was fitted to known forces.
 
-    ``relative`` is the standard deviation of one press about that factor, and of the factor. A modulus that was wrong is made good by the same factor, so its own standard deviation is 0.
+    ``relative`` is the standard deviation of a single press about that factor, combined with that of the factor. The
+    factor also corrects a wrong modulus, so that the modulus gets a standard deviation of 0.
     """
     known = {"scale": min(math.hypot(relative, SCALE_STD), LARGEST_STD)}
-    own = getattr(skin.pad, "uncertainty", None)  # a measured pad has no modulus
+    own = getattr(skin.pad, "uncertainty", None)  # a measured pad has no modulus and thus no uncertainty of its own
     if not isinstance(own, Uncertainty) and any(channel_unit(c) != "Pa" for p in skin.planes for c in p.channels):
         known["youngs_modulus"] = 0.0
     return _restated(skin, skin.pad, skin.planes, known, same_places=True)
 
 
 def reading_gains(skin: Any, found: PadConstants | None) -> Floats | None:
-    """Factor of each reading (reading,) that the presses told; None where gains were not sought, or the pad model was rejected."""
+    """Return the fitted gain of each reading (reading,); None if gains were not fitted, or if the pad model was
+    rejected.
+    """
     if found is None or not fits(skin, found):
         return None
     at = [i for i, n in enumerate(found.names) if n.startswith("gain")]
@@ -93,12 +101,12 @@ def reading_gains(skin: Any, found: PadConstants | None) -> Floats | None:
 
 
 def fits(skin: Any, found: PadConstants) -> bool:
-    """Whether the constants are of this skin's pad model, and the presses do not reject it."""
+    """Return whether the constants belong to this skin's pad model, and the presses do not reject that model."""
     return found.misfit <= REJECTED and found.model == model_of(skin.pad)
 
 
 def _scaled(plane: Any, factor: float) -> Any:
-    """The plane with all its places times a factor."""
+    """Return the plane with all its positions multiplied by a factor."""
     if factor == 1.0:
         return plane
     if isinstance(plane, AreaArray):
@@ -108,7 +116,9 @@ def _scaled(plane: Any, factor: float) -> Any:
 
 
 def _restated(skin: Any, pad: Any, planes: Sequence[Any], known: dict[str, float], *, same_places: bool) -> Any:
-    """The skin with another pad, planes and uncertainty; on the same surface, unless its places moved and nobody chose the surface."""
+    """Return the skin with another pad, other planes and another uncertainty. The surface is kept, unless the
+    positions changed and the surface was chosen automatically.
+    """
     problem, keep = skin._problem, same_places or skin._given
     out = type(skin)(
         pad, planes, surface=skin.surface if keep else None, boundary=skin._boundary,
@@ -116,7 +126,7 @@ def _restated(skin: Any, pad: Any, planes: Sequence[Any], known: dict[str, float
     )  # fmt: skip
     out._given = out._problem.fixed = skin._given
     out._problem.zeroed = problem.zeroed
-    # the places of the whole array, at the depth that was found
+    # positions of the whole array, at the fitted depth
     out._whole = (
         [replace(w, depth=p.depth) for w, p in zip(skin._whole, planes, strict=True)] if same_places else out._planes
     )

@@ -1,4 +1,4 @@
-"""From labelled presses to a calibration."""
+"""Compute a calibration from labelled presses."""
 
 from __future__ import annotations
 
@@ -47,27 +47,30 @@ from palpate.sensing.times import as_seconds
 
 __all__ = ["calibrate", "flat_readings", "unflat"]
 
-#: Part of the time of a weight that is dropped at each end, while it is laid down and taken off.
+#: Fraction of the time of a weight that is dropped at each end, while the weight is put down and taken off.
 ENDS = 0.15
-#: Forces below this part of the largest are at rest.
+#: Frames with less than this fraction of the largest force are at rest.
 REST_FRACTION = 0.005
-#: Frames below this force count as rest if there are at least so many and their readings scatter by less than this part of all readings' root mean
-#: square.
+#: Frames below this force are at rest if there are at least FEWEST_AT_REST and if their readings scatter by less than
+#: ALIKE_AT_REST times the root mean square of all readings.
 FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
-#: Default number of labels in one calibration: more cost time and add little (docs/_generated/calibrate.md).
+#: Default number of labels in a calibration: more take longer and add little (docs/_generated/calibrate.md).
 USUAL_LABELS = 300
 SEED = 41
 #: Note if all labels come from one recording.
 ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
-#: Squares of larger numbers, and inverses of smaller ones, leave double precision (at 1e154).
+#: Squares of numbers above this, and inverses of numbers below its inverse, would leave double precision (at 1e154).
 LARGEST = 1e100
-#: Largest number of stored rest frames, and the default noise without rest frames, as a part of the root mean square of the readings (a convention).
+#: Largest number of rest frames that are stored, and the noise that is assumed without rest frames, as a fraction of
+#: the root mean square of the readings (a convention).
 REST_KEPT, ASSUMED_NOISE = 20, 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One recording: readings (frame, channel, *array), their flat form (frame, reading), time (frame,) [s] or None, and frames at rest that are no labels."""
+    """One recording: readings (frame, channel, *array), the same flat (frame, reading), time (frame,) [s] or None, and
+    frames at rest that are not labels.
+    """
 
     readings: Floats
     flat: Floats
@@ -76,7 +79,7 @@ class Run:
 
 
 def flat_readings(planes: Sequence[Any], readings: Any) -> Floats:
-    """Readings (*batch, reading) in the order of the operator's rows; missing ones NaN."""
+    """Return readings (*batch, reading) in the order of the operator's rows; missing ones are NaN."""
     parts = [np.asarray(to_numpy(p), dtype=np.float64) for p in checked_planes(readings, planes)]
     lead = parts[0].ndim - 1 - len(planes[0].shape)
     rows = [part[..., plane.valid].reshape(*part.shape[:lead], -1) for part, plane in zip(parts, planes)]
@@ -120,11 +123,12 @@ def calibrate(
     labels : int
         Largest number of frames to use.
     before : SkinCalibration, optional
-        One of the same skin, from which this one starts: its labels are kept, and a note says whether the sensor has aged.
+        An earlier calibration of the same skin to start from: its labels are kept, and a note says whether the sensor
+        has aged.
     constants : sequence of str
         Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
     pad_models : sequence of str, optional
-        Pad models that the presses rank, some of "half-space", "bonded", "stack", "soft base". Default: that of the skin.
+        Pad models to compare: any of "half-space", "bonded", "stack", "soft base". Default: the model of the skin.
 
     Raises
     ------
@@ -223,7 +227,7 @@ def _run(one: Any, skin: Any, time: Any) -> Run:
 
 
 def _check_size(name: str, values: Floats) -> None:
-    """Refuse numbers whose squares overflow."""
+    """Raise an error for numbers whose squares overflow."""
     largest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
     if largest and not 1.0 / LARGEST <= largest <= LARGEST:
         raise InvalidInput(
@@ -232,7 +236,7 @@ def _check_size(name: str, values: Floats) -> None:
 
 
 def _columns(reference: Any) -> dict[str, Floats]:
-    """The labelled quantities by name."""
+    """Return the labelled quantities by name."""
     if isinstance(reference, Mapping):
         out: dict[str, Floats] = {str(k).lower(): np.asarray(v, dtype=np.float64) for k, v in reference.items()}
         unknown = set(out) - {*FORCES, *PLACES, BALL}
@@ -253,7 +257,7 @@ def _columns(reference: Any) -> dict[str, Floats]:
 
 
 def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
-    """The labels of each frame of a run: NaN without a label; "std" if a label states its error."""
+    """Return the labels of each frame of a run: NaN without a label; "std" is the error of the label, if stated."""
     count = len(run.flat)
     out: dict[str, Floats] = {}
     if reference is not None:
@@ -295,7 +299,7 @@ def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> d
 
 
 def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> dict[str, Floats]:
-    """The labels of each frame; NaN if a force sensor had no reading."""
+    """Return the labels of each frame, with NaN where the force sensor had no valid value."""
     out = dict(known)
     for name in (n for n in FORCES if n in known):
         stuck, value = stuck_labels(known[name], flat)
@@ -308,7 +312,9 @@ def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> d
 
 
 def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict[str, Floats]]:
-    """One frame for each weight, the mean of its frames: all of them share the same error."""
+    """Return one frame for each weight: the mean of the frames during which it stood. They are averaged because they
+    share the error of the weight.
+    """
     if run.time is None:
         raise InvalidInput(
             "weights say when they stood, and the presses have no times: give a Recording, or time= with the frames."
@@ -326,7 +332,7 @@ def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict
             )
         still = at[int(ENDS * len(at)) : max(len(at) - int(ENDS * len(at)), int(ENDS * len(at)) + 1)]
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # a taxel that is missing throughout
+            warnings.simplefilter("ignore", RuntimeWarning)  # a taxel may be missing in all frames
             frames.append(np.nanmean(run.readings[still], axis=0))
         if weight.force == 0.0:
             rest.append(run.readings[still] - frames[-1])
@@ -337,16 +343,16 @@ def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict
 
 
 def _flat_like(run: Run, frame: Floats, index: int) -> Floats:
-    """The flat form of a frame that was made of others of the run."""
+    """Return the flat form of a frame that was computed from other frames of the run."""
     if frame.size == run.flat.shape[1]:
         return frame.ravel()
-    # some taxels are masked: their places are those that the flat form leaves out
+    # some taxels are masked: the flat form leaves them out
     kept = np.isin(run.readings[index].ravel(), run.flat[index])
     return frame.ravel()[kept][: run.flat.shape[1]]
 
 
 def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats | None:
-    """The readings at rest, or None if no frame at rest is known."""
+    """Return the readings at rest, or None if no frame at rest is known."""
     if baseline is not None:
         if not 0 <= baseline < len(run.flat):
             raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
@@ -364,7 +370,9 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
 def _kept_zero(
     planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats, drifts: Sequence[Floats]
 ) -> tuple[Floats | None, Floats | None]:
-    """The zero of the last run that has one, and its standard deviation: scatter at rest, of runs from each other, and drift within a run (its largest)."""
+    """Return the zero of the last run that has one, and its standard deviation: scatter at rest, scatter between runs,
+    and the largest drift within a run.
+    """
     known = [z for z in zeros if z is not None]
     if not known:
         return None, None
@@ -374,7 +382,9 @@ def _kept_zero(
 
 
 def zero_drift(flat: Floats, known: Mapping[str, Floats]) -> Floats:
-    """By how much the zero of each reading (reading,) moved from before the first press to after the last; 0 where one is not known, and what noise alone makes taken off."""
+    """Return the change of each reading's zero (reading,) from before the first press to after the last, minus the
+    change that noise alone makes; 0 where either is unknown.
+    """
     forces = [known[f] for f in FORCES if f in known]
     largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
     rest = find_rest(forces, flat)
@@ -391,7 +401,7 @@ def zero_drift(flat: Floats, known: Mapping[str, Floats]) -> Floats:
 
 
 def unflat(planes: Sequence[Any], flat: Floats) -> Floats:
-    """Readings (channel, *array) of their flat form, NaN where a taxel is missing."""
+    """Return readings (channel, *array) from their flat form; NaN where a taxel is missing."""
     out, start = [], 0
     for plane in planes:
         part = np.full((len(plane.channels), *plane.shape), math.nan)
@@ -403,9 +413,10 @@ def unflat(planes: Sequence[Any], flat: Floats) -> Floats:
 
 
 def find_rest(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
-    """Frames without contact: zero force, or three or more with almost no force and similar readings.
+    """Return the frames without contact: those with zero force, or three or more with almost no force and similar
+    readings.
 
-    A small force in one axis is no rest if another is large.
+    A frame with a small force along one axis is not at rest if the force along another is large.
     """
     seen = np.isfinite(flat).all(axis=1)
     exact = np.all([f == 0.0 for f in forces], axis=0) & seen
@@ -454,7 +465,9 @@ def _join_runs(runs: list[Run], flats: list[Floats], known: list[dict[str, Float
 
 
 def _rest_readings(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats) -> Floats:
-    """Frames at rest without their zero (frame, channel, *array), whose scatter is the noise; noise of an assumed size where fewer than five are labelled."""
+    """Return the frames at rest minus their zero (frame, channel, *array); their scatter is the noise. With fewer than
+    five such frames, return noise of an assumed size.
+    """
     found = []
     for run, flat, one in zip(runs, flats, known):
         forces = np.stack([one[f] for f in FORCES if f in one])
@@ -470,7 +483,7 @@ def _rest_readings(runs: list[Run], flats: list[Floats], known: list[dict[str, F
 
 
 def _as_planes(run: Run, flat: Floats) -> Any:
-    """The zero in the shape of the readings; 0 (no subtraction) if taxels are missing."""
+    """Return the zero in the shape of the readings; 0 (no subtraction) if taxels are missing."""
     zero = (run.flat - flat)[0]
     shape = run.readings.shape[1:]
     return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0

@@ -1,4 +1,6 @@
-"""A calibration of a skin: maps from readings to net force and centre, their data, and their answers."""
+"""A calibration of a skin: maps from readings to net force and centre, the data they derive from, and their
+predictions.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +22,21 @@ from palpate.inverse.estimate import Errors
 from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 
 __all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
 #: Note of a touch whose pad model was rejected or not checked.
-FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the elastic model does not explain the presses that calibrated this skin"
-#: Components of the force, and coordinates of the centre, by the names that references use.
+FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the presses that calibrated this skin did not confirm the elastic model"
+#: Components of the force and coordinates of the centre, with the names that reference files use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
-#: What is said where the zero of the calibration serves.
+#: Note for readings from which the zero of the calibration was subtracted.
 OPEN = "the zero of the calibration serves: its scatter and the drift seen while calibrating are in the interval, drift since then is not. Take a fresh zero where nothing touches (baseline=, --baseline)"
-#: A zero that differs from that of the calibration says so from this part of the largest labelled value on (a convention), and from two of its standard deviations.
+#: A note says that a new zero differs from that of the calibration if the difference exceeds this fraction of the
+#: largest labelled value (a convention) and two of its standard deviations.
 STANDING = 0.1
-#: Part of the force that is uncertain because no label resembles the frame, above which a note says so.
+#: A note is given if the part of the force's error that comes from unlabelled kinds of frames exceeds this fraction of
+#: the force.
 UNLIKE = 0.3
 
 
@@ -44,13 +49,14 @@ class SkinCalibration:
     maps : mapping of str to ForceMap
         "fx", "fy", "fz" [N]; "x", "y" are maps of the moments Fz x and Fz y [N m], from which the centre follows.
     readings : int
-        How many readings a frame has.
+        Number of readings in a frame.
     unit : float
         Factor on readings for the elastic model; NaN if it was rejected.
     unit_std : float
         Relative standard deviation of ``unit``.
     elastic_error : float
-        Root mean square error of the elastic model's normal force with one fitted factor, as a part of that of the labels; NaN if it gave no answer.
+        Root mean square error of the elastic model's normal force with one fitted factor, relative to the root mean
+        square of the labels; NaN if the model gave no result.
     said : tuple of str
         Findings, one sentence each.
     table : tuple of rows
@@ -58,7 +64,7 @@ class SkinCalibration:
     constants : PadConstants or None
         Posterior of the pad's constants, if requested.
     gains : array (reading,) or None
-        What each reading is divided by besides before the elastic model sees it, if gains were requested.
+        Gain by which each reading is divided before the elastic model uses it; None if gains were not requested.
     rest : array (frame, channel, *array) or None
         Readings at rest without their zero: their scatter is the noise for the elastic model.
     scale : float
@@ -88,17 +94,21 @@ class SkinCalibration:
 
     @property
     def elastic(self) -> bool:
-        """Whether the elastic model fits, so that there is a pressure map."""
+        """Whether the elastic model fits the presses, so that a pressure map is available."""
         return math.isfinite(self.unit)
 
     @property
     def factors(self) -> Floats:
-        """What each reading (reading,) is multiplied by for the elastic model, or for a tracker to watch the zero where that was rejected."""
+        """Return the factors (reading,) that scale readings for the elastic model. If that was rejected, a tracker
+        uses them to watch the zero.
+        """
         gains = np.ones(self.readings) if self.gains is None else self.gains
         return (self.unit if self.elastic else self.scale) / gains
 
     def force(self, readings: Any) -> tuple[Floats, Floats]:
-        """Net force (frame, 3) [N] and its standard deviation for readings (frame, reading) without their zero; NaN for components without labels."""
+        """Return the net force (frame, 3) [N] and its standard deviation for readings (frame, reading) minus their
+        zero; NaN for components without labels.
+        """
         flat = np.atleast_2d(np.asarray(readings, dtype=np.float64))
         if flat.shape[-1] != self.readings:
             raise InvalidInput(
@@ -113,13 +123,14 @@ class SkinCalibration:
         return value, std
 
     def is_zero(self, baseline: Any) -> bool:
-        """Whether a baseline is the zero of this calibration."""
+        """Return whether a baseline equals the zero of this calibration."""
         return self.zero is not None and np.array_equal(np.asarray(baseline), self.zero, equal_nan=True)
 
     def standing(self, zero: Any) -> str | None:
-        """What is said of a fresh zero, (channel, *array) or (reading,), that differs from that of the calibration as a press would; else None.
+        """Return a note if a new zero, (channel, *array) or (reading,), differs from that of the calibration by as
+        much as a press would change it; otherwise None.
 
-        A press that stands still while the zero is taken is in no other way told from rest.
+        Nothing else distinguishes a constant press during the zeroing from rest.
         """
         if self.zero is None:
             return None
@@ -138,24 +149,26 @@ class SkinCalibration:
         return f"the zero differs from that of the calibration as a press of {what} would: drift since then, or something lay on the pad while the zero was taken. Take it anew with nothing on the pad, or leave baseline (--baseline) out to use that of the calibration"
 
     def opened(self) -> SkinCalibration:
-        """The same for readings minus their own zero: that zero's error is in the intervals."""
+        """Return the calibration for readings minus its own zero; the intervals then include the error of that zero."""
         return replace(self, open_zero=True)
 
     @property
     def largest(self) -> Floats:
-        """The largest labelled magnitude of each reading, in the sensor's own unit and without its zero."""
+        """Return the largest labelled magnitude of each reading, in the sensor's own unit and minus the zero."""
         return np.asarray(np.max([np.abs(m.process.readings).max(axis=0) for m in self.maps.values()], axis=0))
 
     @cached_property
     def _zero_error(self) -> dict[str, float]:
-        """The error of each quantity (standard deviation) due to the zero of each reading."""
+        """Return the standard deviation of each quantity due to the error of the zero of each reading."""
         if not self.open_zero or self.zero_std is None:
             return {}
         off = self.zero_std[np.isfinite(self.zero_std)]
         return {n: float(np.sqrt((m.predict(np.diag(off))[0] ** 2).sum())) for n, m in self.maps.items()}
 
     def center(self, readings: Any, force: Floats, force_std: Floats) -> tuple[Floats, Floats] | None:
-        """Centre (frame, 2) [m] and its standard deviation by the delta method; None without labelled positions."""
+        """Return the centre (frame, 2) [m] and its standard deviation by the delta method; None without labelled
+        positions.
+        """
         if not set(PLACES) & set(self.maps):
             return None
         flat = np.atleast_2d(np.asarray(readings, dtype=np.float64))
@@ -175,7 +188,9 @@ class SkinCalibration:
         return min(m.freedom for m in self.maps.values())
 
     def attach(self, touch: Touch, flat: Floats) -> Touch:
-        """The touch with the force (and centre) of the calibration; ``flat`` are its readings (*batch, reading) without their zero."""
+        """Return the touch with the force (and centre) of the calibration; ``flat`` are its readings (*batch, reading)
+        minus their zero.
+        """
         batch = touch.batch
         if np.shape(flat)[-1] != self.readings:
             raise InvalidInput(
@@ -185,8 +200,7 @@ class SkinCalibration:
         value, std = self.force(rows)
         place = self.center(rows, value, std)
         notes: tuple[str, ...] = (() if self.elastic else (FORCE_ONLY_NOTE,)) + ((OPEN,) if self.open_zero else ())
-        unlike = max(float(np.nanmax(m.novelty(rows), initial=0.0)) for m in self.maps.values())
-        if unlike > UNLIKE:
+        if max(m.unlike(rows) for m in self.maps.values()) > UNLIKE:
             notes += (
                 "readings are unlike those of any labelled press (larger, or of another place): the force there is a guess, see its interval; calibrate with presses there",
             )
@@ -201,7 +215,9 @@ class SkinCalibration:
         return replace(touch, **changes)
 
     def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch:
-        """A touch of force and centre, whose traction is NaN; ``flat`` (*batch, reading)."""
+        """Return a touch with only force and centre, whose traction is NaN. ``flat`` are its readings (*batch,
+        reading) minus their zero.
+        """
         batch = flat.shape[:-1]
         shape = (*batch, len(surface.components), *surface.shape)
         nan = np.full(shape, math.nan)
@@ -213,7 +229,10 @@ class SkinCalibration:
         names = {"fx": "x", "fy": "y", "fz": "z"}
         sought = tuple(c for c in surface.components if c in {names[n] for n in self.maps if n in names})
         touch = self.attach(
-            Touch(from_numpy(nan, like), surface, sought, "calibrated", errors=none, status=status, time=time), flat
+            Touch(
+                from_numpy(nan, like), surface, sought, "calibrated", _errors=ErrorParts(none), status=status, time=time
+            ),
+            flat,
         )
         value, std = np.asarray(touch.calibrated), np.asarray(touch.calibrated_std)
         with np.errstate(invalid="ignore"):
@@ -223,8 +242,8 @@ class SkinCalibration:
         )
 
     def check_options(self, given: Mapping[str, Any]) -> None:
-        """Refuse options of the elastic model if there is none."""
-        # a run over a recording states its method and components, also the default ones
+        """Raise an error for options of the elastic model if that was rejected."""
+        # a run over a recording passes method and components even if they are the defaults
         named = [k for k, v in given.items() if v is not None and k not in ("method", "components", "rng")]
         if getattr(given.get("method"), "friction_given", None) is not None:
             named.append("friction")

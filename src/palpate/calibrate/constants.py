@@ -1,7 +1,9 @@
-"""Posterior of a pad's constants from balls pressed straight into it with known force, and which pad model the presses favour.
+"""Estimate the posterior of a pad's constants from balls pressed straight into it with known forces, and compare pad
+models.
 
-A press is a Hertz pressure of unknown place and radius; place and radius are fitted with the constants and integrated out (Laplace's approximation in the
-logarithms of all positive numbers). The fields of an axisymmetric pressure are Hankel transforms of the pad's response, taken on one table of radii.
+A press is a Hertz pressure with unknown position and radius. Both are fitted together with the constants and
+integrated out (Laplace's approximation in the logarithms of all positive numbers). The fields of an axisymmetric
+pressure are Hankel transforms of the pad's response, computed on one table of radii.
 """
 
 from __future__ import annotations
@@ -26,24 +28,35 @@ from palpate.errors import InvalidInput
 
 __all__ = ["CONSTANTS", "REJECTED", "PadConstants", "fit_constants", "labelled_constants", "model_of"]
 
-#: Constants that can be requested, with the standard deviation of their logarithm before any press: a guess within a factor of 3, a ruler's 20 %, a 5 % gain, any unit.
+#: Constants that can be fitted, with the prior standard deviation of their logarithm: modulus guessed within a factor
+#: of 3, lengths known to 20 %, gains to 5 %, any unit.
 CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2, "unit": 5.0}
-#: Lower layer or base against the upper one: log of the ratio of moduli, mean and standard deviation.
+#: What is not fitted, and where it is stated instead.
+STATED = {
+    "poissons_ratio": "state it with the pad (poissons_ratio in skin.toml; 0.48 to 0.5 for rubber).",
+    "creep": 'state it with the pad (prony = [[0.2, "0.5 s"]] under [pad]).',
+    "temperature": "take a fresh zero before each recording (baseline=, --baseline), and calibrate again when it has changed (again=True, --again).",
+}
+#: Mean and standard deviation of the log of the ratio of moduli, of the lower layer or base to the upper layer.
 RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}
-#: Error of the radius of contact of a known ball: force to 1 % and radius to 2 % on a half-space, a third of that; on a layer Hertz's pressure is not exact (a convention).
+#: Standard deviation of the log of the contact radius of a known ball. On a half-space: a third of the errors of force
+#: (1 %) and radius (2 %). On a layer it is larger, because Hertz's pressure is not exact there (a convention).
 CONTACT_STD, LAYER_CONTACT_STD = 0.0075, 0.02
-#: Radius of contact (log) of an unknown ball; nodes of radii and wavenumbers; where the spectrum is cut, in 1/depth and in 1/contact radius.
+#: Standard deviation of the log of the contact radius of an unknown ball; number of nodes in radius and wavenumber;
+#: wavenumber at which the spectrum is cut off, in units of 1/depth and of 1/(contact radius).
 UNKNOWN_STD, RADII, CUT_DEPTH, CUT_CONTACT = 0.7, 160, 25.0, 60.0
-#: A constant whose standard deviation is still this part of the one before is not determined by the data; a pad is separated at odds of 20 to 1.
+#: The data do not determine a constant if its standard deviation is still this fraction of the prior one. A pad model
+#: is selected at odds of 20 to 1.
 UNTOLD, ODDS = 0.7, math.log(20.0)
-#: Two materials whose moduli are separated by less are one: the richer model is then the plainer one of `PLAINER`. Standard deviation of the log of their ratio, and 95 %.
+#: Two materials count as one, and the pad as the simpler model in `PLAINER`, if the log of the ratio of their moduli has a
+#: standard deviation below ALIKE and a 95 % interval that contains 0.
 ALIKE, PLAINER = 0.25, {"stack": "bonded", "soft base": "half-space"}
-#: Residuals above this many times the noise reject every candidate model (a chi-square of 2 for each reading).
+#: A pad model is rejected if its residuals exceed this many times the noise (a chi-square of 2 for each reading).
 REJECTED = 1.4
-#: Fit at most this many labelled frames: half spread over time, half over force.
+#: At most this many labelled frames are fitted: half spread over time, half over force.
 MAX_PRESSES = 20
 STEP = 1e-5
-#: Channels to fit, and whether each measures the radial or the vertical field.
+#: Channels that can be fitted, and whether each measures the radial or the vertical field.
 CHANNEL_FIELDS = {
     "stress_xz": "stress_x", "stress_yz": "stress_x", "stress_zz": "stress_z",
     "displacement_x": "displacement_x", "displacement_y": "displacement_x", "displacement_z": "displacement_z",
@@ -52,7 +65,7 @@ CHANNEL_FIELDS = {
 
 @dataclass(frozen=True, eq=False)
 class PadConstants:
-    """Posterior of the constants of a pad: normal in the logarithms.
+    """Posterior of the constants of a pad: a normal distribution of their logarithms.
 
     Attributes
     ----------
@@ -61,9 +74,10 @@ class PadConstants:
     names : tuple of str
         One for each constant; "gain 3" is the factor of reading 3.
     values : array (constant,)
-        In SI units; gains and pixel scale as factors of those of the skin; "unit" divides readings to give SI units.
+        Values in SI units; gains and pixel scale are factors relative to those of the skin; "unit" divides readings to
+        give SI units.
     covariance : array (constant, constant)
-        Of the logarithms: the root of its diagonal is a relative standard deviation.
+        Covariance of the logarithms: the square root of its diagonal is a relative standard deviation.
     before : array (constant,)
         Relative standard deviations before the presses.
     evidence : mapping of str to float
@@ -71,9 +85,10 @@ class PadConstants:
     misfit : float
         Root mean square of the residuals over the noise; above `REJECTED` no model is best, and the standard deviations are wider by this factor.
     said : tuple of str
-        What the data do not determine, in sentences.
+        Sentences on what the data do not determine.
     span : float
-        Largest extent of the readings' places [m], as the skin said before the presses: what the pixel scale is a factor of.
+        Largest extent of the readings' positions [m] according to the skin before the presses, to which the pixel scale
+        refers.
     """
 
     model: str
@@ -88,7 +103,7 @@ class PadConstants:
 
     @property
     def pixel_scale(self) -> float:
-        """Factor on lengths that a camera read, 1 where it was not sought."""
+        """Factor on lengths that a camera measured; 1 if it was not fitted."""
         return float(self.values[self.names.index("pixel_scale")]) if "pixel_scale" in self.names else 1.0
 
     @property
@@ -98,12 +113,14 @@ class PadConstants:
 
     @property
     def told(self) -> Any:
-        """Whether the presses determine each constant (constant,), bool."""
+        """Whether the presses determine each constant: bool (constant,)."""
         return self.std < UNTOLD * self.before
 
     @property
     def best_model(self) -> str | None:
-        """The pad model with odds of 20 to 1 against every other; None if the data do not decide, or no model fits."""
+        """The pad model with odds of at least 20 to 1 against every other; None if the data do not decide, or if no
+        model fits.
+        """
         if self.misfit > REJECTED:
             return None
         order = sorted(self.evidence, key=lambda m: -self.evidence[m])
@@ -112,7 +129,7 @@ class PadConstants:
         return order[0]
 
     def json(self) -> str:
-        """The posterior as text, for `from_json`."""
+        """Return the posterior as text, for `from_json`."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}
         return json.dumps({k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in held.items()})
 
@@ -162,12 +179,13 @@ def fit_constants(
     models: Sequence[str] | None = None,
     before: PadConstants | None = None,
 ) -> PadConstants:
-    """Posterior of ``constants`` from balls pressed straight into the pad; `palpate.calibrate.calibrate` asks for it with ``constants=``.
+    """Estimate the posterior of ``constants`` from balls pressed straight into the pad; `palpate.calibrate.calibrate`
+    calls it with ``constants=``.
 
     Parameters
     ----------
     skin : Skin
-        Of one plane over an area, on a half-space or bonded layers: its numbers are the means before the presses.
+        A skin with one plane over an area, on a half-space or bonded layers; its numbers are the prior means.
     readings : array (press, channel, *array)
         Without their zero, in SI units.
     force : array (press,)
@@ -181,7 +199,7 @@ def fit_constants(
     places : array (press, 2), optional
         Place of each press [m] with standard deviation ``place_std`` [m]; NaN if unknown.
     models : sequence of str, optional
-        Some of "half-space", "bonded", "stack", "soft base". Default: that of the skin's pad alone.
+        Models to compare: any of "half-space", "bonded", "stack", "soft base". Default: only that of the skin's pad.
     before : PadConstants, optional
         A posterior to start from.
 
@@ -204,6 +222,10 @@ def fit_constants(
     {'youngs_modulus': False, 'depth': True}
     """
     unknown = [c for c in constants if c not in CONSTANTS]
+    if stated := [c for c in unknown if c in STATED]:
+        raise InvalidInput(
+            f"{stated[0]} is not fitted: {STATED[stated[0]]} Constants to fit are {', '.join(CONSTANTS)}."
+        )
     if unknown or not constants:
         raise InvalidInput(
             f"constants names {', '.join(map(repr, unknown)) or 'nothing'}; accepted: {', '.join(CONSTANTS)}."
@@ -240,7 +262,9 @@ def fit_constants(
 def labelled_constants(
     skin: Any, data: Labelled, constants: Sequence[str], models: Sequence[str] | None, before: PadConstants | None
 ) -> PadConstants | None:
-    """The posterior of the requested constants from labelled frames; without labels the earlier one."""
+    """Return the posterior of the requested constants from labelled frames; without labels, return the earlier
+    posterior.
+    """
     if not constants:
         if models is not None:
             raise InvalidInput(
@@ -254,7 +278,7 @@ def labelled_constants(
         raise InvalidInput("constants= needs presses with fz > 0: pushing into the pad is positive. Change the sign.")
     at = pressed[spread_over(data.known["fz"][pressed, None], MAX_PRESSES)]
     places = np.stack([data.known.get(n, np.full(len(data.flat), math.nan))[at] for n in ("x", "y")], axis=1)
-    # one noise for each channel, with that of a zero which is the median of the frames at rest: variance pi / (2 n)
+    # one noise for each channel, plus that of the zero: the median of n frames at rest has the variance pi / (2 n)
     count = len(data.rest)
     scatter = np.sqrt(np.mean(data.rest.std(axis=0, ddof=1).reshape(data.rest.shape[1], -1) ** 2, axis=1))
     noise = np.maximum(scatter * math.sqrt(1.0 + 0.5 * math.pi / count), 1e-9 * float(np.abs(data.flat).max()))
@@ -276,7 +300,9 @@ def model_of(pad: Any) -> str:
 
 
 class _Fit:
-    """One pad model fitted to presses: parameters are logs of constants, then x, y [contact lengths] and log contact radius of each press."""
+    """One pad model fitted to presses. Parameters: logs of constants, then for each press x, y [contact lengths] and
+    log contact radius.
+    """
 
     def __init__(
         self, model: str, skin: Any, readings: Floats, force: Floats, radius: Floats, places: Floats,
@@ -324,9 +350,7 @@ class _Fit:
             self.mean, self.before = np.log(before.values), before.before
             self.root = np.linalg.cholesky(np.linalg.inv(before.covariance)).T
         span = float(np.ptp(self.points, axis=0).max())
-        if before is not None and math.isfinite(
-            before.span
-        ):  # the places of a skin that was calibrated are scaled already
+        if before is not None and math.isfinite(before.span):  # the positions of a calibrated skin are scaled already
             self.points = self.points * (before.span / span)
             span = before.span
         self.span, self.length = span, span / 4.0
@@ -349,7 +373,7 @@ class _Fit:
         self.q_weight -= 0.5 * CUT_CONTACT
 
     def pad(self, value: Mapping[str, float]) -> tuple[Any, float]:
-        """The pad, and the depth of the readings [m]."""
+        """Return the pad, and the depth of the readings [m]."""
         get = {**self.start, **value}
         modulus, thick = get["youngs_modulus"], get["thickness"]
         depth = thick if self.at_base else get["depth"]
@@ -362,14 +386,16 @@ class _Fit:
         return BondedLayers(layers, base=base), min(depth, thick)
 
     def contact_radius(self, pad: Any, modulus: float) -> Floats:
-        """Log of the radius of contact of known balls: Hertz's, corrected so that the surface sinks a^2 / (2 R) more at the centre than at the edge."""
+        """Return the log of the contact radius of known balls: Hertz's radius, corrected so that the surface sinks a^2
+        / (2 R) more at the centre than at the edge.
+        """
         plane = modulus / (1.0 - self.ratio**2)
         out: Floats = np.asarray(np.log((0.75 * self.force * self.ball / plane) ** (1.0 / 3.0)))
         if self.model == "half-space":
             return np.asarray(out)
         spectrum = 3.0 * (np.sin(self.q) - self.q * np.cos(self.q)) / self.q**3 * (1.0 - j0(self.q)) * self.q_weight
         at = np.flatnonzero(np.isfinite(self.ball))
-        for _ in range(6 if len(at) else 0):  # a ~ sunk^(1/3) on a half-space: a damped fixed point
+        for _ in range(6 if len(at) else 0):  # damped fixed-point iteration: a ~ sunk^(1/3) on a half-space
             a = np.exp(out[at])[:, None]
             k = self.q / a
             states = pad.states(k, np.broadcast_to([1.0, 0.0], (*k.shape, 2)), 0.0)[..., 2, 2].real
@@ -425,7 +451,9 @@ class _Fit:
         )  # fmt: skip
 
     def jacobian(self, theta: Floats) -> Floats:
-        """Forward differences; the three numbers of a press touch its own readings alone, so all presses move at once."""
+        """Return the Jacobian by forward differences. The three parameters of a press affect only its own readings, so
+        that those of all presses are varied at the same time.
+        """
         count, presses = len(self.names), len(self.force)
         base = self.residuals(theta)
         out = np.zeros((len(base), len(theta)))
@@ -455,7 +483,9 @@ class _Fit:
         first = self.contact_radius(self.pad({})[0], self.start["youngs_modulus"])
         first = np.where(np.isfinite(first), first, self.contact)
         own = np.column_stack([self.guess / self.length, first])
-        if "unit" in self.names and self.mean[self.names.index("unit")] == 0.0:  # any unit: start with equal sizes
+        if (
+            "unit" in self.names and self.mean[self.names.index("unit")] == 0.0
+        ):  # the unit is unknown: start with a factor that makes modelled and measured readings equally large
             made, _ = self.model_readings(np.concatenate([self.mean, own.ravel()]))
             self.mean[self.names.index("unit")] = 0.5 * math.log(float((self.readings**2).sum() / (made**2).sum()))
         start = np.concatenate([self.mean, own.ravel()])
@@ -473,7 +503,7 @@ class _Fit:
 
     @property
     def alike(self) -> bool:
-        """Whether both materials of a stack or soft base have one modulus within the errors."""
+        """Return whether both materials of a stack or soft base have the same modulus within the errors."""
         i = self.names.index("lower modulus ratio")
         std = math.sqrt(self.covariance[i, i])
         return std < ALIKE and abs(float(self.theta[i])) < 1.96 * std
@@ -486,7 +516,9 @@ class _Fit:
         )  # fmt: skip
 
     def next_press(self, index: int) -> str:
-        """Which press would lower the variance of a constant most: ball and place among nine, at the largest force tried."""
+        """Return the press that would lower the variance of a constant most, among nine combinations of ball and place
+        at the largest force used.
+        """
         best, least = "", math.inf
         count = len(self.names)
         half = 0.5 * np.ptp(self.points, axis=0)
@@ -509,7 +541,7 @@ class _Fit:
 
 
 def _copy(fit: _Fit, force: float, place: Floats, contact: float, known: bool) -> _Fit:
-    """The fit of one press that nobody made yet."""
+    """Return the fit with one further press that was not made."""
     out = object.__new__(_Fit)
     out.__dict__.update(fit.__dict__)
     out.force, out.readings = np.array([force]), np.zeros((1, *fit.readings.shape[1:]))
@@ -520,7 +552,7 @@ def _copy(fit: _Fit, force: float, place: Floats, contact: float, known: bool) -
 
 
 def _words(found: PadConstants, fit: _Fit) -> list[str]:
-    """Sentences on what the data do not determine, and which press would determine it."""
+    """Return sentences on the constants that the data do not determine, and on the press that would determine each."""
     if found.misfit > REJECTED:
         return [
             f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"

@@ -1,4 +1,4 @@
-"""calibrated.toml: the skin file with a section [calibration], and a file of numbers beside it."""
+"""Read and write calibrated.toml: the skin file with a section [calibration], and a file of numbers beside it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from palpate.recordings.skinnumbers import read_numbers, text_with_section, writ
 __all__ = ["calibrated_text", "read_calibration", "write_calibrated"]
 
 SECTION = "calibration"
-#: What makes a new file.
+#: Advice in errors about damaged files.
 REMEDY = "Calibrate again with palpate calibrate, or leave the section out to use the skin without its calibration"
-#: Fields that are numbers or arrays; arrays may be None.
+#: Fields that are numbers, and fields that are arrays; arrays may be None.
 NUMBERS, ARRAYS = ("readings", "unit", "unit_std", "elastic_error", "scale"), ("rest", "zero", "zero_std", "gains")
 
 
@@ -62,7 +62,7 @@ def write_calibrated(path: str | Path, skin_file: str | Path, found: SkinCalibra
 
 
 def read_calibration(skin_file: str | Path) -> SkinCalibration | None:
-    """The calibration that a skin.toml names; None without a section [calibration].
+    """Read the calibration that a skin.toml names; None if it has no section [calibration].
 
     Raises
     ------

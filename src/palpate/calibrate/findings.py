@@ -1,4 +1,6 @@
-"""Findings of labelled presses beside the map: pad model, silent taxels, lag, ageing, the next press."""
+"""Findings from labelled presses in addition to the map: pad model, silent taxels, hysteresis, ageing, and the next
+press to make.
+"""
 
 from __future__ import annotations
 
@@ -25,30 +27,32 @@ if TYPE_CHECKING:
 
 __all__ = ["ageing", "best_press", "elastic_check", "hysteresis", "silent_readings", "small_unit", "table_of"]
 
-#: Frames that the elastic model is asked about, and how many it must answer.
+#: Number of frames that the elastic model is asked to reconstruct, and number that it must reconstruct.
 ASKED, ANSWERED = 6, 3
-#: The elastic model is rejected where its force is off by more than this part of the labels' root mean square and by more than this many times the map.
+#: The elastic model is rejected if the error of its force exceeds this fraction of the root mean square of the labels,
+#: and this many times the error of the map,
 ELASTIC_ERROR, ELASTIC_RATIO = 0.1, 1.5
-#: ... unless at least this part of its intervals contains the force.
+#: unless at least this fraction of its intervals contain the labelled force.
 MIN_ELASTIC_COVERAGE = 0.8
-#: An elastic model with a larger error is rejected, however large the error of the map.
+#: The elastic model is always rejected if its relative error is larger than this.
 MAX_ELASTIC_ERROR = 0.3
-#: Cross-validation needs at least this many presses.
+#: Smallest number of presses for cross-validation.
 MIN_PRESSES = 3
-#: Scale readings to this part of what the pad can bear before the elastic model solves them.
+#: Readings are scaled to this fraction of what the pad can bear before the elastic model solves them.
 PROBE_FRACTION = 0.01
-#: A reading is silent if its size is below this part of the median one; and the smallest number of labels to test it.
+#: A reading is silent if its magnitude is below this fraction of the median one; this is tested with at least ENOUGH
+#: labels.
 SILENT, ENOUGH = 0.01, 3
-#: Loading and unloading differ if their mean errors do by this many standard errors, and by this part of the force.
+#: Loading and unloading differ if their mean errors differ by DIFFERS standard errors and by LAG of the force.
 DIFFERS, LAG = 3.0, 0.03
-#: Ageing: probability below which the new labels do not fit the old calibration.
+#: Probability below which the sensor is said to have aged: the new labels do not fit the old calibration.
 AGED = 0.01
-#: Candidates for the next press.
+#: Number of candidates for the next press.
 CANDIDATES = 200
 
 
 def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
-    """Name, mean error, R^2 and coverage on presses that are left out: this map, then the regressions."""
+    """Return name, mean error, R^2 and coverage on presses left out of the fit: of this map, then of the regressions."""
     import scipy.special
 
     p = one.process
@@ -63,8 +67,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
         r2 = 1.0 - float((error[good] ** 2).mean()) / spread if spread > 0.0 else math.nan
         return name, float(np.abs(error[good]).mean()), r2, coverage
 
-    square = sum(w * (m.left_out_std**2 + (m.left_out - one.left_out) ** 2) for w, m in zip(one.weights, one.members))
-    half = float(scipy.special.stdtrit(one.freedom, 0.975)) * one.inflation * np.sqrt(square)
+    half = float(scipy.special.stdtrit(one.freedom, 0.975)) * one.left_out_std
     rows = [row("palpate", one.left_out, float((np.abs(one.left_out) <= half).mean()))]
     for name, regression in REGRESSIONS.items():
         rows.append(row(name, cross_validation_errors(regression, p.readings, p.values, p.press), math.nan))
@@ -72,7 +75,9 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
 
 
 def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, float, float, list[str]]:
-    """Factor on the readings under which the elastic model gives the labelled forces (NaN: rejected), its relative error, and words."""
+    """Return the factor on the readings for which the elastic model gives the labelled forces (NaN: the model is
+    rejected), its relative error, its coverage, and sentences.
+    """
     if "fz" not in data.known or "z" not in skin.components:
         return (
             math.nan,
@@ -107,7 +112,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
         found.append(float(to_numpy(touch.force)[-1]))
         try:
             ends.append([float(to_numpy(end)[-1]) for end in touch.interval(0.95, "force")])
-        except PalpateError:  # without error bars
+        except PalpateError:  # the touch has no error bars
             ends.append([math.nan, math.nan])
     force = np.array(found)
     good = np.isfinite(force) & (force != 0.0)
@@ -162,7 +167,7 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> tuple[float, flo
 
 
 def small_unit(skin: Any, data: Labelled) -> float:
-    """The factor that makes the largest labelled reading small compared with the limits of the pad."""
+    """Return a factor that makes the largest labelled reading small compared with the limits of the pad."""
     factor, start = math.inf, 0
     for plane in skin.planes:
         for c, (limit, _) in enumerate(plausible(skin.pad, plane)):
@@ -173,7 +178,7 @@ def small_unit(skin: Any, data: Labelled) -> float:
 
 
 def silent_readings(skin: Any, data: Labelled) -> list[str]:
-    """Readings that hardly change while others do."""
+    """Return sentences on readings that hardly change while others do."""
     if len(data.flat) < ENOUGH or data.flat.shape[1] < 3:
         return []
     size = np.sqrt((data.flat**2).mean(axis=0))
@@ -193,7 +198,7 @@ def silent_readings(skin: Any, data: Labelled) -> list[str]:
 
 
 def hysteresis(one: ForceMap) -> list[str]:
-    """Whether errors differ between loading and unloading."""
+    """Return a sentence if errors differ between loading and unloading."""
     p = one.process
     if p.time is None or len(p.values) < 20:
         return []
@@ -213,7 +218,7 @@ def hysteresis(one: ForceMap) -> list[str]:
 
 
 def ageing(before: SkinCalibration, data: Labelled) -> list[str]:
-    """Whether the new labels fit the calibration before them, in one sentence."""
+    """Return a sentence on whether the new labels fit the previous calibration."""
     import scipy.stats
 
     name = (
@@ -226,7 +231,7 @@ def ageing(before: SkinCalibration, data: Labelled) -> list[str]:
     if not at.any():
         return []
     mean, std = before.maps[name].predict(data.flat[at])
-    # one number, the factor between what was read then and now; frames of one press count once
+    # fit one number, the factor between readings then and now; frames of the same press count once
     presses = len(np.unique(data.press[at]))
     ratio = float(value[at] @ mean / (mean @ mean)) if (mean @ mean) > 0.0 else math.nan
     one = float(np.sqrt((std**2).sum() / (mean @ mean)))
@@ -242,7 +247,7 @@ def ageing(before: SkinCalibration, data: Labelled) -> list[str]:
 
 
 def best_press(skin: Any, one: ForceMap) -> list[str]:
-    """Which press the map knows least about, of those that the pad may meet."""
+    """Return a sentence that names, of the presses the pad may meet, the one for which the map is least certain."""
     if not isinstance(skin.surface, AreaGrid):
         return []
     extent = reached(skin.planes)
@@ -253,12 +258,12 @@ def best_press(skin: Any, one: ForceMap) -> list[str]:
     p = one.process
     if drawn.readings.shape[1] != p.readings.shape[1]:
         return []
-    # in the sensor's own unit: as large as labelled readings are, newton for newton
+    # convert to the sensor's own unit: as large per newton as the labelled readings
     ours = float(np.sqrt((drawn.readings**2).mean() / (drawn.force[:, 2] ** 2).mean()))
     theirs = float(np.sqrt((p.readings**2).mean() / (p.values**2).mean()))
     readings = drawn.readings * theirs / ours / drawn.force[:, 2:] * np.sqrt((p.values**2).mean())
     mean, std = one.predict(readings)
-    # the mean over the ten least certain is their common part
+    # average over the ten least certain presses
     worst = np.argsort(std / np.maximum(np.abs(mean), 0.1 * np.abs(mean).max()))[-10:]
     half = 0.5 * (extent[1] - extent[0])
     away = np.abs((drawn.center - extent.mean(axis=0)) / half).max(axis=1)

@@ -1,9 +1,11 @@
-"""One quantity from readings: members averaged by how well they predict presses that were left out, with intervals."""
+"""Map readings to one quantity, with intervals: an average of several models, weighted by how well each predicts
+presses that were left out.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,26 +16,31 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["ForceMap"]
 
-#: Labels that one map keeps: its work grows with their cube (500: 4 s).
+#: Largest number of labels that a map keeps: computing time grows with the cube (500: 4 s).
 MAX_LABELS = 500
-#: Weights of members use the score over this power of the number of labels: labels of one recording are no independent proofs.
+#: Weights of the models use the score divided by this power of the number of labels, because labels of one recording
+#: are not independent evidence.
 TEMPER = 0.5
-#: Prior count of presses that say that errors are as large as the model says; the largest squared error, in variances, that one label counts for.
-PRIOR_COUNT, LARGEST = 8.0, 25.0
-#: Degrees of freedom of an interval: this many, and one more per this many presses.
-FREEDOM, PRESSES_OF_ONE = 4.0, 3.0
-#: Spread of gains from one run to the next before labels of several runs show it, and how many runs that counts for. Presses at the same places: 3 and 11 % between
-#: two streams of four barometers, 2 and 3 % between two runs of five magnetometers.
+#: Degrees of freedom of an interval: FREEDOM, plus one for every PRESSES_OF_ONE presses. The prior (errors are as large as
+#: the models predict) counts as FREEDOM presses. LARGEST: largest squared error, in variances, that one label contributes.
+FREEDOM, PRESSES_OF_ONE, LARGEST = 4.0, 3.0, 25.0
+#: Prior standard deviation of gains between runs, used until labels of several runs show it, and the number of runs as
+#: which it counts. Presses at the same places differed by 3 and 11 % between two streams of four barometers, and by 2
+#: and 3 % between two runs of five magnetometers.
 RUN, RUNS_OF_PRIOR = 0.08, 1.0
-#: Error of a value, as a part of the usual one, for each unit by which the direction of its readings is away from that of every label; readings have a direction from this part of the largest on.
+#: Prior error of a value beyond the intervals of the models, relative to the typical value, for each unit of `distance`
+#: from the labels. Readings below STRONG of the largest have no direction.
 NOVEL, STRONG = 2.0, 0.2
-#: Prior count of the sum of squared distances: one press at a distance of 0.3.
-FIRST_NOVELTY = 0.09
+#: The prior counts as one press at this distance.
+FIRST_DISTANCE = 0.3
+#: Number of labels as which the assumption counts that all readings of a sensor have the same magnitude: few presses do
+#: not show that a taxel far from all of them reads little.
+ALIKE_LABELS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class ForceMap:
-    """A map from readings (frame, reading) to one quantity, with its standard deviation.
+    """A map from readings (frame, reading) to one quantity and its standard deviation.
 
     Attributes
     ----------
@@ -43,7 +50,7 @@ class ForceMap:
     weights : array (member,)
         They add up to 1.
     inflation : float
-        Factor on the members' standard deviations, from cross-validation errors.
+        Factor on the members' standard deviations, from cross-validation errors; below 1 where these are smaller than the members say.
     """
 
     process: Process
@@ -53,85 +60,97 @@ class ForceMap:
 
     @classmethod
     def fit(cls, process: Process) -> ForceMap:
-        """All members for these labels, and their weights."""
-        return cls.of(process, tuple(process.fit(without) for without in MEMBERS))
+        """Fit all models to these labels, and weight them. Without times, models that differ only in the lag count once."""
+        timed = process.time is not None
+        return cls.of(process, tuple(process.fit(without) for without in MEMBERS if timed or "lag" not in without))
 
     @classmethod
     def of(cls, process: Process, members: tuple[Fitted, ...]) -> ForceMap:
-        """The average of fitted members."""
-        count = len(process.values)
+        """Build the average of fitted models."""
         score = np.array([m.score for m in members])
-        weights = np.exp((score - score.max()) / count**TEMPER)
-        weights /= weights.sum()
-        squares = sum(w * (m.left_out / m.left_out_std) ** 2 for w, m in zip(weights, members))
-        # labels of one press share their error: they count as one
-        each = [
-            float(np.minimum(np.asarray(squares)[process.press == p], LARGEST).mean()) for p in np.unique(process.press)
-        ]
-        inflation = np.sqrt(max((PRIOR_COUNT + sum(each)) / (PRIOR_COUNT + len(each)), 1.0))
-        return cls(process, members, weights, float(inflation))
+        weights = np.exp((score - score.max()) / len(process.values) ** TEMPER)
+        made = cls(process, members, weights / weights.sum(), 1.0)
+        squares = np.minimum((made.left_out / made.left_out_std) ** 2, LARGEST)
+        # labels of the same press share their error and count as one
+        each = [float(squares[process.press == p].mean()) for p in np.unique(process.press)]
+        return replace(made, inflation=float(np.sqrt((FREEDOM + sum(each)) / (FREEDOM + len(each)))))
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of Student's distribution for intervals."""
+        """Degrees of freedom of Student's distribution for the intervals."""
         return FREEDOM + len(np.unique(self.process.press)) / PRESSES_OF_ONE
 
     def predict(self, readings: Floats) -> tuple[Floats, Floats]:
-        """Value and standard deviation of each frame."""
+        """Return value and standard deviation for each frame."""
         found = [self.process.predict(m, readings) for m in self.members]
         mean = np.asarray(sum(w * m for w, (m, _) in zip(self.weights, found)))
         square = sum(w * (s**2 + (m - mean) ** 2) for w, (m, s) in zip(self.weights, found))
         own = self.inflation * np.sqrt(square)
         p = self.process
-        # what is usual for readings of this size: a component of either sign may be 0 by chance, and is no better known there
+        # use the typical value for readings of this size: a component that is 0 by chance is not known better for that
         usual = p.unit * Scaled.of(readings, p.scale).size
         return mean, np.sqrt(own**2 + (self.run_share * mean) ** 2 + (self.novelty(readings) * usual) ** 2)
 
     def novelty(self, readings: Floats) -> Floats:
-        """Standard deviation because no label resembles the frame (frame, reading), as a part of the usual value for readings of its size.
+        """Return the standard deviation due to frames (frame, reading) that resemble no label, relative to the typical
+        value for readings of their size.
 
-        Two parts: beyond the largest labelled readings a map goes on as it began, and pads do not; and a press at another place than any label's has readings
-        of another direction u = z/|z|, at a distance from that of the nearest label.
+        Errors near the labels are those of presses that were left out. Beyond the largest label a map extrapolates, which
+        pads do not follow: that error grows with the square, as curvature does.
         """
         p = self.process
         labels, frames = Scaled.of(p.readings, p.scale), Scaled.of(readings, p.scale)
-        largest = float(labels.size.max())
-        beyond = 1.0 - largest / np.maximum(frames.size, largest)
-        strong = labels.size > STRONG * largest
-        away = chord(frames.direction @ labels.direction[strong].T)
-        # faint readings have the direction of their noise
-        return np.hypot(beyond, self.direction_share * away * np.minimum(frames.size / (STRONG * largest), 1.0))
+        return np.hypot(self.distance_share * distance(labels, frames), beyond(labels, frames) ** 2)
+
+    def unlike(self, readings: Floats) -> float:
+        """Return the largest novelty of the frames (frame, reading), or the largest fraction of their size that exceeds the
+        largest label.
+        """
+        p = self.process
+        past = beyond(Scaled.of(p.readings, p.scale), Scaled.of(readings, p.scale))
+        return float(max(np.nanmax(self.novelty(readings), initial=0.0), np.nanmax(past, initial=0.0)))
 
     @cached_property
-    def direction_share(self) -> float:
-        """Error of a value, as a part of the usual one, for each unit of distance between directions: the prior, and what each press shows when it is left out."""
+    def distance_share(self) -> float:
+        """Return the error of a value, relative to the typical one, for each unit of `distance`, beyond the intervals of the
+        models, which also grow with distance: the slope of squared errors of left-out presses over squared distances,
+        combined with the prior.
+        """
         p = self.process
-        labels, error = Scaled.of(p.readings, p.scale), self.left_out
+        labels, more = Scaled.of(p.readings, p.scale), self.left_out**2 - self.left_out_std**2
         strong = labels.size > STRONG * float(labels.size.max())
-        squares, distances = FIRST_NOVELTY * NOVEL**2, FIRST_NOVELTY
+        slope, weight = FIRST_DISTANCE**4 * NOVEL**2, FIRST_DISTANCE**4
         for press in np.unique(p.press[strong]):
-            one, other = strong & (p.press == press), strong & (p.press != press)
-            size = float(((p.unit * labels.size[one]) ** 2).mean())
+            at, other = strong & (p.press == press), p.press != press
             if other.any():
-                squares += float((error[one] ** 2).mean()) / size
-                distances += float((chord(labels.direction[one] @ labels.direction[other].T) ** 2).mean())
-        return float(np.sqrt(squares / distances))
+                square = float((distance(labels[other], labels[at]) ** 2).mean())
+                slope += square * float(more[at].mean() / ((p.unit * labels.size[at]) ** 2).mean())
+                weight += square**2
+        return float(np.sqrt(max(slope, 0.0) / weight))
 
     @property
     def run_share(self) -> float:
-        """Standard deviation of a new run's gain: the prior, and the cross-validation of each run."""
+        """Return the standard deviation of the gain of a new run: the prior combined with the cross-validation of each
+        run.
+        """
         gains = np.asarray(sum(w * m.run_gains for w, m in zip(self.weights, self.members)))
         return float(np.sqrt((RUNS_OF_PRIOR * RUN**2 + (gains**2).sum()) / (RUNS_OF_PRIOR + len(gains))))
 
     @property
     def left_out(self) -> Floats:
-        """Error of each label when its press is left out."""
+        """Return the error of each label when its press is left out of the fit."""
         return np.asarray(sum(w * m.left_out for w, m in zip(self.weights, self.members)))
+
+    @property
+    def left_out_std(self) -> Floats:
+        """Return the standard deviation of `left_out` according to the models."""
+        mean, found = self.left_out, zip(self.weights, self.members)
+        return self.inflation * np.sqrt(sum(w * (m.left_out_std**2 + (m.left_out - mean) ** 2) for w, m in found))
 
     # -- files ---------------------------------------------------------------------------------------------------------
 
     def arrays(self) -> dict[str, Any]:
-        """The arrays for a file: labels, scale, physics, and the hyperparameters of each member."""
+        """Return the arrays to write to a file: labels, scale, physics, and the hyperparameters of each model."""
         p = self.process
         out: dict[str, Any] = {
             "readings": p.readings, "values": p.values, "std": p.std, "scale": p.scale, "press": p.press,
@@ -147,9 +166,9 @@ class ForceMap:
 
     @classmethod
     def from_arrays(cls, held: Mapping[str, Any]) -> ForceMap:
-        """The map of `arrays`."""
+        """Return the map that `arrays` describes."""
         log = held["log"]
-        # files of before have fewer members, in the same order
+        # older files have fewer models, in the same order
         if log.ndim != 2 or not 1 <= len(log) <= len(MEMBERS) or log.shape[1] != len(NAMES):
             raise ValueError(f"holds {log.shape} hyperparameters for {(len(MEMBERS), len(NAMES))}")
         process = Process(
@@ -160,15 +179,28 @@ class ForceMap:
         return cls.of(process, members)
 
 
-def chord(cosine: Floats) -> Floats:
-    """Distance of each direction from the nearest of others, from the cosines between them (direction, other)."""
-    return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * cosine.max(axis=1), 0.0)))
+def beyond(labels: Scaled, frames: Scaled) -> Floats:
+    """Return the fraction of the size of each frame that exceeds the largest label."""
+    largest = float(labels.size.max())
+    return np.asarray(1.0 - largest / np.maximum(frames.size, largest))
+
+
+def distance(labels: Scaled, frames: Scaled) -> Floats:
+    """Return the distance of each frame from all labels: in size, beyond the largest label, and in the direction
+    u = z/|z| of its readings, which depends on the place of the press.
+    """
+    strong = labels.size > STRONG * float(labels.size.max())
+    cosine = (frames.direction @ labels.direction[strong].T).max(axis=1)
+    # the direction of faint readings is that of their noise
+    away = np.minimum(frames.size / (STRONG * labels.size.max()), 1.0) * np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0))
+    return np.hypot(beyond(labels, frames), away)
 
 
 def usual_scale(readings: Floats) -> Floats:
-    """The divisor of each reading that gives the usual frame length 1."""
+    """Return the divisor of each of the ``readings`` (label, reading) with which the typical frame has length 1."""
     square = (readings**2).mean(axis=0)
     if not square.any():
         return np.ones(len(square))
-    scale = np.sqrt(square + FLOOR * square.mean())
+    common = max(FLOOR, ALIKE_LABELS / (len(readings) + ALIKE_LABELS))
+    scale = np.sqrt((1.0 - common) * square + common * square.mean())
     return np.asarray(scale * np.sqrt(((readings / scale) ** 2).sum(axis=1).mean()))

@@ -1,4 +1,4 @@
-"""Labels of frames: weights that stood there, or a force-torque sensor with its own clock."""
+"""Labels of frames: known weights that stood on the pad, or a force-torque sensor with its own clock."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from palpate.units import UNITS, parse_quantity
 
 __all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers", "stuck_labels"]
 
-#: Name of the label for the radius of the ball.
+#: Name of the label that states the radius of the ball.
 BALL = "ball_radius"
 #: Standard gravity [m/s^2] (CGPM 1901).
 GRAVITY = 9.80665
-#: Relative error of a weight on a kitchen scale and of its placement (a convention: 1 g of 100 g, and a weight that leans).
+#: Relative error of a weight: kitchen scale and placement (a convention: 1 g of 100 g, and a weight that leans).
 SCALE_STD = 0.01
-#: Masses, to kilograms.
+#: Units of mass in kilograms.
 MASSES = {"g": 1e-3, "kg": 1.0, "mg": 1e-6, "oz": 0.028349523125, "lb": 0.45359237}
-#: Clocks that were set by hand or started together differ by less [s].
+#: Largest usual difference between clocks that were set by hand or started together [s].
 USUAL_DELAY = 2.0
-#: Contact begins and ends at this part of the largest force; a press is cut into pieces where there are fewer than this many.
+#: A contact begins and ends at PRESSED times the largest force. If that gives fewer than FEWEST presses, each is cut
+#: into pieces.
 PRESSED, FEWEST = 0.05, 5
-#: A force repeated in so many frames, while their readings have this part of the variance of all, is no measurement.
+#: A force value that repeats in STUCK_FRAMES frames or more is not a measurement if the readings meanwhile vary by
+#: STUCK_VARIES of the variance of all.
 STUCK_FRAMES, STUCK_VARIES = 3, 0.1
 
 
@@ -49,7 +51,7 @@ class Weight:
 
     @classmethod
     def parse(cls, text: str) -> Weight:
-        """Read such as "200 g, 12 s to 20 s" or "2 N, 500 ms to 3 s".
+        """Read text such as "200 g, 12 s to 20 s" or "2 N, 500 ms to 3 s".
 
         Raises
         ------
@@ -89,10 +91,11 @@ class Weight:
 def find_delay(
     time: Floats, readings: Floats, reference_time: Floats, reference: Floats, *, most: float | None = None
 ) -> float:
-    """Seconds to add to the reference's clock so that it fits the readings best.
+    """Return the delay [s] to add to the reference's clock so that it fits the readings best.
 
-    The delay is where a linear map from readings (frame, reading) explains most of the reference (sample,): first on 81 delays up to ``most`` (default: 2 s, and a
-    quarter of the recording at most: presses that repeat look alike a period later), then twice more about the best.
+    It is the delay with which a linear map from readings (frame, reading) explains most of the reference (sample,).
+    First 81 delays up to ``most`` are tried (default: 2 s, and a quarter of the recording at most, because periodic
+    presses look alike a period later), then the neighbourhood of the best, twice.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def find_delay(
             f"all {len(time)} frames have the time {time[0]:g} s, so no delay can be found: give two frames or more with their times."
         )
     few = int(max(10.0, 0.4 * len(time))) - 3
-    if readings.shape[1] > few:  # fewer frames than a line through all readings takes: its leading components
+    if readings.shape[1] > few:  # too few frames for a linear map of all readings: use their leading components
         middle = readings - readings.mean(axis=0)
         readings = middle @ np.linalg.svd(middle, full_matrices=False)[2][:few].T
     for _ in range(3):
@@ -141,10 +144,12 @@ def find_delay(
 
 
 def stuck_labels(force: Floats, flat: Floats) -> tuple[npt.NDArray[np.bool_], float]:
-    """Frames (frame,) whose force is one value, the smallest or the largest of all, while their readings (frame, reading) vary as those of other frames do; and that value.
+    """Return the frames (frame,) whose force is a stuck value, and that value. The value is the smallest or largest of
+    all, and repeats while the readings (frame, reading) vary as in other frames.
 
-    A force sensor writes one value again and again where it has no reading (-1, 999) or is at the end of its range: such frames have no label. Rest does not
-    vary, and weights written by hand are few values, all of which come again.
+    A force sensor repeats one value if it has no measurement (-1, 999) or is at the end of its range; such frames have
+    no label. Frames at rest are not taken for stuck, because their readings do not vary; nor are weights entered by
+    hand, of which every value repeats.
 
     Examples
     --------
@@ -173,7 +178,9 @@ def stuck_labels(force: Floats, flat: Floats) -> tuple[npt.NDArray[np.bool_], fl
 def press_numbers(
     time: Floats | None, force: Floats, run: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 ) -> npt.NDArray[np.int64]:
-    """Which press each labelled frame belongs to, from the force over time; without times each frame is its own."""
+    """Return the number of the press to which each labelled frame belongs, from the force over time; without times
+    each frame is a press.
+    """
     if time is None:
         return np.arange(len(force), dtype=np.int64)
     out = np.zeros(len(force), dtype=np.int64)
@@ -184,7 +191,9 @@ def press_numbers(
         at = at[np.argsort(time[at], kind="stable")]
         on = size[at] > PRESSED * size.max()
         piece = np.cumsum(np.r_[True, on[1:] & ~on[:-1]]) - 1
-        if piece[-1] + 1 < FEWEST:  # pressed all the time: pieces of equal numbers of frames
+        if (
+            piece[-1] + 1 < FEWEST
+        ):  # too few presses, as if pressed all the time: cut into pieces with equal numbers of frames
             piece = np.arange(len(at)) * min(12, len(at)) // max(len(at), 1)
         out[at] = count + piece
         count += int(piece[-1]) + 1
@@ -192,7 +201,7 @@ def press_numbers(
 
 
 def spread_over(force: Floats, count: int) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
-    """About ``count`` of the frames: half evenly in time, half evenly in force."""
+    """Select about ``count`` frames: half evenly spaced in time, half in force."""
     if len(force) <= count:
         return np.arange(len(force))
     size = np.abs(force).reshape(len(force), -1).max(axis=1)
@@ -203,13 +212,15 @@ def spread_over(force: Floats, count: int) -> np.ndarray[tuple[int, ...], np.dty
 
 
 def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
-    """Weights, parsed if they are text."""
+    """Return weights, parsed if they are given as text."""
     return [w if isinstance(w, Weight) else Weight.parse(w) for w in given]
 
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Labelled frames: readings without zero (label, reading), the same as planes (label, channel, *array), and the labels of each."""
+    """Labelled frames: readings minus their zero (label, reading), the same as planes (label, channel, *array), and
+    the labels of each.
+    """
 
     flat: Floats
     planes: Floats
@@ -221,5 +232,5 @@ class Labelled:
     rest: Floats
 
     def over(self, gains: Floats) -> Labelled:
-        """The same, its planes over the gain of each reading (channel, *array)."""
+        """Return the same frames with the readings of the planes divided by their gains (channel, *array)."""
         return replace(self, planes=self.planes / gains, rest=self.rest / gains)

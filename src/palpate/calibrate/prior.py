@@ -1,4 +1,4 @@
-"""Presses drawn from a pad whose constants are uncertain: which maps from readings to force physics makes likely."""
+"""Simulate presses on pads with uncertain constants, to find which maps from readings to force are physically likely."""
 
 from __future__ import annotations
 
@@ -16,19 +16,23 @@ from palpate.sensing.uncertainty import stretched
 
 __all__ = ["Presses", "draw_presses", "likely_maps"]
 
-#: Skins that are drawn, and presses of each. With 24 skins the moment of a 15-channel sensor has stopped to change by more than a tenth.
+#: Number of random skins, and of presses on each. From 24 skins on, the moment for a 15-channel sensor changes by less
+#: than a tenth.
 SKINS, PRESSES = 24, 80
-#: Standard deviation of the logarithm of depth and thickness, of each gain, and of crosstalk, for sensors that nobody measured (conventions).
+#: Standard deviations for sensors that were not measured (conventions): of the log of depth and thickness, of each
+#: gain, and of crosstalk.
 GEOMETRY, GAIN, CROSSTALK = 0.3, 0.3, 0.05
-#: Noise of drawn readings, as a part of their root mean square: the best map does not follow finer things.
+#: Noise of simulated readings as a fraction of their root mean square; it keeps the best map from using finer details.
 NOISE = 0.03
-#: Largest ratio of shear to normal force, and the part of presses that have shear at all.
+#: Largest ratio of shear to normal force, and the fraction of presses that have shear.
 SHEAR, SHEARED = 0.5, 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class Presses:
-    """Drawn presses: readings (press, reading), force (press, 3) [N], centre (press, 2) [m], contact radius (press,) [m]."""
+    """Simulated presses: readings (press, reading), force (press, 3) [N], centre (press, 2) [m], contact radius
+    (press,) [m].
+    """
 
     readings: Floats
     force: Floats
@@ -39,7 +43,9 @@ class Presses:
 def draw_presses(
     pad: Pad, planes: Sequence[Array], surface: AreaGrid, rng: np.random.Generator, count: int, *, extent: Floats
 ) -> Presses:
-    """Presses of spheres and flat punches on one skin, with their readings row by row of `Operator.dense`."""
+    """Simulate presses of spheres and flat punches on one skin, with readings in the order of the rows of
+    `Operator.dense`.
+    """
     x, y = np.meshgrid(surface.x, surface.y)
     low, high = extent
     wide, deep = float(np.linalg.norm(high - low)), max(p.depth for p in planes) or float(min(surface.spacings))
@@ -64,17 +70,19 @@ def draw_presses(
 
 
 def reached(planes: Sequence[Array]) -> Floats:
-    """Lower and upper corner of the presses: the taxels plus half their depth."""
+    """Return the lower and upper corner of the area of presses: the taxels plus a margin of half their depth."""
     points = np.concatenate([p.points for p in planes])
     beyond = 0.5 * max(p.depth for p in planes)
     return np.stack([points.min(axis=0) - beyond, points.max(axis=0) + beyond])
 
 
 def likely_maps(pad: Pad, planes: Sequence[Array], surface: Grid, rng: np.random.Generator) -> Floats | None:
-    """Second moment (quantity, reading, reading) of the best linear map from readings to Fx, Fy, Fz and the moments Fz x, Fz y.
+    """Return the second moment (quantity, reading, reading) of the best linear map from readings to Fx, Fy, Fz and the
+    moments Fz x, Fz y.
 
-    For each random skin the map is that of least squares over its presses; depth, thickness, gains and crosstalk differ from skin to skin. The labels
-    determine the scale. None if this pad cannot be varied (lines; pads of other packages without scaling).
+    For each random skin the map is the least-squares fit to its presses; depth, thickness, gains and crosstalk vary
+    between skins. The labels determine the scale. None if this pad cannot be varied (line contact; pads of other
+    packages that cannot be scaled).
     """
     if not isinstance(surface, AreaGrid):
         return None

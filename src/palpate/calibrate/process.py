@@ -20,6 +20,7 @@ members with fewer terms (`MEMBERS`), weighted by cross-validation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -28,8 +29,9 @@ from palpate.errors import InvalidInput
 
 __all__ = ["MEMBERS", "Fitted", "Process"]
 
-#: Hyperparameters: logarithm of the prior median, and standard deviation of the logarithm. Amplitudes are parts of the mean square of the quantity.
-#: Values are conventions; only the lengths, the time and the share were moved, towards what 300 labels of two sensors show (four barometers, one Hall-effect skin).
+#: Hyperparameters: log of the prior median, and prior standard deviation of the log. Amplitudes are fractions of the
+#: mean square of the quantity. Values are conventions; only the lengths, the time and the share were adjusted, towards
+#: what 300 labels of two sensors show (four barometers, one Hall-effect skin).
 PRIORS = {
     "physics": (np.log(0.5), 1.5),
     "linear": (np.log(0.2), 1.5),
@@ -45,15 +47,16 @@ PRIORS = {
     "lag": (2 * np.log(0.05), 1.5),
     "time": (np.log(5.0), 1.5),
 }
-#: The same for the zero where no frame at rest is known: taxels under a glued cap read more or less than nothing at rest.
+#: Prior of the amplitude of the zero if no frame at rest is known: taxels under a glued cap have a reading at rest.
 UNKNOWN_ZERO = (np.log(0.02), 1.5)
 NAMES = tuple(PRIORS)
 MEDIAN = np.array([p[0] for p in PRIORS.values()])
 SPREAD = np.array([p[1] for p in PRIORS.values()])
 AT = {name: i for i, name in enumerate(NAMES)}
-#: Amplitudes of terms that a member may lack.
+#: Terms of the covariance that a model may lack.
 TERMS = ("physics", "linear", "growing", "free", "quadratic", "zero")
-#: Members of the average: the terms that each lacks, "lag" for errors that are alike in time. Files keep them in this order: add others at the end.
+#: Models of the average, each given by the terms that it lacks; "lag" means errors that are correlated in time. Files
+#: keep this order: add new models at the end.
 MEMBERS: tuple[tuple[str, ...], ...] = (
     ("growing", "free", "quadratic"),
     ("growing", "quadratic"),
@@ -65,15 +68,17 @@ MEMBERS: tuple[tuple[str, ...], ...] = (
     ("quadratic", "lag"),
     ("lag",),
 )
-#: Bounds of the hyperparameters in standard deviations of their prior; added to the diagonal, as a part of the mean square; least reading, as a part of the usual.
+#: Bounds of the hyperparameters in standard deviations of their prior; value added to the diagonal as a fraction of the
+#: mean square; smallest reading as a fraction of the typical one.
 REACH, JITTER, LEAST = 5.0, 1e-9, 1e-3
-#: Each reading is divided by its own size, but by no less than this part of the usual (squared): channels that hold noise alone stay small.
+#: Each reading is divided by its own magnitude, of whose square at least this fraction is that of the typical reading, so
+#: that channels with only noise stay small.
 FLOOR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """Readings over their scale (frame, reading), their size and direction."""
+    """Readings divided by their scale (frame, reading), their magnitude and direction."""
 
     z: Floats
     size: Floats
@@ -85,10 +90,13 @@ class Scaled:
         size = np.sqrt((z * z).sum(axis=1) + LEAST**2)
         return cls(z, size, z / size[:, None])
 
+    def __getitem__(self, frames: Any) -> Scaled:
+        return Scaled(self.z[frames], self.size[frames], self.direction[frames])
+
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Covariances of two sets of frames term by term, with what their derivatives need."""
+    """Terms of the covariance of two sets of frames, with the quantities that their derivatives need."""
 
     parts: dict[str, Floats]
     log_size: Floats
@@ -101,7 +109,7 @@ class Terms:
 
 
 def terms(a: Scaled, b: Scaled, log: Floats, physics: Floats | None, without: tuple[str, ...]) -> Terms:
-    """The covariance between frames ``a`` and ``b`` for hyperparameters ``log`` (their logarithms)."""
+    """Return the covariance between frames ``a`` and ``b`` for hyperparameters whose logarithms are ``log``."""
     value = np.exp(log)
     dot = a.z @ b.z.T
     log_size = np.log(a.size)[:, None] + np.log(b.size)[None]
@@ -121,7 +129,7 @@ def terms(a: Scaled, b: Scaled, log: Floats, physics: Floats | None, without: tu
 
 
 def variance(a: Scaled, log: Floats, physics: Floats | None, without: tuple[str, ...]) -> Floats:
-    """The prior variance of each frame."""
+    """Return the prior variance of each frame."""
     value, square = np.exp(log), (a.z**2).sum(axis=1)
     parts = {
         "linear": value[AT["linear"]] * square,
@@ -137,7 +145,7 @@ def variance(a: Scaled, log: Floats, physics: Floats | None, without: tuple[str,
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """One member, fitted.
+    """One fitted model.
 
     Attributes
     ----------
@@ -186,7 +194,7 @@ class Process:
     press : array (label,) of int
         Labels of one press have one number.
     time : array (label,) or None
-        Of each label [s].
+        Time of each label [s].
     run : array (label,) of int or None
         Which recording each label comes from; None: all from one.
     zero_known : bool
@@ -205,12 +213,12 @@ class Process:
 
     @property
     def unit(self) -> float:
-        """Root mean square of the values: the unit of the amplitudes."""
+        """Root mean square of the values, which is the unit of the amplitudes."""
         return float(np.sqrt(np.mean(self.values**2))) or 1.0
 
     @property
     def scaled_physics(self) -> Floats | None:
-        """The physical second moment for scaled readings, 1 for the usual label."""
+        """Return the physical second moment for scaled readings, normalised to 1 for the typical label."""
         if self.physics is None:
             return None
         moved = self.physics * np.outer(self.scale, self.scale)
@@ -219,7 +227,9 @@ class Process:
         return moved / usual if usual > 0.0 else None
 
     def error_parts(self, a: Scaled, log: Floats, without: tuple[str, ...]) -> tuple[Floats, Floats]:
-        """Variance of the independent errors of labels, and the covariance of those shared within a press."""
+        """Return the variance of the labels' independent errors, and the covariance of the errors that labels of a
+        press share.
+        """
         value = np.exp(log)
         new = value[AT["noise"]] + value[AT["share"]] * a.size**2 + (self.std / self.unit) ** 2 + JITTER
         if self.time is None or "lag" in without:
@@ -228,7 +238,7 @@ class Process:
         return new, value[AT["lag"]] * np.outer(a.size, a.size) * np.exp(-apart / value[AT["time"]])
 
     def fit(self, without: tuple[str, ...]) -> Fitted:
-        """The member that lacks some terms, at its most probable hyperparameters."""
+        """Fit the model that lacks the terms ``without``, at its most probable hyperparameters."""
         from scipy.optimize import minimize
 
         physics, a = self.scaled_physics, Scaled.of(self.readings, self.scale)
@@ -275,10 +285,11 @@ class Process:
         return self.made(np.asarray(found.x), without)
 
     def made(self, log: Floats, without: tuple[str, ...]) -> Fitted:
-        """The member for given hyperparameters, and how it predicts presses that are left out.
+        """Return the model for given hyperparameters, and its predictions of presses that are left out.
 
-        With K the covariance of the labels, leaving out those of a press B makes errors (K^-1)_BB^-1 (K^-1 z)_B with covariance
-        (K^-1)_BB^-1 (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 5.4.2, for blocks).
+        With K the covariance of the labels, leaving out the labels B of a press gives the errors (K^-1)_BB^-1 (K^-1
+        z)_B with covariance (K^-1)_BB^-1 (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006,
+        section 5.4.2, for blocks).
         """
         a, z = Scaled.of(self.readings, self.scale), self.values / self.unit
         made = terms(a, a, log, self.scaled_physics, without)
@@ -302,7 +313,7 @@ class Process:
         return Fitted(log, without, factor, alpha, score, error * self.unit, std * self.unit, np.array(gains))
 
     def predict(self, member: Fitted, readings: Floats) -> tuple[Floats, Floats]:
-        """Mean and standard deviation of the quantity in frames (frame, reading), of a press of their own."""
+        """Return mean and standard deviation of the quantity in frames (frame, reading) that belong to a new press."""
         from scipy.linalg import solve_triangular
 
         a, b = Scaled.of(readings, self.scale), Scaled.of(self.readings, self.scale)
@@ -317,7 +328,7 @@ class Process:
 
 
 def inverted(matrix: Floats) -> tuple[Floats, float]:
-    """Inverse of a positive matrix and the logarithm of its determinant."""
+    """Return the inverse of a positive definite matrix, and the logarithm of its determinant."""
     from scipy.linalg import lapack
 
     factor, wrong = lapack.dpotrf(matrix, lower=1)

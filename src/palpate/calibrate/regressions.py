@@ -12,14 +12,16 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["REGRESSIONS", "cross_validation_errors", "ridge"]
 
-#: Weights of the ridge that are tried, for readings of variance 1.
+#: Candidate weights of the ridge, for readings of variance 1.
 RIDGES = np.logspace(-6.0, 4.0, 41)
 #: Number of groups of presses for cross-validation.
 FOLDS = 5
 
 
 def ridge(readings: Floats, values: Floats, wanted: Floats, *, quadratic: bool = False) -> Floats:
-    """Ridge regression with a constant, its weight by leave-one-out (Golub, Heath and Wahba, Technometrics 21, 1979): values of the frames ``wanted``."""
+    """Predict the values of the frames ``wanted`` by ridge regression with a constant; the weight of the ridge
+    minimises the leave-one-out error (Golub, Heath and Wahba, Technometrics 21, 1979).
+    """
     mean, spread = readings.mean(axis=0), readings.std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
     x, at = (readings - mean) / spread, (wanted - mean) / spread
@@ -43,7 +45,9 @@ def ridge(readings: Floats, values: Floats, wanted: Floats, *, quadratic: bool =
 
 
 def gaussian_process(readings: Floats, values: Floats, wanted: Floats) -> Floats:
-    """Linear plus squared-exponential Gaussian process about the mean, by marginal likelihood."""
+    """Predict values by a Gaussian process about the mean, with a linear plus squared-exponential covariance and
+    hyperparameters of the largest marginal likelihood.
+    """
     mean, spread = readings.mean(axis=0), readings.std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
     x, at, level = (readings - mean) / spread, (wanted - mean) / spread, float(values.mean())
@@ -65,7 +69,9 @@ REGRESSIONS: dict[str, Regression] = {
 def cross_validation_errors(
     regression: Regression, readings: Floats, values: Floats, press: npt.NDArray[np.int64]
 ) -> Floats:
-    """Error of each label when its press is left out, in `FOLDS` groups of presses; NaN where too few remain to learn from."""
+    """Return the error of each label when its press is left out, in `FOLDS` groups of presses; NaN if too few labels
+    remain to learn from.
+    """
     numbers = np.unique(press)
     out = np.full(len(values), np.nan)
     for group in np.array_split(np.random.default_rng(0).permutation(numbers), min(FOLDS, len(numbers))):

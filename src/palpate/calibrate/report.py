@@ -16,14 +16,15 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_report"]
 
-#: Letters in a line of the sentences.
+#: Characters in a line of the findings.
 WIDE = 110
-#: Height of one of them [inch].
+#: Height of a line [inch].
 LINE = 0.115
 
 
 def draw_report(found: SkinCalibration) -> Figure:
-    """Draw the cross-validation force of each labelled frame with its 95 % interval against the true force; errors beside regressions; findings.
+    """Draw the cross-validated force of each labelled frame with its 95 % interval against the true force, the errors
+    beside those of regressions, and the findings.
 
     Raises
     ------
@@ -56,8 +57,7 @@ def _drawn(found: SkinCalibration, one: ForceMap, ink: dict[str, str], wide: flo
     figure = Figure(figsize=(wide, 4.4))
     left, right = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
     known = one.process.values
-    square = sum(w * (m.left_out_std**2 + (m.left_out - one.left_out) ** 2) for w, m in zip(one.weights, one.members))
-    half = 2.0 * one.inflation * np.sqrt(square)
+    half = 2.0 * one.left_out_std
     left.errorbar(
         known, known - one.left_out, yerr=half, fmt="o", markersize=2.5, linewidth=0.6, color=ink["z"], ecolor="0.75"
     )

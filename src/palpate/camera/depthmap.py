@@ -1,4 +1,6 @@
-"""How far the gel's surface is pressed in, from elsewhere (photometric stereo, a structured light, a range camera), beside its dots."""
+"""Depth of the gel's surface from another source (photometric stereo, structured light, range camera), in addition to
+its dots.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,16 @@ from palpate.units import is_number
 
 __all__ = ["DepthMap"]
 
-#: Fewer valid places are no array.
+#: Smallest number of valid places.
 MIN_PLACES = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DepthMap:
-    """Depth of the gel's surface in every picture, where available: the displacement_z that dots in the plane cannot measure.
+    """Depth of the gel's surface in every picture, where available: the displacement_z that dots in a plane cannot
+    measure.
 
-    With it pressure and shear are separated by the readings, which narrows the interval of the normal force several times.
+    It separates pressure and shear, which makes the interval of the normal force several times narrower.
 
     Parameters
     ----------
@@ -76,7 +79,7 @@ class DepthMap:
         object.__setattr__(self, "positions", places)
 
     def of(self, index: int) -> Floats:
-        """Depths (n,) [m] in a picture, NaN if unknown; `InvalidInput` if the picture is missing or holds no depths."""
+        """Depths (n,) [m] in a picture, NaN if unknown; `InvalidInput` if the picture is missing or has no depths."""
         places: Any = self.positions
         if callable(self.depth):
             found = as_double(self.depth(index))
@@ -94,8 +97,8 @@ class DepthMap:
         return found
 
     def plane(self, index: int, dots: Floats, surface: Grid) -> tuple[Array, Floats] | None:
-        """The map of a picture as an array of displacement_z, and its readings (1, n): for each cell of the surface the place nearest to its middle,
-        within the extent of the ``dots`` (n, 2). None with too few known depths.
+        """The map of a picture as an array of displacement_z, and its readings (1, n): for each cell of the surface
+        the place nearest to its middle, within the extent of the ``dots`` (n, 2). None with too few known depths.
         """
         places: Any = self.positions
         depth = self.of(index)

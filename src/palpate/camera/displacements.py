@@ -1,4 +1,4 @@
-"""Pictures as readings: displacement of every dot in metres, with its standard deviation, picture by picture."""
+"""Convert pictures to readings: displacement of every dot in metres, with its standard deviation, picture by picture."""
 
 from __future__ import annotations
 
@@ -27,14 +27,16 @@ from palpate.sensing.view import Lens, View, grey
 
 __all__ = ["Displacements", "Reading", "Stage", "view_of"]
 
-#: Pictures at the start that may be bad before the source is given up.
+#: Number of unusable pictures at the start before the source is given up.
 PATIENCE = 30
-#: Standard deviation of what moves dots from picture to picture and is in no picture's own residuals [pixels]: a video's compression that remembers earlier pictures
-#: (0.2 um where 0.06 were told, at 40 um a pixel), light that changes, a camera that gets warm.
+#: Standard deviation [pixels] of dot motion between pictures that does not appear in a picture's own residuals: video
+#: compression that reuses earlier pictures (0.2 um where 0.06 um were estimated, at 40 um a pixel), changing light, a
+#: warming camera.
 DRIFT = 0.01
-#: Part of the reference pictures in which a dot may be lost, and of the dots that must be found again in these.
+#: Fraction of the reference pictures in which a dot may be lost, and fraction of the dots that must be found again in
+#: these pictures.
 UNSTEADY, STEADY = 0.2, 0.5
-#: Dots that must agree on a motion of the whole gel, as a part of all, and how well, as a part of their distance.
+#: Fraction of the dots that must agree on a motion of the whole gel, and tolerance as a fraction of their distance.
 AGREE, ALIKE = 0.34, 0.01
 
 
@@ -53,7 +55,7 @@ class Reading:
     Attributes
     ----------
     index, time : int, float
-        Of the picture.
+        Number and time [s] of the picture.
     values, std : array (2, n)
         displacement_x and displacement_y of every dot, and their standard deviations [m]; NaN where a dot is lost.
     fault : str
@@ -78,7 +80,7 @@ def view_of(settings: CameraSettings, size: tuple[int, int], dots: Floats) -> Vi
     part = _part(settings, size)
     lens = None
     if settings.matrix is not None:
-        # pixels are counted from the middle of the first
+        # Pixels are counted from the middle of the first.
         matrix = np.asarray(settings.matrix, dtype=np.float64) * np.array([[part], [part], [1.0]])
         matrix[:2, 2] += 0.5 * part - 0.5
         lens = Lens(matrix, settings.distortion)
@@ -92,12 +94,12 @@ def view_of(settings: CameraSettings, size: tuple[int, int], dots: Floats) -> Vi
 
 
 def _at_size(pixels: Floats, part: float) -> Floats:
-    """Pixels of pictures that are larger by ``part`` than those they are given for."""
+    """Convert pixels to pictures larger by the factor ``part``."""
     return np.asarray((pixels + 0.5) * part - 0.5)
 
 
 def _part(settings: CameraSettings, size: tuple[int, int]) -> float:
-    """How much larger pictures are than those that a section [camera] is for; `InvalidInput` if they have another shape."""
+    """Factor by which pictures are larger than those of a section [camera]; `InvalidInput` if they have another shape."""
     part = 1.0
     if settings.size is not None:
         part = size[0] / settings.size[0]
@@ -117,15 +119,15 @@ def _part(settings: CameraSettings, size: tuple[int, int]) -> float:
 class Displacements:
     """Displacements of printed dots, from pictures.
 
-    The first ``reference`` pictures that show something are the gel at rest: their mean is what all are compared with, and they come as the first
-    readings, so that a tracker can learn the noise from them.
+    The first ``reference`` usable pictures show the gel at rest: their mean is the reference for all pictures, and
+    they are also the first readings, so that a tracker can estimate the noise from them.
 
     Parameters
     ----------
     source : str, Path, int, arrays or Pictures
         As for `open_pictures`.
     view : View or CameraSettings
-        How pixels become metres.
+        Mapping of pixels to metres.
     reference : int, optional
         Pictures at the start in which nothing touches (default: that of the settings, or 5).
     rate : float, optional
@@ -146,7 +148,7 @@ class Displacements:
     view, markers, size
         `Markers` of the reference, or `Flow` of a texture.
     region : Region or None
-        Where the gel is in the pictures; None: all over.
+        The part of the pictures that shows the gel; None: all of it.
     faults : dict of int to str
         Unusable pictures so far, and why.
 
@@ -206,7 +208,7 @@ class Displacements:
         self.positions.setflags(write=False)
 
     def _begin(self, count: int, view: View | CameraSettings, roi: npt.ArrayLike | None) -> None:
-        """Take the reference."""
+        """Find the dots in the reference pictures."""
         good: list[Picture] = []
         first: list[Picture] = []
         for picture in islice(self._rest, count + PATIENCE):
@@ -304,7 +306,7 @@ class Displacements:
         return values, std
 
     def recording(self) -> Recording:
-        """All pictures that are left as a recording; dots that are lost read NaN.
+        """All remaining pictures as a recording; lost dots read NaN.
 
         Raises
         ------
@@ -339,9 +341,10 @@ def _fault(picture: Picture) -> str:
 
 
 def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floats, Stage | None]:
-    """Displacements without motion of the whole gel, which a robust fit of shift and rotation finds: Tukey's biweight, from the median.
+    """Displacements without motion of the whole gel, which is estimated by a robust fit of shift and rotation: Tukey's
+    biweight, starting from the median.
 
-    A large rotation is one, not a shear: q = R X + s exactly.
+    A large rotation is not treated as shear: q = R X + s exactly.
     """
     good = np.isfinite(values).all(axis=1)
     if good.sum() < 4:
@@ -359,7 +362,7 @@ def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floa
         reach = 4.685 * np.sqrt(noise**2 + size**2)
         weight = np.where(left < reach, (1.0 - (left / reach) ** 2) ** 2, 0.0)
         if np.mean(weight > 0.1) < AGREE:
-            # a contact reaches far: the motion is that of the dots that agree best, if these are enough
+            # A contact affects a large area: use the motion of the dots that agree best, if these are enough.
             if size > most:
                 return values, None
             break
@@ -372,12 +375,12 @@ def _without_stage(positions: Floats, values: Floats, std: Floats) -> tuple[Floa
         fresh = mean_now - mean_arm @ np.array([[c, s], [-s, c]])
         done = abs(turn - angle) * float(np.abs(arm).max()) + float(np.abs(fresh - shift).max()) < 0.01 * floor
         shift, angle = fresh, float(turn)
-        # from the spread of all readings down to that of noise
+        # From the spread of all readings down to that of noise.
         shrunk = max(0.85 * size, floor)
         if done and shrunk >= size:
             break
         size = shrunk
     c, s = np.cos(angle), np.sin(angle)
-    # back into the gel's own axes: X + u = R' (q - s)
+    # Rotate back into the gel's own axes: X + u = R' (q - s).
     back = (positions + values - middle - shift) @ np.array([[c, -s], [s, c]])
     return back - (positions - middle), Stage((float(shift[0]), float(shift[1])), angle)

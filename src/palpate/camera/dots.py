@@ -1,7 +1,8 @@
-"""Printed dots found in one picture: where, how large, and how much of each is there. No grid is assumed.
+"""Find printed dots in one picture: position, size, and how much of each is visible. No grid is assumed.
 
-A dot of radius r is an extremum of the scale-normalised Laplacian s^2 (laplace of the picture blurred by s) in place and scale, at s = r / sqrt(2) (Lindeberg
-1998). The size that most strong extrema share is the print's; scratches are finer, light is coarser.
+A dot of radius r is an extremum of the scale-normalised Laplacian s^2 (Laplacian of the picture blurred by s) in place
+and scale, at s = r / sqrt(2) (Lindeberg 1998). The size of most strong extrema is that of the print; scratches are
+smaller, variations of light are larger.
 """
 
 from __future__ import annotations
@@ -20,31 +21,37 @@ from palpate.sensing.view import grey, opencv
 
 __all__ = ["Found", "Print", "fault_of", "find_dots", "levelled"]
 
-#: Smallest blur in which dots are sought [pixels], the factor from one to the next, and the largest as a part of the picture.
+#: Smallest blur for the search of dots [pixels], ratio of successive blurs, and largest blur as a fraction of the
+#: picture.
 FINEST, FACTOR, COARSEST = 1.0, 1.2, 1.0 / 14.0
-#: A dot's response over that of the typical one: below it is not all there; below the second it is none.
+#: Response of a dot relative to the typical one: below WHOLE it is partly hidden, below SOME it is not a dot.
 WHOLE, SOME = 0.62, 0.3
-#: Smallest contrast of a dot against its surroundings (in parts of the light there), and over the noise.
+#: Smallest contrast of a dot, relative to the light around it, and relative to the noise.
 FAINTEST, NOISES = 0.04, 6.0
 #: Number of strongest extrema to examine.
 MAX_EXTREMA = 5000
-#: Dots of a known print are sought in pictures made smaller by up to the first, as long as the blur stays as wide as the second [their pixels].
+#: Largest factor by which a picture is shrunk to search for dots of a known print, and the smallest blur that must
+#: remain [pixels of the small picture].
 SMALLER, BLURRY = 4, 3.0
-#: Fewest dots of a print, and fewest with which an even spacing alone identifies one.
+#: Fewest dots of a print, and fewest that identify a print by their even spacing alone.
 FEWEST, GRID = 5, 9
-#: Of the spots that stand out, the part that has the print's size; or the distance to neighbours over that of places at random, where dirt lies between dots.
+#: A print is accepted if this fraction of the salient spots has one size; or, if there is dirt between the dots, if the
+#: distance to neighbours is this many times that of random places.
 ALIKE, EVEN = 0.8, 1.6
-#: Standard deviation of the distances to neighbours over their mean; of prints at random that keep a distance, and of speckle, it is up to 0.31.
+#: Largest ratio of standard deviation to mean of the distances to neighbours; for random prints with a minimum
+#: distance, and for speckle, it is up to 0.31.
 UNEVEN = 0.38
-#: Largest distance of neighbouring dots, in radii.
+#: Largest distance between neighbouring dots, in radii.
 SPARSE = 25.0
-#: A dot lies this part of its radius inside the picture, or the region of the gel.
+#: Smallest distance of a dot from the edge of the picture, or of the gel's region, in radii.
 INSIDE = 0.8
 
 
 @dataclass(frozen=True)
 class Print:
-    """The common properties of the dots of a print: the blur that fits them [pixels], dark (1) or bright (-1), and their typical response."""
+    """Common properties of the dots of a print: the blur that fits them [pixels], dark (1) or bright (-1), and their
+    typical response.
+    """
 
     blur: float
     sign: int
@@ -52,7 +59,7 @@ class Print:
 
     @property
     def radius(self) -> float:
-        """[pixels]."""
+        """Radius of a dot [pixels]."""
         return math.sqrt(2.0) * self.blur
 
 
@@ -65,7 +72,7 @@ class Found:
     positions : array (n, 2)
         (column, row) [pixels].
     strength : array (n,)
-        Response over that of the typical dot: 1 for a whole one.
+        Response relative to that of the typical dot: 1 for a whole one.
     print : Print
     """
 
@@ -75,12 +82,12 @@ class Found:
 
     @property
     def whole(self) -> npt.NDArray[np.bool_]:
-        """Whether all of a dot is there, as far as can be seen."""
+        """Mask of the dots that are completely visible."""
         return self.strength >= WHOLE
 
 
 def fault_of(image: npt.NDArray[Any]) -> str:
-    """Why a grey picture is unusable, else "".
+    """The reason why a grey picture is unusable, or "".
 
     Examples
     --------
@@ -107,7 +114,9 @@ def fault_of(image: npt.NDArray[Any]) -> str:
 
 
 def levelled(image: npt.NDArray[Any], width: float, region: Region | None = None) -> npt.NDArray[np.float32]:
-    """The picture over its light, about 1 between dots: the light is the mean over about ``width`` pixels to every side. Beyond a ``region`` it is 1."""
+    """The picture divided by its light, about 1 between dots. The light is the mean over about ``width`` pixels on
+    every side. 1 outside a ``region``.
+    """
     cv2 = opencv()
     plain = image.astype(np.float32)
     side = max(3, 2 * int(width) + 1)
@@ -124,7 +133,7 @@ def levelled(image: npt.NDArray[Any], width: float, region: Region | None = None
 
 
 def _response(flat: npt.NDArray[np.float32], blur: float) -> npt.NDArray[np.float32]:
-    """Scale-normalised Laplacian, positive on dark dots; 1 is about the contrast of a black dot on white."""
+    """Scale-normalised Laplacian, positive on dark dots; 1 corresponds to a black dot on white."""
     cv2 = opencv()
     soft = cv2.GaussianBlur(flat, (0, 0), blur, borderType=cv2.BORDER_REFLECT)
     return np.asarray(blur * blur * cv2.Laplacian(soft, cv2.CV_32F, ksize=1, borderType=cv2.BORDER_REFLECT))
@@ -137,7 +146,7 @@ def _peaks(
     cv2 = opencv()
     side = 2 * max(1, round(apart)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    # first the nearest pixels, of all at once, then the whole neighbourhood of the few that are left
+    # First test the nearest pixels for all candidates, then the whole neighbourhood of the remaining few.
     near = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     rows, columns = np.nonzero((response >= cv2.dilate(response, near)) & (response > least))
     down, across = (axis - side // 2 for axis in np.nonzero(kernel))
@@ -168,18 +177,18 @@ def find_dots(
     level: npt.NDArray[np.float32] | None = None,
     region: Region | None = None,
 ) -> Found:
-    """Dots of a picture, dark or bright, of any size that most of them share.
+    """Dots in a picture, dark or bright, of the size that most of them share.
 
     Parameters
     ----------
     image : array (row, column) or (row, column, 3)
     print : Print, optional
-        Of an earlier picture of the same gel (`Found.print`): its size and brightness are reused, which is faster and finds the visible part of a
-        print that is partly hidden.
+        Print found in an earlier picture of the same gel (`Found.print`): its size and brightness are reused, which is
+        faster and finds the visible part of a print that is partly hidden.
     level : array (row, column), optional
         The picture over its light, if computed already.
     region : Region, optional
-        Where the gel is in the picture.
+        The part of the picture that shows the gel.
 
     Returns
     -------
@@ -213,7 +222,7 @@ def find_dots(
     if known is None or (step := _shrink_factor(level.shape, known.blur)) == 1:
         found = _match_print(level, print)
     else:
-        # large dots survive in a smaller picture
+        # Large dots remain visible in a smaller picture.
         size = (level.shape[1] // step, level.shape[0] // step)
         small = np.asarray(opencv().resize(level, size, interpolation=opencv().INTER_AREA))
         found = _match_print(small, Print(print.blur / step, print.sign, print.response))
@@ -227,10 +236,12 @@ def find_dots(
 
 
 def _check_print(found: Found) -> None:
-    """Refuse spots that are no print: dust, scratches and edges of light differ in size, and lie at random or in rows.
+    """Raise an error for spots that are not a print: dust, scratches and edges of light differ in size, and are random
+    or in rows.
 
-    The mean distance to the nearest neighbour is 0.5 / sqrt(density) between places at random, with a standard deviation of 0.52 / sqrt(n) of it (Clark and
-    Evans 1954); between dots, which keep a distance, it is more, in a square grid twice that.
+    The mean distance to the nearest neighbour is 0.5 / sqrt(density) for random places, with a standard deviation of
+    0.52 / sqrt(n) of it (Clark and Evans 1954); for dots, which keep a distance, it is larger, in a square grid twice
+    that.
     """
     from scipy.spatial import ConvexHull, QhullError, cKDTree
 
@@ -244,12 +255,12 @@ def _check_print(found: Found) -> None:
         except QhullError:  # all on one line
             area = float(np.hypot(*np.ptp(dots, axis=0))) * float(distance.mean())
         else:
-            # each dot of the rim has half of its surroundings beyond it
+            # Half of the surroundings of each dot on the rim lies outside.
             area = hull.volume + 0.5 * hull.area * float(distance.mean())
         apart = float(distance.mean()) / (0.5 * math.sqrt(area / count))
         chance = 1.0 + 3.0 * 0.52 / math.sqrt(count)
         far = float(np.median(distance)) > SPARSE * found.print.radius
-        # distances of places at random vary by 0.52 of their mean
+        # The distances of random places vary by 0.52 of their mean.
         even = float(distance.std()) < UNEVEN * float(distance.mean())
         if not far and even and apart > chance and (share > ALIKE or (count >= GRID and apart > EVEN)):
             return
@@ -278,7 +289,7 @@ def _match_print(level: npt.NDArray[np.float32], print: Print) -> Found:
     rows, columns = _peaks(response, SOME * print.response, 0.9 * print.blur)
     positions = _subpixel(response, rows, columns)
     strength = response[rows, columns] / print.response
-    # a dot that touches the edge has no measurable middle
+    # The middle of a dot that touches the edge cannot be measured.
     height, width = level.shape
     reach = INSIDE * print.radius
     inside = (
@@ -293,7 +304,7 @@ def _match_print(level: npt.NDArray[np.float32], print: Print) -> Found:
 
 
 def _first(peaks: npt.NDArray[np.intp], apart: float) -> npt.NDArray[np.bool_]:
-    """One of peaks that lie together: two pixels with one response to the last bit."""
+    """Keep one of several adjacent peaks: two pixels with exactly equal response."""
     from scipy.spatial import cKDTree
 
     kept = np.ones(len(peaks), dtype=bool)
@@ -304,7 +315,7 @@ def _first(peaks: npt.NDArray[np.intp], apart: float) -> npt.NDArray[np.bool_]:
 
 
 def _compact(response: npt.NDArray[np.float32], positions: Floats, print: Print) -> npt.NDArray[np.bool_]:
-    """Whether the response falls on all sides of a peak: a line or an edge of light has a ridge instead."""
+    """Mask of peaks whose response decreases in all directions: a line or an edge of light has a ridge instead."""
     cv2 = opencv()
     if not len(positions):
         return np.zeros(0, dtype=bool)
@@ -315,12 +326,12 @@ def _compact(response: npt.NDArray[np.float32], positions: Floats, print: Print)
     middle = cv2.remap(
         response, positions[:, None, 0].astype(np.float32), positions[:, None, 1].astype(np.float32), cv2.INTER_LINEAR
     )
-    # a neighbour that touches fills two of twelve directions
+    # A neighbour that touches covers two of twelve directions.
     return np.asarray(np.quantile(around, 0.75, axis=1) < 0.5 * middle[:, 0])
 
 
 def _isolated(places: Floats, radii: Floats, strength: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
-    """Extrema that lie on no stronger one: a sharp dot has others of its own along its rim."""
+    """Extrema not covered by a stronger one: a sharp dot has further extrema along its rim."""
     from scipy.spatial import cKDTree
 
     order = np.argsort(-strength, kind="stable")[:MAX_EXTREMA]
@@ -341,7 +352,7 @@ def _print_of(plain: npt.NDArray[Any], region: Region | None = None) -> Print:
     cv2 = opencv()
     kernel = np.ones((3, 3), np.uint8)
     best: tuple[float, Print] | None = None
-    # white noise of 1 has the Laplacian sqrt(20), and sqrt(2 pi) s times less than itself in the response at s
+    # White noise of 1 has a Laplacian of sqrt(20), and its response at s is smaller by sqrt(2 pi) s.
     rough = cv2.Laplacian(plain.astype(np.float32), cv2.CV_32F, ksize=1)
     noise = float(np.median(np.abs(rough))) / 0.6745 / math.sqrt(20.0) / max(float(plain.mean()), 1e-9)
     stack = np.stack([_response(levelled(plain, 4.0 * b, region), b) for b in blurs])
@@ -361,7 +372,8 @@ def _print_of(plain: npt.NDArray[Any], region: Region | None = None) -> Print:
         level, strength = level[own], strength[own]
         if len(level) < FEWEST:
             continue
-        # the size whose extrema weigh most, as many as they are and as strong; squares, so that many faint ones are no print
+        # Choose the size whose extrema have the largest sum of squared responses; squares, so that many weak ones are
+        # not a print.
         weight = np.bincount(level, strength.astype(np.float64) ** 2, minlength=count)
         joined = np.convolve(weight, [0.5, 1.0, 0.5], mode="same")
         at = int(np.argmax(joined))

@@ -1,7 +1,9 @@
-"""Texture followed from a reference picture: displacement on a regular grid, by dense optical flow, with its standard deviation.
+"""Follow texture from a reference picture: displacement on a regular grid, by dense optical flow, with its standard
+deviation.
 
-DIS optical flow (T. Kroeger, R. Timofte, D. Dai, L. Van Gool, ECCV 2016; OpenCV) of the picture, at most 160 pixels wide, places each window to about
-a pixel; windows of the picture itself (`palpate.camera.windows`) then give the displacement, there and back, and its standard deviation.
+DIS optical flow (T. Kroeger, R. Timofte, D. Dai, L. Van Gool, ECCV 2016; OpenCV) of the picture, at most 160 pixels
+wide, locates each window to about a pixel. Windows of the picture itself (`palpate.camera.windows`) then give the
+displacement, forward and backward, and its standard deviation.
 """
 
 from __future__ import annotations
@@ -33,22 +35,24 @@ from palpate.sensing.view import grey, opencv
 
 __all__ = ["Flow"]
 
-#: Pixels across at which optical flow is computed, and at which its windows are compared, at most.
+#: Largest width in pixels of the pictures for optical flow, and for the comparison of windows.
 DENSE, COMPARED = 160, 320
-#: Half a window over the distance between places: neighbours then share few pixels.
+#: Half the width of a window over the distance between places: neighbours then share few pixels.
 WINDOW_FRACTION = 0.6
-#: Least distance between places [pixels of the pictures that are compared].
+#: Smallest distance between places [pixels of the compared pictures].
 CLOSEST = 6.0
-#: Exclude a place with less texture than this part of the typical one's (the weaker direction of its gradients).
+#: A place is excluded if its texture (the weaker direction of its gradients) is below this fraction of the typical one.
 POOR = 0.05
-#: Least squares on few pixels underestimates the residual by 1 - this many pixels over half a window. Measured on windows of 13 to 41 pixels.
+#: Least squares on few pixels underestimates the residual by a factor 1 - SMALL_WINDOW_FACTOR / (half a window in
+#: pixels). Measured on windows of 13 to 41 pixels.
 SMALL_WINDOW_FACTOR = 3.0
-#: Fewest places, and the part of all that must have texture.
+#: Fewest places, and fraction of all places that must have texture.
 FEWEST, TEXTURED = 9, 0.5
-#: Contrast of what is finer than a window, below which it is no texture: light on a smooth gel, which does not move with it, has a third to all of this.
+#: Smallest contrast, at scales finer than a window, that counts as texture: light on a smooth gel, which does not move
+#: with it, has between a third of this and all of it.
 FAINT = 0.0135
-#: A window moves by its mean: half**2 / 6 of the Laplacian, a third of which (by the distance squared) is the difference between a place and the
-#: plane of its eight neighbours.
+#: A window moves by its mean: half**2 / 6 of the Laplacian, a third of which (by the distance squared) is the
+#: difference between a place and the plane through its eight neighbours.
 WINDOW_MEAN = 0.5
 
 
@@ -62,7 +66,7 @@ class Flow(Followed):
     spacing : float
         Between places [pixels]. A window is a little wider, and averages finer detail.
     region : Region, optional
-        Where the gel is in the picture.
+        The part of the picture that shows the gel.
     positions : array (n, 2)
         , optional
         Places [pixels] in place of a whole grid.
@@ -151,7 +155,9 @@ class Flow(Followed):
         self.reset()
 
     def _contrast(self, reference: Any, level: npt.NDArray[np.uint8], places: Floats, half: int) -> Floats:
-        """Standard deviation (n,) of detail finer than a window, as a part of the ground, without the noise between pictures of one gel at rest."""
+        """Standard deviation (n,) of detail finer than a window, relative to the background, without the noise between
+        pictures of one gel at rest.
+        """
         cv2 = opencv()
 
         def fine(flat: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
@@ -173,7 +179,8 @@ class Flow(Followed):
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every place in a picture.
 
-        An unusable picture (None, black, saturated, blurred, of another size) gives no displacement but a reason; the next one continues.
+        For an unusable picture (None, black, saturated, blurred, of another size) the result has a reason instead of
+        displacements; the next picture continues.
 
         Parameters
         ----------
@@ -217,7 +224,7 @@ class Flow(Followed):
         return np.asarray(opencv().resize(level, self._small, interpolation=opencv().INTER_AREA))
 
     def _reduced(self, plain: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """A large picture, averaged over so many pixels each way."""
+        """A large picture, averaged over blocks of pixels."""
         if self._step == 1:
             return plain
         rows, columns = (n // self._step * self._step for n in plain.shape)
@@ -226,7 +233,7 @@ class Flow(Followed):
 
 
 def _grid(size: tuple[int, int], apart: float, margin: float) -> Floats:
-    """Places (n, 2) in a picture, row by row, about its middle."""
+    """Places (n, 2) in a picture, row by row, centred."""
     axes = []
     for length in size:
         count = max(0, int((length - 1 - 2 * margin) // apart) + 1)

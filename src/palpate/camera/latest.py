@@ -1,4 +1,4 @@
-"""Pictures at their own pace: iteration gives the newest picture, and counts those it skips."""
+"""Process pictures in real time: the iteration returns the newest picture and counts the skipped ones."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from palpate.camera.pictures import Picture, Pictures
 
 __all__ = ["Latest"]
 
-#: Seconds that a source may take to end.
+#: Longest time [s] for a source to end.
 PATIENCE = 5.0
 
 
 class Latest:
-    """The newest picture of a source that does not wait.
+    """The newest picture of a live source.
 
-    Until `start`, pictures are handed out one by one, as they are requested: those of the reference must not be skipped. From then on a thread takes
-    them as they come, or, of a file (``pace``), when they are due by their times.
+    Until `start`, pictures are returned one by one, so that none of the reference is skipped. Afterwards a thread
+    reads them as they arrive or, for a file (``pace``), at their recorded times.
 
     Attributes
     ----------
     pictures : Pictures
-        What to iterate over.
+        Pictures to iterate over.
     skipped : int
         Pictures skipped so far, because another was being processed.
 
@@ -54,13 +54,13 @@ class Latest:
         )
 
     def start(self) -> None:
-        """From now on only the newest picture counts."""
+        """Return only the newest picture from now on."""
         if self._thread is None and not self._stop.is_set():
             self._thread = threading.Thread(target=self._take, name="palpate-pictures", daemon=True)
             self._thread.start()
 
     def close(self) -> None:
-        """End the thread and close the source; who waits for a picture gets none."""
+        """End the thread and close the source; a pending iteration ends."""
         self._stop.set()
         with self._change:
             self._change.notify_all()

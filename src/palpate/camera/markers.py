@@ -1,7 +1,8 @@
-"""Dots followed from a reference picture: displacement of each, its standard deviation, and which are lost.
+"""Follow dots from a reference picture: displacement of each, its standard deviation, and which are lost.
 
-Each picture is compared with the reference, not with the one before, so that errors do not add up. Dots are found again in it and matched
-(`palpate.camera.matching`); windows around them (`palpate.camera.windows`) then tell the displacement to a part of a pixel.
+Each picture is compared with the reference, not with the one before, so that errors do not accumulate. Dots are found
+again in it and matched (`palpate.camera.matching`); windows around them (`palpate.camera.windows`) then give the
+displacement to a fraction of a pixel.
 """
 
 from __future__ import annotations
@@ -29,15 +30,16 @@ from palpate.sensing.view import grey, opencv
 
 __all__ = ["Markers"]
 
-#: Half the window over the radius of a dot, and pixels around it.
+#: Half the width of a window in radii of a dot, plus a margin in pixels.
 WINDOW, AROUND = 1.5, 2.0
-#: Least squares on the few pixels of a dot's rim leave less than there is: by 1 - 1.4 pixels over the radius. From dots at rest of 3.3 and 6.7 pixels with noise,
-#: compression and blur, other prints than those of `benchmarks/camera.py`.
+#: Least squares on the few pixels of a dot's rim underestimates the residual by a factor 1 - SMALL_DOT_FACTOR / (radius
+#: in pixels). Measured on dots at rest of 3.3 and 6.7 pixels with noise, compression and blur, other prints than those
+#: of `benchmarks/camera.py`.
 SMALL_DOT_FACTOR = 1.4
 
 
 def _distinct(positions: npt.ArrayLike) -> Floats:
-    """Places (n, 2) that somebody gave [pixels]."""
+    """Validate given places (n, 2) [pixels]."""
     try:
         places = np.asarray(positions, dtype=np.float64).reshape(-1, 2)
     except (TypeError, ValueError) as error:
@@ -47,21 +49,21 @@ def _distinct(positions: npt.ArrayLike) -> Floats:
     return places
 
 
-#: Repeat a match if it strains the print by more than this many times the match of the previous picture.
+#: Repeat a match if its strain exceeds that of the previous picture's match by this factor.
 MAX_STRAIN_GROWTH = 1.1
 
 
 class Markers(Followed):
-    """Dots of a print, followed from picture to picture.
+    """The dots of a print, followed from picture to picture.
 
     Parameters
     ----------
     reference : array (row, column) or (row, column, 3), or sequence of these
         The gel at rest: one picture, or several, whose mean has less noise.
     positions : array (n, 2), optional
-        Where the dots are in it [pixels]; by default they are found.
+        Positions of the dots in the reference picture [pixels]; by default they are detected.
     region : Region, optional
-        Where the gel is in the picture.
+        The part of the picture that shows the gel.
 
     Raises
     ------
@@ -102,7 +104,7 @@ class Markers(Followed):
             near=near,
             reach=radius,
             rest=[grey(image) for image in pictures_of(reference)],
-            # the rim of a dot determines its motion
+            # The rim of a dot determines its motion.
             spread=(radius / near.pitch) ** 2,
             known=max(1.0 - SMALL_DOT_FACTOR / radius, 0.3),
         )
@@ -116,7 +118,8 @@ class Markers(Followed):
     def follow(self, image: npt.ArrayLike | None) -> Moved:
         """Displacement of every dot in a picture.
 
-        An unusable picture (None, black, saturated, blurred, of another size) gives no displacement but a reason; the next one continues.
+        For an unusable picture (None, black, saturated, blurred, of another size) the result has a reason instead of
+        displacements; the next picture continues.
 
         Parameters
         ----------
@@ -145,10 +148,12 @@ class Markers(Followed):
         return moved
 
     def _started(self, level: npt.NDArray[np.uint8], found: Found) -> Floats:
-        """Displacement of each dot to within a pixel, from dots found and matched; of others, as their neighbours move."""
+        """Displacement of each dot to within a pixel, from found and matched dots; for other dots, from their
+        neighbours.
+        """
         best = self._matched(found, np.where(np.isfinite(self._last), self._last, 0.0))
         if np.isnan(best[:, 0]).mean() > 0.5:
-            # the stage jumped: the whole picture gives the distance
+            # The stage jumped: the whole picture gives the distance.
             cv2 = opencv()
             (column, row), _ = cv2.phaseCorrelate(self._level.astype(np.float32), level.astype(np.float32))
             other = self._matched(found, np.zeros_like(best) + np.array([column, row]))

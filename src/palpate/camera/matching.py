@@ -1,8 +1,8 @@
-"""Which dot is which: those of one picture matched to those of the reference, across moves that are longer than the pitch.
+"""Match the dots of a picture to those of the reference, even if they moved farther than their pitch.
 
-Neighbours have similar displacements, because the print does not tear: the displacement changes from dot to dot by less than half their distance. So
-the match starts with the largest set of dots that move continuously (far from the contact, where little moves), and adds the others one by one, each
-at the place that a plane through its neighbours' displacements predicts.
+The print does not tear, so that the displacement changes from dot to dot by less than half their distance. The match
+starts with the largest set of dots that move continuously (far from the contact, where little moves), and adds the
+others one by one, each at the place predicted by a plane through its neighbours' displacements.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ __all__ = ["Neighbours", "gradients", "matched", "predicted", "strained"]
 
 Index = npt.NDArray[np.intp]
 
-#: A dot matches within this part of the distance to its neighbours round its expected place.
+#: A dot matches within this fraction of the distance to its neighbours around its expected place.
 REACH = 0.4
-#: Change of displacement between neighbours, over their distance, that an unbroken print can have.
+#: Largest change of displacement between neighbours, relative to their distance, in an intact print.
 TORN = 0.5
-#: Variants of the start set: how often to erode its edges, how many of the six nearest must move with a dot, the strain that tears the print, and
-#: which set, the largest (0) or the next: if most of a print moves by a pitch, the dots that stay are fewer.
+#: Variants of the start set: how often to erode its edges, how many of the six nearest dots must move with a dot, the
+#: strain that counts as a tear, and which set to use, the largest (0) or the next. (If most of a print moves by a
+#: pitch, the dots at rest are the smaller set.)
 TRIED = (
     (1, 0.8, TORN, 0),
     (2, 0.8, TORN, 0),
@@ -35,9 +36,9 @@ TRIED = (
     (0, 0.0, TORN, 1),
     (1, 0.5, TORN, 1),
 )
-#: Radius (in dot distances) round faults within which a match restarts, and how often.
+#: Radii (in dot distances) around faults within which a match is repeated, and how many times.
 ABOUT, MENDED = (1.1, 2.1, 3.1, 4.1), 4
-#: Penalty of a dot without a match, in units of strain: as much as six half-torn neighbours.
+#: Penalty for a dot without a match, in units of strain energy: as for six half-torn neighbours.
 UNMATCHED = 6.0 * TORN**2
 
 
@@ -57,25 +58,29 @@ class Neighbours:
         self.pitch = float(np.median(self.distance[:, 0]))
 
     def around(self) -> npt.NDArray[np.bool_]:
-        """Dots (n,) that have neighbours on all sides."""
+        """Mask (n,) of dots with neighbours on all sides."""
         middle = self.positions[self.index].mean(axis=1) - self.positions
         return np.asarray(np.hypot(*middle.T) < 0.3 * self.pitch)
 
 
 def predicted(near: Neighbours, displacement: Floats, dots: npt.ArrayLike) -> Floats:
-    """Displacement (k, 2) of some dots from that of their neighbours: a plane through the known ones (others NaN), weighted by distance."""
+    """Displacement (k, 2) of some dots from a plane through the known displacements of their neighbours (others NaN),
+    weighted by distance.
+    """
     return _plane(near, displacement, np.atleast_1d(np.asarray(dots, dtype=np.intp)), 0.3)[:, 0]
 
 
 def gradients(near: Neighbours, displacement: Floats) -> Floats:
-    """Change of displacement (dot, along, per) over a distance, in the picture's axes, by the same plane; 0 where fewer than three neighbours are known."""
+    """Gradient of displacement (dot, along, per), in the picture's axes, from the same plane; 0 with fewer than three
+    known neighbours.
+    """
     out = _plane(near, displacement, np.arange(len(displacement)), 0.01)[:, 1:] / near.pitch
     few = np.isfinite(displacement[near.index]).all(axis=2).sum(axis=1) < 3
     return np.where(few[:, None, None] | ~np.isfinite(out), 0.0, out).transpose(0, 2, 1)
 
 
 def _plane(near: Neighbours, displacement: Floats, which: Index, stiff: float) -> Floats:
-    """Displacement and its slopes over a pitch (k, 1 and column and row, 2) of planes through neighbours."""
+    """Displacement and its slopes per pitch (k, 1 and column and row, 2), from planes through the neighbours."""
     out = np.full((len(which), 3, 2), np.nan)
     index = near.index[which]
     known = np.asarray(np.isfinite(displacement[index]).all(axis=2))
@@ -88,7 +93,7 @@ def _plane(near: Neighbours, displacement: Floats, which: Index, stiff: float) -
     values = np.where(known[..., None], displacement[index], 0.0)
     design = np.concatenate([np.ones((*arms.shape[:2], 1)), arms], axis=2)
     normal = np.einsum("dni,dn,dnj->dij", design, weight, design)
-    # a small stiffness of the slopes: a mean if neighbours are few or on one side
+    # A small stiffness of the slopes gives a mean if there are few neighbours or all on one side.
     scale = weight.sum(axis=1)
     normal[:, [1, 2], [1, 2]] += (stiff * scale)[:, None] / np.maximum(enough, 1)[:, None] + 1e-12
     right = np.einsum("dni,dn,dnk->dik", design, weight, values)
@@ -97,20 +102,22 @@ def _plane(near: Neighbours, displacement: Floats, which: Index, stiff: float) -
 
 
 def _torn(near: Neighbours, displacement: Floats, most: float = TORN) -> npt.NDArray[np.bool_]:
-    """Pairs (dot, neighbour) between which displacement changes more than in a print; False if one is unknown."""
+    """Mask of pairs (dot, neighbour) whose displacements differ by more than an intact print allows; False if one is
+    unknown.
+    """
     change = displacement[near.index] - displacement[:, None, :]
     return np.asarray(np.hypot(change[..., 0], change[..., 1]) > most * near.distance)
 
 
 def _largest(near: Neighbours, displacement: Floats, torn: float = TORN, rank: int = 0) -> npt.NDArray[np.bool_]:
-    """The largest set of dots that move continuously, or the next."""
+    """Mask of the largest set of dots that move continuously, or of the next (``rank``)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     n = len(displacement)
     good = np.asarray(np.isfinite(displacement).all(axis=1))
     tied = good[:, None] & good[near.index] & ~_torn(near, displacement, torn)
-    # of the nearest six only: those beyond may lie across a tear
+    # Use the nearest six only: others may lie across a tear.
     tied[:, 6:] = False
     rows, columns = np.nonzero(tied)
     graph = coo_array((np.ones(len(rows)), (rows, near.index[rows, columns])), shape=(n, n))
@@ -120,10 +127,10 @@ def _largest(near: Neighbours, displacement: Floats, torn: float = TORN, rank: i
 
 
 def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float = 0.0) -> Index:
-    """The dot of ``found`` (m, 2) that each dot of the reference is now; -1 for none.
+    """For each dot of the reference, the index of its match in ``found`` (m, 2); -1 for none.
 
-    ``expected``: likely displacement (n, 2) of each, such as that in the previous picture; NaN if unknown. ``usual``: the `strained` of the previous
-    match: up to this value the first match is accepted.
+    ``expected``: likely displacement (n, 2) of each, such as that in the previous picture; NaN if unknown. ``usual``:
+    the strain (`strained`) of the previous match: a first match with at most this strain is accepted.
 
     Examples
     --------
@@ -144,7 +151,8 @@ def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float =
     lowest = strained(near, _moves(near, best, found))
     if lowest <= usual or ((best >= 0).all() and not _torn(near, _moves(near, best, found))[:, :6].any()):
         return best
-    # a dot that moves by a pitch reaches another's place and agrees with the static dots round it: start with fewer
+    # A dot that moves by a pitch reaches another dot's place and agrees with the static dots around it: start with
+    # fewer.
     for worn, beside, torn, rank in TRIED:
         other = _matched(near, expected, found, tree, worn, beside, torn, rank)
         cost = strained(near, _moves(near, other, found))
@@ -154,7 +162,9 @@ def matched(near: Neighbours, expected: Floats, found: Floats, *, usual: float =
 
 
 def _mended(near: Neighbours, match: Index, found: Floats, tree: cKDTree) -> Index:
-    """A match begun again about its faults (dots without one, and tears), ever further about them, for as long as it strains the print less."""
+    """Repeat a match around its faults (dots without a match, and tears), with increasing radius, while this reduces
+    the strain.
+    """
     from scipy.spatial import cKDTree as Tree
 
     best, lowest = match, strained(near, _moves(near, match, found))
@@ -193,16 +203,17 @@ def _matched(
     torn: float = TORN,
     rank: int = 0,
 ) -> Index:
-    """One-to-one match near the expected places: the largest set of dots that move continuously, and its growth.
+    """One-to-one match near the expected places: the largest set of dots that move continuously, then extended.
 
-    ``worn`` times the set loses those at its edges, with which less than the part ``least`` of their neighbours move.
+    ``worn`` times the dots at the set's edges are removed, with which less than the fraction ``least`` of their
+    neighbours move.
     """
     n = len(near.positions)
     out = np.full(n, -1, dtype=np.intp)
     start = np.where(np.isfinite(expected), expected, 0.0)
     at = near.positions + start
     distance, nearest = tree.query(at)
-    # mutual: no two dots are one
+    # Mutual matches only: two dots cannot be one.
     order = np.argsort(distance)
     taken = np.zeros(len(found), dtype=bool)
     first = np.zeros(n, dtype=bool)
@@ -212,7 +223,7 @@ def _matched(
     displacement = np.full((n, 2), np.nan)
     displacement[first] = found[nearest[first]] - near.positions[first]
     kept = _largest(near, displacement, torn, 0 if worn else rank)
-    # where neighbours agree on something else, a dot is out of step
+    # A dot is wrong if its neighbours agree on another displacement.
     for _ in range(2):
         trial = np.where(kept[:, None], displacement, np.nan)
         off = trial - predicted(near, trial, np.arange(n))
@@ -238,7 +249,9 @@ def _moves(near: Neighbours, match: Index, found: Floats) -> Floats:
 
 
 def _strain(near: Neighbours, displacement: Floats) -> Floats:
-    """Square of the change of displacement over distance, from each dot to its six nearest (n, 6), at most 1; 0 if one is unknown."""
+    """Squared change of displacement over distance, from each dot to its six nearest (n, 6), at most 1; 0 if one is
+    unknown.
+    """
     change = displacement[near.index[:, :6]] - displacement[:, None, :]
     part = np.hypot(change[..., 0], change[..., 1]) / near.distance[:, :6]
     return np.nan_to_num(np.minimum(part, 1.0) ** 2)
@@ -251,7 +264,7 @@ def strained(near: Neighbours, displacement: Floats) -> float:
 
 
 def _loosened(near: Neighbours, match: Index, found: Floats) -> Index:
-    """Without those that strain the print more than a dot without a match does."""
+    """Remove matches that strain the print more than a missing match costs."""
     out = match.copy()
     for _ in range(len(out)):
         pull = _strain(near, _moves(near, out, found)).sum(axis=1)
@@ -265,7 +278,7 @@ def _loosened(near: Neighbours, match: Index, found: Floats) -> Index:
 def _grow(
     near: Neighbours, displacement: Floats, out: Index, owner: Index, tree: cKDTree, found: Floats, torn: float
 ) -> None:
-    """Match the rest, those with most matched neighbours first."""
+    """Match the remaining dots, starting with those that have the most matched neighbours."""
     tried = np.zeros(len(out), dtype=np.int64)
     while True:
         known = (out[near.index[:, :6]] >= 0).sum(axis=1)
@@ -286,7 +299,7 @@ def _grow(
 
 
 def _tears(near: Neighbours, displacement: Floats, dot: int, move: Floats, torn: float) -> bool:
-    """Whether this move would tear the print from most of the neighbours that are known."""
+    """Whether this displacement would tear the print from most of the known neighbours."""
     others = displacement[near.index[dot]]
     known = np.isfinite(others).all(axis=1)
     change = np.hypot(*(others[known] - move).T)

@@ -1,4 +1,6 @@
-"""Pictures that a robot recorded: sensor_msgs/Image and CompressedImage of MCAP files and bags, without ROS installed."""
+"""Read pictures recorded by a robot: sensor_msgs/Image and CompressedImage in MCAP files and bags, without ROS
+installed.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ __all__ = ["decoded", "picture_frames", "picture_topics"]
 
 Image = npt.NDArray[Any]
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-#: Encodings of sensor_msgs/Image: type of a number, numbers of a pixel, and their order as red, green, blue.
+#: Encodings of sensor_msgs/Image: number type, numbers per pixel, and their indices in the order red, green, blue.
 ENCODINGS = {
     "mono8": ("u1", 1, (0,)),
     "8UC1": ("u1", 1, (0,)),
@@ -32,12 +34,13 @@ ENCODINGS = {
     "rgb16": ("u2", 3, (0, 1, 2)),
     "bgr16": ("u2", 3, (2, 1, 0)),
 }
-#: Mosaics of one colour filter for each pixel, and OpenCV's name of the way to colours (it names a mosaic by its second row).
+#: Mosaics with one colour filter per pixel, and OpenCV's name of the conversion (it names a mosaic by its second row).
 MOSAICS = {"bayer_rggb8": "BayerBG", "bayer_bggr8": "BayerRG", "bayer_gbrg8": "BayerGR", "bayer_grbg8": "BayerGB"}
 
 
 def decoded(message: Any) -> Image:
-    """The picture (row, column) or (row, column, 3) of a message; floats, as taxels are sent, are no picture.
+    """The picture (row, column) or (row, column, 3) in a message; raises an error for floats, which are readings of
+    taxels.
 
     Raises
     ------
@@ -102,7 +105,7 @@ def _unpacked(data: npt.NDArray[np.uint8], said: str) -> Image:
 
 
 def picture_topics(path: str | Path) -> list[str]:
-    """Topics of a file or bag that hold pictures: compressed ones, or images of whole numbers.
+    """Topics of a file or bag with pictures: compressed ones, or images of whole numbers.
 
     Examples
     --------
@@ -127,7 +130,8 @@ def picture_topics(path: str | Path) -> list[str]:
 def picture_frames(
     path: Path, topic: str | None, notes: list[str]
 ) -> tuple[str, Iterator[tuple[float | None, Image | None, str]]]:
-    """The topic, and (time [s], picture or None, why not) of its messages: at the times of their headers, where these are 0 when they were recorded.
+    """The topic, and for each message (time [s], picture or None, reason): at the times in the headers, or of
+    recording if these are 0.
 
     An early end is explained in ``notes``.
 

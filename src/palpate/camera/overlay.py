@@ -1,4 +1,4 @@
-"""A result laid over its picture."""
+"""Draw a result over its picture."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def overlay(
     ----------
     image : array (row, column) or (row, column, 3)
     touch : Touch or xarray.Dataset
-        Of this picture: one frame; or one of a file, ``read_touch("touch.nc").isel(time=7)``.
+        Touch of this picture: one frame, or a frame from a file, ``read_touch("touch.nc").isel(time=7)``.
     view : View, optional
         Position of the picture; by default that of the touch or the file (`Touch.view`).
     show : str
@@ -73,7 +73,7 @@ def overlay(
 
 
 def _of_file(dataset: xarray.Dataset) -> tuple[Touch, Any]:
-    """One frame of a data set of touches, and the standard deviations that it holds."""
+    """One frame of a data set of touches, and the standard deviations that it contains."""
     if "traction" not in dataset or dataset["traction"].dims != ("component", "y", "x"):
         held = dict(dataset["traction"].sizes) if "traction" in dataset else ", ".join(map(str, dataset.variables))
         raise InvalidInput(

@@ -1,7 +1,7 @@
-"""Pictures in, one after another: a video, a folder, a TIFF stack, a camera, or arrays; each with its time.
+"""Read pictures one after another from a video, a folder, a TIFF stack, a camera, or arrays; each with its time.
 
-A picture that cannot be used (it cannot be decoded, or its size differs from that of the first) comes as a `Picture` without an image that says why, so
-that nothing before or after it is lost.
+A picture that cannot be used (it cannot be decoded, or its size differs from that of the first) is returned as a
+`Picture` without an image and with the reason, so that no other picture is lost.
 """
 
 from __future__ import annotations
@@ -50,17 +50,18 @@ VIDEOS = (
     ".gif",
     ".apng",
 )
-#: Pictures that a camera may fail to give one after another, and seconds that it may give none, before it is given up.
+#: A camera is given up after this many failed pictures in a row, or after this many seconds without one.
 FAILED, SILENT = 10, 3.0
-#: Bytes at the start of a file that say whether it is animated.
+#: Number of bytes at the start of a file that show whether it is animated.
 SNIFFED = 2000
 DAMAGED = "the video is damaged here"
 CODEC = "Convert it once, such as with: ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4"
 
 
 def is_pictures(name: str | Path) -> bool:
-    """Whether a file name or folder is one that `open_pictures` reads: by its ending, a folder that holds pictures, or an MCAP file or bag with a topic of
-    them (sensor_msgs/Image in whole numbers, CompressedImage; readings of taxels are images of floats).
+    """Whether `open_pictures` can read a file or folder: by its ending, a folder with pictures, or an MCAP file or bag
+    with a topic of pictures (sensor_msgs/Image of whole numbers, CompressedImage; images of floats are readings of
+    taxels).
 
     Examples
     --------
@@ -104,11 +105,11 @@ class Pictures:
     Attributes
     ----------
     name : str
-        Of the source, for messages.
+        Name of the source, for messages.
     size : (int, int)
         Columns and rows of the first picture.
     count : int or None
-        Of pictures as the source states, or None.
+        Number of pictures that the source states, or None.
     timed : bool
         Whether times come from the source; otherwise they are the number of the picture over ``rate``, or the number itself.
     notes : list of str
@@ -262,7 +263,7 @@ def _arrays(source: Any, rate: float | None) -> Pictures:
 
 
 def _natural(path: Path) -> list[Any]:
-    """frame2 before frame10."""
+    """Sort key that orders frame2 before frame10."""
     return [int(part) if part.isdigit() else part.lower() for part in re.split(r"(\d+)", path.name)]
 
 
@@ -291,7 +292,7 @@ def _read(paths: list[Path]) -> Iterator[tuple[None, Image | None, str]]:
             )
             continue
         try:
-            # rotated as the camera was held (EXIF); transparency is dropped
+            # Rotated as the camera was held (EXIF); transparency is dropped.
             image = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) if data.size else None
         except cv2.error:  # more pixels than OpenCV accepts
             image = None
@@ -309,7 +310,7 @@ def _moves(head: bytes) -> bool:
 
 
 def _check_still(path: Path) -> None:
-    """Refuse a file of one picture that is, or unpacks to, more than a picture can be."""
+    """Raise an error for a single-picture file that is, or unpacks to, more than a picture can be."""
     check_size(path.stat().st_size, path.name)
     if path.suffix.lower() not in STACKS:
         with path.open("rb") as file:
@@ -407,7 +408,7 @@ def _video(path: Path) -> Pictures:
         try:
             for frame in _decoded(container, stream):
                 number += 1
-                # AVI has no times, only an order in which to decode: it is as even as its rate
+                # AVI has no times, only an order of decoding: use its frame rate.
                 timed = not isinstance(frame, str) and frame.time is not None and container.format.name != "avi"
                 at = float(frame.time) if timed else None
                 if isinstance(frame, str):
@@ -415,7 +416,7 @@ def _video(path: Path) -> Pictures:
                 elif not broken or frame.key_frame:
                     broken = DAMAGED if frame.is_corrupt else ""
                 if broken:
-                    # later pictures depend on it, up to the next key picture
+                    # Later pictures depend on it, up to the next key frame.
                     last = at if at is not None else last + 1.0 / rate if last is not None and rate else None
                     yield last, None, broken
                     continue
@@ -439,7 +440,9 @@ def _video(path: Path) -> Pictures:
 
 
 def _turned(image: Image, frame: Any) -> Image:
-    """A picture as it is to be shown: phones film on their side and say so in a matrix (to column, to row) that each picture carries."""
+    """Rotate a picture for display: phones film on their side and store a matrix (to column, to row) with each
+    picture.
+    """
     said = next((bytes(d) for d in frame.side_data if getattr(d.type, "name", "") == "DISPLAYMATRIX"), None)
     if said is None:
         return image
@@ -451,7 +454,7 @@ def _turned(image: Image, frame: Any) -> Image:
 
 
 def _decoded(container: Any, stream: Any) -> Iterator[Any]:
-    """Pictures of a video; where one cannot be decoded, why, and then those that come later."""
+    """Pictures of a video; if one cannot be decoded, the reason and then the following ones."""
     import av
 
     failed = 0
@@ -470,11 +473,11 @@ def _decoded(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _short(container: Any, rate: float | None, last: float | None) -> float | None:
-    """Seconds missing at the end of a video without a count of pictures (Matroska), by the length in its header."""
+    """Seconds missing at the end of a video without a number of pictures (Matroska), by the length in its header."""
     if container.streams.video[0].frames or not container.duration or last is None or not rate:
         return None
     short = 1e-6 * container.duration - (last + 1.0 / rate)
-    # sound may go on longer than pictures
+    # The sound may be longer than the pictures.
     return float(short) if short > (0.75 / rate if len(container.streams) == 1 else 1.0) else None
 
 
@@ -506,7 +509,7 @@ def _camera(source: Any, rate: float | None) -> Pictures:
                 yield now - started, np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image), ""
                 continue
             failed += 1
-            # a driver may say so at once, or wait for seconds each time
+            # A driver may fail at once, or wait for seconds each time.
             if failed > FAILED or now - last > SILENT:
                 notes.append(
                     f"camera {source} gives no pictures any more: it was unplugged, or another program took it. Plug it in and start again."

@@ -1,4 +1,4 @@
-"""The part of a picture that shows the gel: given, or found where the gel's rim shows against a dark housing."""
+"""The part of a picture that shows the gel: given, or detected by the gel's rim against a dark housing."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from palpate.sensing.view import eight_bit, grey, opencv
 
 __all__ = ["Region"]
 
-#: Columns of the smaller picture for the search for the rim; parts of them by which dots are closed, and that are excluded along the rim.
+#: Columns of the reduced picture in which the rim is sought; fraction of them over which dots are closed; and fraction
+#: excluded along the rim.
 COLUMNS, CLOSED, RIM = 160, 1.0 / 12.0, 0.012
-#: The gel fills at least this part of the picture, and at most this part if there are surroundings.
+#: Smallest fraction of the picture that the gel fills, and largest if its surroundings are visible.
 LEAST, MOST = 0.15, 0.96
-#: Brightness inside over that outside, of all and along the rim, and the part of the rim that needs this ratio.
+#: Ratio of the brightness inside to that outside, overall and along the rim, and fraction of the rim that must have it.
 CONTRAST, SHARE = 2.0, 0.8
 
 
@@ -43,7 +44,8 @@ class Region:
 
     @classmethod
     def of(cls, points: npt.ArrayLike, size: tuple[int, int]) -> Region:
-        """Inside the corners (column, row) [pixels] of a polygon, or two opposite ones of a rectangle, of a picture of ``size`` (columns, rows).
+        """The region within a polygon with these corners (column, row) [pixels], or a rectangle with two opposite
+        corners, in a picture of ``size`` (columns, rows).
 
         Raises
         ------
@@ -69,7 +71,7 @@ class Region:
 
     @classmethod
     def found(cls, image: npt.ArrayLike) -> Region | None:
-        """The edge of a lit gel that ends before the picture does: inside a rim with darkness outside. None without such a rim."""
+        """The lit gel, if its edge lies within the picture and it is dark outside; None otherwise."""
         cv2 = opencv()
         values = np.asarray(image)
         plain = values.max(axis=2) if values.ndim == 3 and values.shape[2] == 3 else grey(image)
@@ -96,7 +98,7 @@ class Region:
 
     @property
     def share(self) -> float:
-        """Part of the picture."""
+        """Fraction of the picture."""
         return float(self.mask.mean())
 
     @cached_property
@@ -106,30 +108,30 @@ class Region:
 
     @cached_property
     def _inwards(self) -> npt.NDArray[np.float32]:
-        """Distance [pixels] to the region's edge; the picture's own edge is none."""
+        """Distance [pixels] to the region's edge; the edge of the picture does not count."""
         padded = np.pad(self.mask, 1, mode="edge").astype(np.uint8)
         far = opencv().distanceTransform(padded, opencv().DIST_L2, 5)
         return np.asarray(far[1:-1, 1:-1], dtype=np.float32)
 
     def within(self, reach: float) -> npt.NDArray[np.bool_]:
-        """Pixels (row, column) of it that lie ``reach`` from its edge."""
+        """Mask of pixels (row, column) at least ``reach`` inside the region's edge."""
         return self._inwards > reach
 
     def holds(self, positions: npt.ArrayLike, reach: float) -> npt.NDArray[np.bool_]:
-        """Whether places (n, 2) [pixels] lie in it, ``reach`` from its edge."""
+        """Whether places (n, 2) [pixels] lie at least ``reach`` inside its edge."""
         at = np.rint(np.asarray(positions, dtype=np.float64).reshape(-1, 2)).astype(np.intp)
         column, row = np.clip(at, 0, np.array(self.mask.shape[::-1]) - 1).T
         return np.asarray(self.within(reach)[row, column])
 
     def reduced(self, step: int) -> Region:
-        """Of pictures that are made smaller by ``step``."""
+        """The region for pictures reduced by the factor ``step``."""
         rows, columns = (n // step * step for n in self.mask.shape)
         parts = self.mask[:rows, :columns].reshape(rows // step, step, columns // step, step)
         return Region(np.asarray(parts.all(axis=(1, 3))))
 
 
 def _filled(gel: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """Without holes, and notches along its edge: dots are dark, and no rim."""
+    """Close holes, and notches along the edge: dots are dark, but not part of the rim."""
     cv2 = opencv()
     side = 2 * round(0.5 * CLOSED * gel.shape[1]) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
@@ -140,7 +142,9 @@ def _filled(gel: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
 
 
 def _rimmed(light: npt.NDArray[Any], gel: npt.NDArray[np.uint8]) -> bool:
-    """Whether light drops at once along the edge of the gel: light that falls off towards the corners of a picture does not."""
+    """Whether the light drops sharply along the edge of the gel, unlike light that falls off towards the corners of a
+    picture.
+    """
     cv2 = opencv()
     reach = 2 * max(2, round(3 * RIM * light.shape[1])) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))

@@ -1,11 +1,13 @@
-"""Pictures of a known contact: a camera behind a gel with printed dots or texture.
+"""Render pictures of a known contact: a camera behind a gel with printed dots or texture.
 
-Material points X of the plane at ``depth`` move by the pad's own displacement u(X); the camera looks at them from ``distance`` behind that plane:
+Material points X of the plane at ``depth`` move by the pad's displacement u(X); the camera is at ``distance`` behind
+that plane:
 
     pixel = lens(view^-1(q)),    q = [R (X + u_xy) + s] D / (D - u_z)
 
-with the stage's rotation R and shift s. Each picture inverts this map on a coarse grid, evaluates the print at X with an exact edge, three times finer than
-the pixels, and adds what cameras add. Nothing is estimated: every picture has its truth.
+with the stage's rotation R and shift s. Each picture inverts this map on a coarse grid, evaluates the print at X with
+an exact edge, three times finer than the pixels, and adds the effects of a camera. The truth of every picture is known
+exactly.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ __all__ = ["Dots", "Looks", "Scene", "Texture", "Truth", "dot_grid"]
 
 Picture = npt.NDArray[np.uint8]
 
-#: Samples of a pixel along each axis.
+#: Samples per pixel along each axis.
 FINE = 3
 #: Pixels between points of the inverse map.
 COARSE = 4
@@ -60,7 +62,7 @@ class Dots:
         from scipy.spatial import cKDTree
 
         centres = np.asarray(self.positions, dtype=np.float64)
-        # the nearest dot of each pixel is that of its samples
+        # The nearest dot of a pixel is also that of its samples.
         near = FINE // 2
         _, which = cKDTree(centres).query(np.stack([x[near::FINE, near::FINE], y[near::FINE, near::FINE]], axis=-1))
         which = np.repeat(np.repeat(which, FINE, axis=0), FINE, axis=1)
@@ -68,7 +70,7 @@ class Dots:
         inside = 0.5 * self.diameter - distance
         if len(self.halved):
             cut = np.isin(which, np.asarray(self.halved))
-            # along a line through the middle, at an angle that differs from dot to dot
+            # Along a line through the middle, at a different angle for each dot.
             angle = 2.4 * which
             side = (x - centres[which, 0]) * np.cos(angle) + (y - centres[which, 1]) * np.sin(angle)
             inside = np.where(cut, np.minimum(inside, side), inside)
@@ -95,7 +97,7 @@ class Texture:
         return np.tanh(gaussian_filter(spots, 2.0) * 2.0 * math.pi * 4.0), step
 
     def ink(self, x: Floats, y: Floats, soft: float) -> Floats:
-        """Part that is printed, 0 to 1, at places [m]."""
+        """Printed fraction, 0 to 1, at places [m]."""
         from scipy.ndimage import map_coordinates
 
         values, step = self._map
@@ -107,7 +109,8 @@ class Texture:
 def dot_grid(
     shape: tuple[int, int], pitch: float, *, jitter: float = 0.0, rng: np.random.Generator | None = None
 ) -> Floats:
-    """Positions (n, 2) [m] of (rows, columns) of dots about the origin, each off its place by ``jitter`` [m] (standard deviation).
+    """Positions (n, 2) [m] of (rows, columns) dots about the origin, with random offsets of standard deviation
+    ``jitter`` [m].
 
     Examples
     --------
@@ -126,7 +129,7 @@ def dot_grid(
 
 @dataclass(frozen=True, kw_only=True)
 class Looks:
-    """Effects of a camera on the picture of a print.
+    """Effects of camera and light on the picture of a print.
 
     Parameters
     ----------
@@ -161,7 +164,7 @@ class Looks:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Where the dots of a picture are, and how they got there.
+    """Positions of the dots in a picture, and their displacements.
 
     Attributes
     ----------
@@ -188,19 +191,19 @@ class Scene:
     ----------
     pad : Pad
     depth : float
-        Of the print below the touched surface [m].
+        Depth of the print below the touched surface [m].
     print : Dots or Texture
     size : (int, int)
         Columns and rows of the picture.
     scale : float or (float, float)
         Metres per pixel at rest, along x and y.
     distance : float, optional
-        Of the camera's centre behind the print at rest [m]; None: infinite, without perspective.
+        Distance of the camera's centre from the print at rest [m]; None: infinite, without perspective.
     distortion : sequence of float
-        Of the lens, as OpenCV counts (k1, k2, p1, p2).
+        Distortion of the lens in the order of OpenCV (k1, k2, p1, p2).
     looks : Looks
     spacing : float, optional
-        Of the grid on which displacement is computed [m]; by default a sixtieth of the picture's width.
+        Spacing of the grid on which displacement is computed [m]; by default a sixtieth of the picture's width.
 
     Examples
     --------
@@ -234,7 +237,7 @@ class Scene:
         if not any(self.distortion):
             return plain
         across, up = self._scales
-        # a pinhole; a camera so far away that motion does not show has the field of view of a usual lens
+        # A pinhole; a camera so far away that motion has no effect has the field of view of a usual lens.
         distance = self.distance or across * self.size[0]
         middle = (self.size[0] - 1) / 2.0, (self.size[1] - 1) / 2.0
         matrix = [[distance / across, 0.0, middle[0]], [0.0, distance / up, middle[1]], [0.0, 0.0, 1.0]]
@@ -250,7 +253,7 @@ class Scene:
         across, up = self._scales
         width, height = across * self.size[0], up * self.size[1]
         step = self.spacing or width / 60.0
-        # dots beyond the picture's edge may move into it, and loads may lie there
+        # Dots beyond the picture's edge may move into it, and loads may lie there.
         shape = tuple(math.ceil(1.3 * side / step) + 4 for side in (height, width))
         grid = AreaGrid(shape=(shape[0], shape[1]), spacing=step)
         names = ["displacement_x", "displacement_y", "displacement_z"]
@@ -260,7 +263,7 @@ class Scene:
         return Skin(self.pad, planes, surface=grid)
 
     def changed(self, **what: Any) -> Scene:
-        """The same scene with another print, look or camera; it shares the prepared pad if possible."""
+        """Return the scene with another print, look or camera; it shares the prepared pad if possible."""
         other = replace(self, **what)
         if not {"pad", "depth", "size", "scale", "spacing"} & set(what):
             other.__dict__["skin"] = self.skin
@@ -268,14 +271,14 @@ class Scene:
 
     @property
     def surface(self) -> AreaGrid:
-        """The surface of the traction: a grid that reaches past the picture."""
+        """The surface of the traction: a grid that extends past the picture."""
         grid = self.skin.surface
         if not isinstance(grid, AreaGrid):
             raise InvalidInput("a scene has an area for its surface.")
         return grid
 
     def _fields(self, contact: Any) -> tuple[Floats, Floats]:
-        """Displacement of the print (3, y, x) and u_z of the surface (y, x) [m], as splines' coefficients."""
+        """Displacement of the print (3, y, x) and u_z of the surface (y, x) [m], as spline coefficients."""
         from scipy.ndimage import spline_filter
 
         if contact is None:
@@ -342,9 +345,9 @@ class Scene:
         contact : AreaContact or array (component, *surface), optional
             A closed-form contact, or traction on `surface` [Pa]; None: nothing touches.
         shift, rotation : (float, float), float
-            Of the gel in front of the camera [m, rad].
+            Shift and rotation of the gel in front of the camera [m, rad].
         rng : numpy Generator, optional
-            Of the noise; None: the same noise in every picture, which no camera has.
+            Random numbers for the noise; None: the same noise in every picture, unlike any camera.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The headers of pictures before unpacking: channels, planes, times, and sizes."""
+"""Check the headers of pictures before unpacking: channels, planes, times, and sizes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from palpate.units import UNITS
 
 __all__ = ["check_axes", "check_page", "check_size", "inflated", "pages_claimed", "rate_of", "size_claimed"]
 
-#: The most that one picture may unpack to [bytes]: far more than a picture of a gel or of cells.
+#: Largest unpacked size of one picture [bytes]: far more than any picture of a gel or of cells.
 LARGEST = 1 << 29
 #: Bytes to unpack at a time while counting.
 CHUNK_BYTES = 1 << 24
 
 
 def check_axes(file: Any, path: Path) -> None:
-    """Refuse pages that are not pictures of one thing one after another, where the file says so: channels side by side, planes of several times.
+    """Raise an error if the file declares that its pages are not successive pictures of the same thing: several
+    channels, or planes at several times.
 
-    Planes alone pass: ImageJ calls the pictures of a sequence slices.
+    Planes alone are accepted: ImageJ calls the pictures of a sequence slices.
     """
     series = file.series[0]
     sizes = {axis: int(size) for axis, size in zip(series.axes, series.shape) if size > 1}
@@ -40,7 +41,7 @@ def check_axes(file: Any, path: Path) -> None:
 
 
 def check_size(size: int, what: str) -> None:
-    """Refuse a picture that would unpack to more than `LARGEST` bytes."""
+    """Raise an error for a picture that would unpack to more than `LARGEST` bytes."""
     if size > LARGEST:
         raise InvalidInput(
             f"{what} unpacks to {size / 1e9:.3g} GB, more than a picture of a gel or of cells: at most {LARGEST / 1e9:.2g} GB. Save a part of it, or a smaller picture."
@@ -48,7 +49,9 @@ def check_size(size: int, what: str) -> None:
 
 
 def check_page(file: Any, page: Any, what: str) -> None:
-    """Refuse a TIFF page that claims too much, that claims more than its file holds, or whose packed parts unpack to more than it claims."""
+    """Raise an error for a TIFF page that is too large, larger than its file can contain, or whose compressed parts
+    unpack to more than it declares.
+    """
     check_size(int(page.nbytes), what)
     packing = int(page.compression)
     bits = int(page.keyframe.bitspersample)
@@ -75,7 +78,7 @@ def check_page(file: Any, page: Any, what: str) -> None:
 
 
 def inflated(data: bytes, most: int, packing: int) -> int:
-    """The unpacked size in bytes, counted in chunks up to a little more than ``most``; `ValueError` for damaged data."""
+    """Unpacked size in bytes, counted in chunks up to a little more than ``most``; `ValueError` for damaged data."""
     unpack, total = UNPACKERS[packing](), 0
     try:
         while total <= most and not unpack.eof:
@@ -89,7 +92,7 @@ def inflated(data: bytes, most: int, packing: int) -> int:
     return total
 
 
-#: Ways of packing of TIFF that shrink without bound, by their numbers.
+#: Compression methods of TIFF with unlimited ratio, by their numbers.
 UNPACKERS: dict[int, Any] = {
     **dict.fromkeys((8, 32946, 50013), zlib.decompressobj),
     34925: lzma.LZMADecompressor,
@@ -131,7 +134,7 @@ def size_claimed(head: bytes) -> int:
 
 
 def pages_claimed(file: Any) -> int:
-    """Pictures that the head of a file claims, of a stack whose end is missing."""
+    """Number of pictures according to the header of a file, for a stack whose end is missing."""
     shaped = [int(m["shape"][0]) for m in file.shaped_metadata or () if len(m.get("shape", ())) > 2]
     return max([0, int((file.imagej_metadata or {}).get("images", 0)), *shaped])
 

@@ -1,4 +1,4 @@
-"""The whole way: pictures in, touches out."""
+"""The complete path from pictures to touches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from palpate.camera.depthmap import DepthMap
 from palpate.camera.displacements import Displacements, Reading
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-from palpate.inverse.estimate import Stated
 from palpate.recordings import Recording
 from palpate.recordings.camerasection import CameraSettings
 from palpate.sensing import Array, ScatteredArray
@@ -30,22 +29,23 @@ from palpate.tracking import Tracker
 __all__ = ["CHANNELS", "Touches", "follow", "gel_skin"]
 
 CHANNELS = ("displacement_x", "displacement_y")
-#: A frame solved alone may lose at most this part of its dots.
+#: Largest fraction of lost dots in a frame solved alone.
 MAX_LOST_FRACTION = 0.5
-#: Noise that dots state is rounded up to powers of this, so that skins that are prepared serve again; so many of them are kept.
+#: The noise stated for dots is rounded up to powers of this, so that prepared skins can be reused; and number of skins
+#: kept.
 NOISE_STEP, KEPT = 1.3, 6
-#: Radius (in dot distances) that a dot covers; note a result if more than the second part of the traction lies round lost dots.
+#: Radius (in dot distances) that a dot covers; and smallest fraction of the traction around lost dots that is noted.
 BLIND, FEW_LOST = 1.0, 0.05
 LOST = "dots are lost where this presses, hidden or moved too far: the intervals allow for as much again as was found there"
-#: Largest number of passes for perspective in a frame solved alone; and the change below which a pass is the last, over the readings' standard
-#: deviation.
+#: Largest number of perspective corrections in a frame solved alone; and the change, relative to the readings' standard
+#: deviation, below which they stop.
 PASSES, MATTERS = 3, 0.5
 
 
 def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
-    """A skin whose one plane has its dots at these ``positions`` (n, 2) [m].
+    """A skin whose only plane has its dots at these ``positions`` (n, 2) [m].
 
-    ``skin``: a skin.toml with one plane of kind = "scattered", or a Skin, whose pad, depth and noise are kept.
+    ``skin``: a skin.toml with one plane of kind = "scattered", or a Skin; its pad, depth and noise are kept.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
 
 
 def _of_dots(skin: Skin, *planes: Array) -> Skin:
-    """The skin with these arrays, on the surface that was given, if one was."""
+    """The skin with these arrays, on the given surface if there is one."""
     problem = skin.problem()
     return Skin(
         skin.pad,
@@ -114,7 +114,7 @@ def camera_of(skin: Skin | str | Path, view: View | None) -> CameraSettings | No
 
 
 class Touches:
-    """Touch of every picture; iterate over it once. Made by `follow`.
+    """Touches of the pictures; iterate over it once. Created by `follow`.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class Touches:
         self.readings, self.skin, self.distance, self.every, self.depth_map = readings, skin, distance, every, depth_map
         self._options = dict(options)
         if depth_map is not None and self._options.get("components") is None:
-            # in pictures without a depth too: one recording seeks the same
+            # Also in pictures without a depth: all frames of a recording use the same components.
             self._options["components"] = skin.surface.components
         self.tracker: Tracker | None = None
         if track:
@@ -165,11 +165,14 @@ class Touches:
             yield touch
 
     def step(self, values: Floats, time: float, *, std: Floats | None = None) -> Touch:
-        """The touch of displacements (2, n) with their standard deviations at a time [s], by the tracker; `Unsupported` where frames are not tracked."""
+        """The touch of displacements (2, n) with their standard deviations at a time [s], by the tracker;
+        `Unsupported` if frames are not tracked.
+        """
         if self.tracker is None:
             raise Unsupported("frames are solved by themselves here; give track=True to follow them.")
         if self._perspective is not None:
-            # that of the picture before, as much more or less as the dots have moved: the contact changes little from one to the next
+            # Scale the correction of the previous picture by the change of the dots' motion: the contact changes little
+            # between pictures.
             values = self._perspective.taken_out(values, self._perspective.growth(values))
         touch = self.tracker.step(values, time, std=std)
         if self._perspective is not None:
@@ -177,13 +180,13 @@ class Touches:
         return replace(self._censored(touch, values), view=self.readings.view)
 
     def alone(self, reading: Reading) -> Touch:
-        """The touch of a single reading."""
+        """The touch of a single reading, solved without a tracker."""
         return replace(self._censored(self._alone(reading), reading.values), view=self.readings.view)
 
     def _censored(self, touch: Touch, values: Floats) -> Touch:
         """Widen the intervals for loads where dots are lost: the lost dots may be those that moved most."""
         lost = np.isnan(values).any(axis=0)
-        if not lost.any() or touch.errors is None or not bool(np.all(touch.touching)):
+        if not lost.any() or touch._errors is None or not bool(np.all(touch.touching)):
             return touch
         size = np.sqrt((to_numpy(touch.values) ** 2).sum(axis=0)).ravel()
         reach = BLIND * typical_distance(self.readings.positions)
@@ -202,9 +205,8 @@ class Touches:
             "center": np.full(2, reach),
             "peak": np.asarray(peak),
         }
-        old = touch.stated
-        stated = Stated(**{n: np.hypot(share * v, 0.0 if old is None else getattr(old, n)) for n, v in found.items()})
-        return replace(touch, stated=stated, assumptions=(*touch.assumptions, LOST))
+        wider = touch._errors.adding({name: share * value for name, value in found.items()})
+        return replace(touch, _errors=wider, assumptions=(*touch.assumptions, LOST))
 
     def _alone(self, reading: Reading) -> Touch:
         lost = np.isnan(reading.values).any(axis=0)
@@ -236,7 +238,7 @@ class Touches:
         return touch
 
     def _at(self, lost: Any, std: Floats) -> Skin:
-        """A skin without some dots, with their stated noise; reuse a prepared one that excludes few more."""
+        """A skin without the lost dots, with the stated noise; reuse a prepared one that excludes only a few more."""
         plane = self.skin.planes[0]
         level = 0.0  # as the skin says
         if plane.noise is None and np.isfinite(std).any():
@@ -266,7 +268,9 @@ class Touches:
 
 
 class _Perspective:
-    """The effect of motion towards the camera: a dot at q from the optical axis that comes nearer by u_z appears at q D / (D - u_z)."""
+    """Perspective correction: a dot at q from the optical axis that moves u_z towards the camera at distance D appears
+    at q D / (D - u_z).
+    """
 
     def __init__(self, skin: Skin, readings: Displacements, distance: float) -> None:
         view = readings.view
@@ -280,7 +284,7 @@ class _Perspective:
         self._before: Floats | None = None
 
     def growth(self, values: Floats) -> float:
-        """How much larger displacements (2, n) are than those of the last call: their projection on these."""
+        """Ratio of displacements (2, n) to those of the last call: their projection on these."""
         before, self._before = self._before, values
         if before is None:
             return 1.0
@@ -295,7 +299,7 @@ class _Perspective:
             self._part = np.asarray(self._towards.operator.forward(values)[0]).ravel() / self._distance
 
     def taken_out(self, values: Floats, growth: float = 1.0) -> Floats:
-        """Displacements (2, n) as a camera far away would see them."""
+        """Displacements (2, n) corrected to a camera at infinite distance."""
         seen = self._positions + values.T - self._axis
         return np.asarray((values.T - growth * seen * self._part[:, None]).T)
 
@@ -316,7 +320,7 @@ def _missing(skin: Skin, components: Sequence[str] | None, time: float) -> Touch
 
 
 def _within_reach(cells: Floats, dots: Floats, reach: float) -> npt.NDArray[np.bool_]:
-    """Cells (n, 2) that lie within ``reach`` of a dot."""
+    """Mask of cells (n, 2) within ``reach`` of a dot."""
     from scipy.spatial import cKDTree
 
     if not len(dots):

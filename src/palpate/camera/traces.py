@@ -1,4 +1,4 @@
-"""Forces over time, as a load cell or a gripper writes them beside a press."""
+"""Forces over time, as recorded by a load cell or a gripper during a press."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ForceTrace:
         object.__setattr__(self, "force", force)
 
     def at(self, times: Floats) -> Floats:
-        """Forces at these times, between the rows by a straight line; NaN beyond the trace."""
+        """Forces at these times by linear interpolation; NaN outside the trace."""
         return np.asarray(np.interp(times, self.time, self.force, left=np.nan, right=np.nan))
 
 
@@ -99,7 +99,7 @@ def read_force_trace(path: str | Path) -> ForceTrace:
 
 
 def _column(titles: Titles, names: Sequence[str]) -> tuple[int | None, str]:
-    """The first column of one of these names, and its unit: in brackets, or behind the name."""
+    """The first column with one of these names, and its unit: in brackets, or after the name."""
     split = []
     for place, title in enumerate(titles.names):
         match = re.fullmatch(r"\s*(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]]|[_ ](s|ms|us|ns|[mk]?N))?\s*", title)

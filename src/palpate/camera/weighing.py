@@ -1,4 +1,6 @@
-"""The modulus of a gel from presses with a known force: with displacements, every force is proportional to it."""
+"""Estimate the modulus of a gel from presses with a known force: with displacements, every force is proportional to
+it.
+"""
 
 from __future__ import annotations
 
@@ -34,19 +36,21 @@ from palpate.units import UNKNOWN
 
 __all__ = ["Weighed", "weigh"]
 
-#: A frame belongs to the press where dots move by this part of the most; of these, the middle ones are solved, so many.
+#: A frame belongs to the press if dots move by at least this fraction of the largest motion; and number of these
+#: frames, from the middle, to solve.
 PRESSED, SOLVED = 0.8, 3
-#: The same for a known force at each time: the forces of a whole press determine the modulus.
+#: The same if the force is known at each time: the forces of a whole press determine the modulus.
 TRACED, SOLVED_TRACE = 0.3, 6
-#: Frames at the start of a recording that show the gel at rest, and how far its readings may move there, as a part of the most.
+#: Number of frames at the start of a recording that show the gel at rest, and largest motion in them, as a fraction of
+#: the largest motion.
 REST, STILL = 5, 0.2
-#: A press moves dots by at least this many times the noise.
+#: Smallest ratio of the dots' motion to the noise in a press.
 PRESS_TO_NOISE = 10.0
-#: Smallest rank correlation of force and displacement, and the smallest number of frames to test it.
+#: Smallest rank correlation of force and displacement, and smallest number of frames to test it.
 TOGETHER, RANKED = 0.5, 8
-#: Start value of an unknown modulus: any.
+#: Start value of an unknown modulus; any value would do.
 BEGUN = "100 kPa"
-#: A 95 % interval is so many standard deviations wide to each side.
+#: Half-width of a 95 % interval in standard deviations.
 WIDE = 1.96
 
 
@@ -57,15 +61,15 @@ class Weighed:
     Attributes
     ----------
     youngs_modulus, std : float
-        Of the uppermost layer [Pa]; layers below in the same proportion.
+        Modulus of the uppermost layer and its standard deviation [Pa]; moduli of layers below change in proportion.
     factor : float
-        Over that of the skin; NaN if that is "unknown".
+        Ratio of the modulus to that of the skin; NaN if the latter is "unknown".
     ratios, ratio_std : array (press,)
         Known force over the force with the skin's modulus (if unknown: with `youngs_modulus`), and its standard deviation.
     agreement : float
         Probability of ratios that differ as much if the model holds: below 0.01, pad, depth or scale are wrong. NaN for one press.
     fit : array (press,)
-        How well the pad explains the dots: `Touch.fit`.
+        Misfit probability of each press: `Touch.fit`.
     before : float
         Relative standard deviation of the skin's modulus; infinite if that is "unknown".
     """
@@ -131,7 +135,8 @@ def weigh(
     reference: int | None = None,
     **options: Any,
 ) -> Weighed:
-    """The modulus from presses with known normal forces, in pictures of a gel or in recordings of its displacements.
+    """Estimate the modulus from presses with known normal forces, in pictures of a gel or in recordings of its
+    displacements.
 
     Parameters
     ----------
@@ -148,7 +153,7 @@ def weigh(
     reference : int, optional
         Frames at the start that show the gel at rest; default: 5, or that of the skin.toml for pictures.
     **options
-        Of `Skin.reconstruct`, such as friction.
+        Options of `Skin.reconstruct`, such as friction.
 
     Raises
     ------
@@ -242,7 +247,8 @@ def _weighed(
     ratio, each = np.array(ratios), np.array(stds)
     weight = 1.0 / each**2
     mean = float((weight * ratio).sum() / weight.sum())
-    # the common errors of the presses (depth, thickness) do not average out: no smaller than that of the best press
+    # The common errors of the presses (depth, thickness) do not average out: the error is at least that of the best
+    # press.
     shared = float(each.min())
     agreement = math.nan
     scatter = 0.0
@@ -274,7 +280,7 @@ def _modulus(skin: Skin) -> float:
 
 
 def _without_modulus(skin: Skin) -> Skin:
-    """The skin with an exact modulus: the modulus is the unknown, and only the rest is uncertain."""
+    """The skin with an exact modulus: the modulus is the unknown, and only other properties are uncertain."""
     return Skin(
         skin.pad,
         skin.planes,
@@ -285,8 +291,10 @@ def _without_modulus(skin: Skin) -> Skin:
 
 @dataclass(frozen=True, eq=False)
 class _Press:
-    """A press, frame by frame: how far the gel moves [m, or of strain], when, and the touch of a frame; ``quiet`` is what noise moves, ``rest`` how many show no press; ``before`` how well the
-    modulus was known."""
+    """A press, frame by frame: motion of the gel [m, or of strain], times, and a function that solves a frame.
+    ``quiet`` is the motion due to noise, ``rest`` the number of frames without a press, ``before`` the prior
+    uncertainty of the modulus.
+    """
 
     name: str
     what: str
@@ -345,7 +353,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
         )
     values = source.readings - (_mean(source.readings[:rest]) if rest else 0.0)
     size = np.array([_moved(v.reshape(len(channels), -1)) for v in values])
-    # from one frame to the next, so that a press among them does not count
+    # Use differences between successive frames, so that a press among them has no effect.
     quiet = _middle(np.abs(np.diff(values[:rest], axis=0))) / math.sqrt(2.0) if rest > 1 else 0.0
     if rest and size.max() > PRESS_TO_NOISE * quiet and size[:rest].max() > STILL * size.max():
         raise InvalidInput(
@@ -389,14 +397,14 @@ def _middle(values: Floats) -> float:
 
 
 def _moved(values: Floats) -> float:
-    """How far the places move that move most (channel, place)."""
+    """Size of the motion at the places (channel, place) that move most."""
     size = np.sqrt((values**2).sum(axis=0))
     size = np.sort(size[np.isfinite(size)])  # of the places that are not lost
     return float(np.median(size[-8:])) if len(size) else 0.0
 
 
 def _ratio(press: _Press, known: float | ForceTrace) -> tuple[float, float, float]:
-    """Known force over the force that is found, its standard deviation, and the fit."""
+    """Ratio of the known force to the estimated one, its standard deviation, and the fit."""
     most = float(press.size.max(initial=0.0))
     if not most > PRESS_TO_NOISE * press.quiet:
         raise InvalidInput(
@@ -416,13 +424,13 @@ def _ratio(press: _Press, known: float | ForceTrace) -> tuple[float, float, floa
         spreads.append((high - low) / (2.0 * WIDE))
         fits.append(float(np.asarray(touch.fit)) if touch.fit is not None else math.nan)
     mean, ratio = float(np.mean(found)), float(np.mean(force) / np.mean(found))
-    # errors of one frame are those of the next
+    # Errors of one frame are also those of the next.
     std = ratio * math.hypot(float(np.mean(spreads)), float(np.std(force / ratio - np.array(found)))) / mean
     return ratio, std, float(np.min(fits))
 
 
 def _held(press: _Press, known: float | ForceTrace, most: float) -> tuple[Floats, list[int]]:
-    """The forces at the frames that are solved, and their places."""
+    """The known forces in the frames to solve, and the indices of these frames."""
     if isinstance(known, float):
         held = np.flatnonzero(press.size > PRESSED * most)
         middle = np.linspace(0.25 * (len(held) - 1), 0.75 * (len(held) - 1), SOLVED)

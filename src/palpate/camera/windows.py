@@ -1,11 +1,13 @@
-"""Windows of a picture followed from the reference: by how much each moved, and how well that is known.
+"""Follow windows of a picture from the reference: the displacement of each, and its standard deviation.
 
-Lucas-Kanade (OpenCV) gives the displacement to a part of a pixel, there and back, and windows stretched like their neighbours refine it. The standard
-deviation is that of least squares: with the gradients g over a window W and the residual r = I(x + d) - I_0(x),
+Lucas-Kanade (OpenCV) gives the displacement to a fraction of a pixel, forward and backward, and windows stretched like
+their neighbours refine it. The standard deviation is that of least squares: with the gradients g over a window W and
+the residual r = I(x + d) - I_0(x),
 
     cov = (sum_W g h')^-1 (sum_{W, W, near} g r r' g') (sum_W g h')^-1
 
-with h the gradients of the picture itself, where near pixels count as they do together, because blur, colour filters and compression make their errors alike.
+with h the gradients of the picture itself. Near pixels are summed jointly, because blur, colour filters and
+compression correlate their errors.
 """
 
 from __future__ import annotations
@@ -35,22 +37,24 @@ __all__ = [
     "windows_of",
 ]
 
-#: There and back must end this near [pixels]; the window must look alike (correlation).
+#: Largest difference between forward and backward displacement [pixels]; smallest correlation of the windows.
 BACK, ALIKE = 0.3, 0.6
-#: A picture with less than this part of the reference's sharpness is blurred.
+#: A picture with less than this fraction of the reference's sharpness is blurred.
 BLUR = 0.4
 BLURRED = "the picture is blurred: it is out of focus, or the gel moved during the exposure"
-#: Part of a window that may become white; with more, glare lies on it.
+#: Largest fraction of a window that may be saturated; more is glare.
 GLARED = 0.01
-#: Smallest standard deviation of a displacement [pixels]: Lucas-Kanade interpolates with 1/32 of a pixel, and pictures have eight bits.
+#: Smallest standard deviation of a displacement [pixels]: Lucas-Kanade interpolates to 1/32 of a pixel, and pictures
+#: have eight bits.
 MIN_STD = 1e-3
-#: Gauss-Newton steps with windows that are stretched as the print is.
+#: Gauss-Newton steps with windows stretched like the print.
 STEPS = 2
-#: How well the neighbours tell the motion of a window's whole against that of its middle, as a part of it.
+#: Relative error of the difference between the motion of a whole window and that of its middle, as estimated from the
+#: neighbours.
 SPREAD = 0.75
 #: Largest number of rows of a picture in one call of OpenCV.
 ROWS = 32000
-#: Grey level of the ground in the levelled pictures that are compared.
+#: Grey level of the background in the levelled pictures that are compared.
 LEVEL = 150.0
 
 
@@ -75,7 +79,7 @@ class Moved:
 
     @property
     def lost(self) -> npt.NDArray[np.bool_]:
-        """True (n,) for dots that are hidden, outside the picture or ambiguous."""
+        """Mask (n,) of dots that are hidden, outside the picture or ambiguous."""
         return np.asarray(np.isnan(self.displacement[:, 0]))
 
 
@@ -89,7 +93,7 @@ class Followed:
     level : array (row, column)
         The same, levelled (`as_bytes`).
     positions : array (n, 2)
-        Where the windows are in it [pixels].
+        Positions of the windows in the reference picture [pixels].
     half : int
         Half their side.
     reach : float
@@ -133,7 +137,7 @@ class Followed:
         self._white: Floats = np.max([self._glare(white_of(image), positions) for image in rest], axis=0)
 
     def _seen(self, image: npt.ArrayLike | None) -> tuple[npt.NDArray[Any] | None, str]:
-        """The picture in grey, or None with the reason why it is unusable."""
+        """The picture in grey, or None and the reason why it is unusable."""
         if image is None:
             return None, "there is no picture"
         plain = grey(image)
@@ -154,7 +158,7 @@ class Followed:
         return Moved(none, none, none[:, 0], fault)
 
     def _sharpness(self, level: npt.NDArray[np.uint8], positions: Floats) -> float:
-        """Steepest gradient over a dot, typical of all; of whole pixels, which interpolation does not smooth."""
+        """Typical steepest gradient over a dot, from whole pixels, which interpolation does not smooth."""
         half, size = self._half, np.array(level.shape[::-1])
         column, row = np.clip(np.rint(positions), 0, size - 1).astype(np.intp).T
         views = np.lib.stride_tricks.sliding_window_view(np.pad(level, half, mode="edge"), (2 * half + 1, 2 * half + 1))
@@ -167,10 +171,10 @@ class Followed:
         return np.asarray(windows_of(white, centres, self._half).mean(axis=(1, 2), dtype=np.float64))
 
     def _stretched(self, level: npt.NDArray[np.uint8], displacement: Floats) -> tuple[Floats, npt.NDArray[np.float32]]:
-        """Displacement against windows that are stretched and turned as the print is there, and these windows.
+        """Displacement relative to windows stretched and rotated like the print there, and these windows.
 
-        Beside a contact a window also stretches. The neighbours give the stretch, so that the residual is noise; Gauss-Newton steps of the
-        displacement alone (Baker and Matthews 2004) correct the result of the plain window.
+        Beside a contact a window also stretches. The neighbours give the stretch, so that the residual is only noise;
+        Gauss-Newton steps of the displacement (Baker and Matthews 2004) correct the result of the plain window.
         """
         n = len(displacement)
         known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(displacement).all(axis=1))
@@ -221,11 +225,11 @@ class Followed:
         now = self._places + displacement
         with np.errstate(invalid="ignore"):
             keep &= (now >= reach).all(axis=1) & (now <= np.array(level.shape[::-1]) - 1 - reach).all(axis=1)
-        # out of step with all around it: another dot, or glare
+        # It disagrees with all its neighbours: another dot, or glare.
         trial = np.where(keep[:, None], displacement, np.nan)
         off = trial - predicted(self._near, trial, np.arange(n))
         keep &= ~(np.hypot(off[:, 0], off[:, 1]) > 0.35 * self._near.pitch)
-        # a window moves as its parts do on average, beside a contact not as its middle
+        # A window moves by the average of its parts, which beside a contact differs from its middle.
         rim = np.where(np.isfinite(off), -off, 0.0) * self._spread
         displacement = displacement - np.where(self._around[:, None], rim, 0.0)
         return Moved(
@@ -261,7 +265,7 @@ def as_bytes(flat: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
 
 
 def white_of(plain: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """1 for saturated pixels."""
+    """Mask of saturated pixels (1)."""
     end = {"uint8": 253.0, "uint16": 65000.0}.get(plain.dtype.name)
     return (plain >= end).astype(np.uint8) if end is not None else np.zeros(plain.shape, np.uint8)
 
@@ -269,12 +273,14 @@ def white_of(plain: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
 def windows_of(
     level: npt.NDArray[np.uint8], centres: Floats, half: int, slopes: Floats | None = None
 ) -> npt.NDArray[np.float32]:
-    """Windows (n, row, column) around centres, between pixels where these are; stretched by 1 + ``slopes`` (n, 2, 2)."""
+    """Windows (n, row, column) around centres, interpolated between pixels; stretched by 1 + ``slopes`` (n, 2, 2)."""
     return _sampled(level, centres, _arms(half, slopes))
 
 
 def _arms(half: int, slopes: Floats | None = None) -> npt.NDArray[np.float32]:
-    """Column and row (2, row, column) of each pixel of a window from its middle; (n, 2, row, column) of windows that are stretched by 1 + ``slopes``."""
+    """Column and row (2, row, column) of each pixel of a window relative to its middle; (n, 2, row, column) for
+    windows stretched by 1 + ``slopes``.
+    """
     reach = np.arange(-half, half + 1, dtype=np.float32)
     arms = np.stack(np.meshgrid(reach, reach))
     if slopes is None:
@@ -284,7 +290,7 @@ def _arms(half: int, slopes: Floats | None = None) -> npt.NDArray[np.float32]:
 
 
 def _sampled(level: npt.NDArray[np.uint8], centres: Floats, arms: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Windows (n, row, column) of these arms around centres."""
+    """Windows (n, row, column) with these ``arms`` around centres."""
     cv2 = opencv()
     middle, side = centres.astype(np.float32)[:, :, None, None], arms.shape[-1]
     columns, rows = middle[:, 0] + arms[..., 0, :, :], middle[:, 1] + arms[..., 1, :, :]
@@ -303,7 +309,9 @@ def _sampled(level: npt.NDArray[np.uint8], centres: Floats, arms: npt.NDArray[np
 def _between(
     level: npt.NDArray[np.uint8], columns: npt.NDArray[np.float32], rows: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
-    """The same by NumPy: remap of OpenCV 4 rounds places to 1/32 of a pixel, which is more than dots are known to."""
+    """Interpolate in NumPy between pixels, because OpenCV 4's remap rounds places to 1/32 of a pixel, which is coarser
+    than the accuracy of dots.
+    """
     height, width = level.shape
     columns, rows = np.clip(columns, 0.0, width - 1.0), np.clip(rows, 0.0, height - 1.0)
     left, top = (np.minimum(axis.astype(np.intp), size - 2) for axis, size in ((columns, width), (rows, height)))
@@ -317,9 +325,10 @@ def _between(
 def _errors(
     rest: npt.NDArray[np.float32], now: npt.NDArray[np.float32], gradient: npt.NDArray[np.float32]
 ) -> tuple[Floats, Floats]:
-    """Standard deviation (n, 2) of each displacement, and correlation (n,) of the windows, which are a pixel wider to each side than the compared part.
+    """Standard deviation (n, 2) of each displacement, and correlation (n,) of the windows, which are a pixel wider on
+    each side than the compared part.
 
-    ``gradient``: those of the windows at rest.
+    ``gradient``: the gradients of the windows at rest.
     """
     other = gradients_of(now)
     a, b = rest[:, 1:-1, 1:-1], now[:, 1:-1, 1:-1]
@@ -328,18 +337,19 @@ def _errors(
     power_a, power_b = (da**2).sum(axis=(1, 2)), (db**2).sum(axis=(1, 2))
     alike = (da * db).sum(axis=(1, 2)) / np.sqrt(np.maximum(power_a.astype(np.float64) * power_b, 1e-12))
     left = b - a
-    # product of the gradients of both pictures: their independent noise averages out
+    # Product of the gradients of both pictures: their independent noise averages out.
     normal = np.einsum("niyx,njyx->nij", gradient, other).astype(np.float64)
     normal = 0.5 * (normal + normal.transpose(0, 2, 1))
     score = gradient * left[:, None]
-    # pixels up to two apart: in full, because interpolation alone makes neighbours alike (a flat top: Politis and Romano 1995), and no less than with
-    # weights that fall linearly, which never give less than nothing (Newey and West 1987)
+    # Pixels up to two apart: with full weight, because interpolation correlates neighbours (a flat top: Politis and
+    # Romano 1995), and at least the result with linearly decreasing weights, which is never negative (Newey and West
+    # 1987).
     apart = np.abs(np.subtract.outer(np.arange(a.shape[1]), np.arange(a.shape[1])))
     flat, sloped = (apart <= 2).astype(np.float32), np.maximum(1.0 - apart / 3.0, 0.0).astype(np.float32)
     middle, falling = (
         np.einsum("niyx,njyx->nij", score, near @ score @ near).astype(np.float64) for near in (flat, sloped)
     )
-    # without common gradients there is no information
+    # Without common gradients there is no information.
     power = np.einsum("niyx,niyx->n", gradient, gradient)
     ridge = (1e-3 * power + 1e-12)[:, None, None] * np.eye(2)
     inverse = np.linalg.inv(normal + ridge)
@@ -348,7 +358,7 @@ def _errors(
 
 
 def gradients_of(windows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Scharr's gradients (n, column and row, y, x), as Lucas-Kanade takes them, a pixel less to each side."""
+    """Scharr's gradients (n, column and row, y, x), as used by Lucas-Kanade, one pixel smaller on each side."""
     outer, inner = np.float32(3.0 / 32.0), np.float32(10.0 / 32.0)
     w = windows
     across, down = w[:, :, 2:] - w[:, :, :-2], w[:, 2:] - w[:, :-2]

@@ -14,7 +14,7 @@ __all__ = ["app", "main"]
 
 
 def main() -> None:
-    """Entry point; ctrl-C is heeded while the commands are still being loaded."""
+    """Entry point. Ctrl-C also works while the commands are still being imported."""
     try:
         from palpate.cli import commands
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""palpate bench: the inversion measured on simulated contacts."""
+"""palpate bench: measure the inversion on simulated contacts."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def bench_ablation(
             report=lambda i: step(f"{i}"),
         )
     rows = bench.summary(found)
-    frames, numbers = len(found), min(numbers, len(found))  # the columns of the table
+    frames, numbers = len(found), min(numbers, len(found))  # number of columns of the table
     if not rows:
         raise InvalidInput(f"nothing touches in any of the {frames} frames of seed {seed}; give more with --frames.")
     typer.echo(

@@ -1,4 +1,4 @@
-"""palpate calibrate: newtons from labelled presses."""
+"""palpate calibrate: force in newtons from labelled presses."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def calibrate(
     with busy("calibrating"):
         found = skin.calibrate(recordings if len(recordings) > 1 else recordings[0], **options)
     calibration = found.calibration
-    if calibration is None:  # Skin.calibrate always sets it
+    if calibration is None:  # for the type checker: Skin.calibrate always sets it
         raise InvalidInput("nothing was calibrated.")
     typer.echo(str(calibration))
     paths: tuple[Path, ...] = write_calibrated(out, skin_file, calibration)
@@ -176,7 +176,7 @@ def calibrate(
 
 
 def _wanted(text: str) -> dict[str, tuple[str, float]]:
-    """ "fz=-0.00981*grams" -> {"fz": ("grams", -0.00981)}."""
+    """Parse "fz=-0.00981*grams" to {"fz": ("grams", -0.00981)}."""
     out = {}
     for part in text.split(","):
         key, sign, column = part.partition("=")
@@ -204,7 +204,7 @@ def _wanted(text: str) -> dict[str, tuple[str, float]]:
 
 
 def _read(path: Path, wanted: dict[str, tuple[str, float]]) -> dict[str, Any]:
-    """The columns of a table, times their factors."""
+    """Return the columns of a table, multiplied by their factors."""
     from palpate.recordings.formats import endings
     from palpate.recordings.tabletext import Titles, read_table_text
 

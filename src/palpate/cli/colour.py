@@ -1,4 +1,4 @@
-"""Colour gels without dots on the command line: presses of a ball to a calibration, pictures to touch."""
+"""Gels that are read by colour, without dots: a calibration from presses of a ball, and touches from pictures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["calibrate_colours", "feel_pictures", "has_colours"]
 
 
 def has_colours(source: Path, skin_file: Path) -> bool:
-    """Whether ``source`` is pictures and the skin.toml has a section [colour]."""
+    """Return whether ``source`` consists of pictures and the skin.toml has a section [colour]."""
     import tomllib
 
     if source.suffix.lower() in (".nc", ".h5", ".npz", ".csv", ".zarr", ".mcap") or not skin_file.is_file():
@@ -48,7 +48,7 @@ def calibrate_colours(
     report: Path | None,
     force: bool,
 ) -> None:
-    """Learn colour to slope: `palpate calibrate PRESSES --ball-diameter "8 mm"`."""
+    """Learn the slope that each colour means: `palpate calibrate PRESSES --ball-diameter "8 mm"`."""
     from palpate.camera import draw_colours, learn_slopes, write_slopes
     from palpate.recordings import read_camera
 
@@ -86,7 +86,7 @@ def calibrate_colours(
 
 
 def _images(paths: list[Path]) -> list[Any]:
-    """All pictures of several files, in their order."""
+    """Return all pictures of several files, in order."""
     from palpate.camera import open_pictures
 
     found = []
@@ -112,7 +112,9 @@ def feel_pictures(
     method: Method | None,
     force: bool,
 ) -> None:
-    """Pictures of a gel that is read by its colours to touch: `palpate reconstruct PICTURE`, `palpate track VIDEO`."""
+    """Compute touches from pictures of a gel that is read by colour: `palpate reconstruct PICTURE`, `palpate track
+    VIDEO`.
+    """
     from palpate._plot import plot_forces as drawn
     from palpate.camera import draw_relief, feel
     from palpate.recordings import write_touch

@@ -1,4 +1,4 @@
-"""What all commands have in common: no option is ignored because it is given again."""
+"""The base class of all commands. It refuses an option that is given twice, instead of ignoring one value."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["Command"]
 
 
 class Command(TyperCommand):
-    """A command that refuses an option with one value that is given several."""
+    """A command that raises an error if an option that takes one value is given several times."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the words of the command line; the library alone would keep the last value in silence."""
+        """Parse the words of the command line. The library alone would silently use the last value."""
         _, _, given = self.make_parser(ctx).parse_args(args=list(args))
         option: Any
         for option in given:

@@ -1,4 +1,4 @@
-"""The application: its commands, and the exit for errors."""
+"""The application: its commands, and its exit codes for errors."""
 
 from __future__ import annotations
 
@@ -64,14 +64,14 @@ def _root(
 ) -> None:
     ctx.with_resource(guarded())
     ctx.with_resource(sole_writers())
-    # palpate reports damaged files itself, once and in words
+    # palpate itself reports damaged files, once and in words
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     if ctx.invoked_subcommand is None:
         typer.echo(ctx.get_help())
 
 
-#: Those that take the options of methods.
+#: Commands that take the options of methods, with their classes.
 _TAKING = {track: TrackerCommand, live: TrackerCommand, ros: RosCommand, reconstruct: MethodCommand}
 _COMMANDS = (
     demo,
@@ -99,19 +99,19 @@ for _command in _COMMANDS:
 app.add_typer(bench_app, name="bench")
 
 
-#: Errors of a full or read-only disk: no mistake of the caller.
+#: Errors of a full or read-only disk, which are not mistakes of the caller.
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
 
 def main() -> None:
-    """Entry point: an error is one line on stderr.
+    """Entry point; prints an error as one line on stderr.
 
-    The exit code is 2 for an impossible request, 1 for a failure of the system (a full disk), and 128 plus the signal for a stopped command: 130
-    after ctrl-C, 143 after SIGTERM.
+    The exit code is 2 for a request that cannot be met, 1 for a failure of the system (such as a full disk), and 128
+    plus the signal for a stopped command: 130 after Ctrl-C, 143 after SIGTERM.
     """
     warnings.showwarning = _warned
     try:
-        # as ctrl-C does: what is half-written is removed on the way out
+        # raise, as Ctrl-C does, so that half-written files are removed
         signal.signal(signal.SIGTERM, _stop)
         code = app(standalone_mode=False, prog_name="palpate")
         if code == 130:  # typer's word for ctrl-C, without a sentence
@@ -132,7 +132,7 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-#: Remedies against too little memory, by the part of palpate that needs it.
+#: Advice on how to use less memory, by the part of palpate that ran out of it.
 _COARSER = "Give a coarser surface ([surface] with a larger spacing in the skin.toml), or fewer taxels."
 _SHORTER = "Cut the file into shorter ones."
 _VERBOSITY = {
@@ -147,7 +147,9 @@ _VERBOSITY = {
 
 
 def _out_of_memory(error: MemoryError) -> str:
-    """What asked for too much, and what takes less: by the innermost part of palpate, since a long file and a fine surface need different advice."""
+    """Return what needed too much memory, and what to do. The innermost module of palpate in the traceback decides,
+    because a long file and a fine surface need different advice.
+    """
     advice, at = "Close other programs, or give less at a time.", error.__traceback__
     rooms = set()
     while at is not None:
@@ -155,7 +157,7 @@ def _out_of_memory(error: MemoryError) -> str:
         rooms.add(inside.split(".")[0])
         advice = _VERBOSITY.get(inside.split(".")[0], advice)
         at = at.tb_next
-    if "microscopy" in rooms and advice == _COARSER:  # no skin.toml describes its surface
+    if "microscopy" in rooms and advice == _COARSER:  # no skin.toml describes the surface of a cell's gel
         advice = _VERBOSITY["microscopy"]
     what = str(error).strip().rstrip(".")
     return f"not enough memory{f' ({what})' if what else ''}. {advice}"
@@ -169,12 +171,12 @@ def _warned(
     file: Any = None,
     line: str | None = None,
 ) -> None:
-    """A warning is one line too, without the place in the program that it comes from."""
+    """Print a warning as one line, without the place in the code that it comes from."""
     sys.stderr.write(f"warning: {' '.join(printable(str(message)).split())}\n")
 
 
 class _Stopped(BaseException):
-    """The process was asked to end."""
+    """Raised when the process was asked to end."""
 
 
 def _stop(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""palpate convert: a recording from one format into another."""
+"""palpate convert: write a recording in another format."""
 
 from __future__ import annotations
 

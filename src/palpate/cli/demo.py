@@ -1,4 +1,4 @@
-"""palpate demo: a finished example that needs no other file."""
+"""palpate demo: write and run a complete example that needs no other file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from palpate.cli.files import Force, make_folder, provenance, save_figure, write_text
 from palpate.errors import InvalidInput
 
-#: Checksums of the demo's files: unchanged files may be replaced by the next run.
+#: File of checksums of the demo's files. The next run may replace files that still have these checksums.
 SUMS = ".palpate-demo.sha256"
 
 _DEMO_SKIN = """\
@@ -39,7 +39,7 @@ depth = "0 %"
 
 
 class Story(StrEnum):
-    """The story of one demo."""
+    """The stories that the demo can show."""
 
     sensor = "sensor"
     camera = "camera"
@@ -125,7 +125,7 @@ def demo(
 
 
 def _check_unedited(folder: Path, force: bool, names: tuple[str, ...]) -> None:
-    """Refuse to replace files that no earlier run wrote, or that were edited since."""
+    """Raise an error if files exist that no earlier run wrote, or that were edited since."""
     sums = _sums(folder)
     for name in names:
         path = folder / name

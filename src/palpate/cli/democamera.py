@@ -1,4 +1,4 @@
-"""palpate demo camera: a video of a gel with dots, and what pressed it."""
+"""palpate demo camera: write a video of a gel with dots, and compute what pressed it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.cli.progress import progress
 
 __all__ = ["FILES", "demo_camera"]
 
-#: Its files.
+#: The files that the demo writes.
 FILES = ("gel.toml", "press.mp4", "touch.nc", "touch.png")
 
 _GEL = """\
@@ -37,7 +37,7 @@ distance = "25 mm"              # from the lens to the dots
 
 
 def demo_camera(folder: Path, seed: int, own: Callable[[str], None]) -> None:
-    """Film a ball that presses and drags, and recover what touched the gel from the video."""
+    """Render a video of a ball that presses and drags, and recover the touch from the video."""
     import numpy as np
 
     from palpate import solutions

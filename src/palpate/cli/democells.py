@@ -1,4 +1,6 @@
-"""palpate demo cells: pictures of beads below two cells, a film, outlines, and a PIVlab series, with forces that are known."""
+"""palpate demo cells: write pictures of beads below two cells, a film, outlines, and a PIVlab series, all with known
+forces.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +14,22 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["FILES", "demo_cells"]
 
-#: What it writes.
+#: The files that the demo writes.
 FILES = ("rest.tif", "pulled.tif", "film.tif", "cells.tif", "adhesions.tif", "PIVlab.mat")
-#: Metres of a pixel, pixels of a picture's side, and of the squares on which traction is even.
+#: Size of a pixel [m], side of a picture [px], and side of the squares on which traction is uniform [px].
 PIXEL, SIZE, FINE = 1e-7, 384, 4
-#: Beads in a pixel, and their width [px].
+#: Number of beads per pixel, and their width [px].
 DENSITY, WIDTH = 0.02, 1.2
-#: Middles of the cells [px] and their radius, and how much they pull in each frame.
+#: Middles of the cells [px] and their radius [px], and the relative strength of their pull in each frame.
 CELLS, RADIUS, PULLS = ((120.0, 190.0), (270.0, 200.0)), 62.0, (0.4, 1.0, 0.7)
-#: Squares of the PIV program's windows and their distance [px], and its noise [px].
+#: Side of the PIV program's windows [px], their distance [px], and the noise [px].
 WINDOW, STEP, NOISE = 24, 12, 0.03
 
 
 def demo_cells(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
-    """Two cells that pull at six adhesions each. Returns the strain energy of both [J] in each frame."""
+    """Write the files for two cells that pull at six adhesions each. Return the strain energy of both [J] in each
+    frame.
+    """
     import scipy.io
     import scipy.ndimage
 
@@ -98,7 +102,7 @@ def demo_cells(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
 
 
 def _picture(places: Floats, light: Floats, rng: np.random.Generator) -> Floats:
-    """Beads at ``places`` (n, 2) [px] with the noise of their photons and of a camera, 16 bits."""
+    """Render beads at ``places`` (n, 2) [px] with photon noise and camera noise, at 16 bits."""
     reach = 5
     image = np.zeros((SIZE + 4 * reach, SIZE + 4 * reach))
     step = np.arange(-reach, reach + 1)
@@ -112,14 +116,18 @@ def _picture(places: Floats, light: Floats, rng: np.random.Generator) -> Floats:
 
 
 def _series(moved: Floats, rng: np.random.Generator) -> dict[str, object]:
-    """What a PIV program makes of the film, in the variables of PIVlab's .mat files: means over windows, with noise."""
+    """Return the displacements that a PIV program would measure in the film, means over windows with noise, in the
+    variables of PIVlab's .mat files.
+    """
     import scipy.ndimage
 
     first = 0.5 * (WINDOW - 1)
     at = np.arange(first, SIZE - first, STEP)
     x, y = np.meshgrid(at, at)
     fine = scipy.ndimage.uniform_filter(moved, (0, WINDOW // FINE, WINDOW // FINE), mode="nearest")
-    where = (np.stack([y, x]) + 0.5 * FINE - 0.5 * (FINE - 1)) / FINE  # an even filter lies half a square off
+    where = (
+        np.stack([y, x]) + 0.5 * FINE - 0.5 * (FINE - 1)
+    ) / FINE  # a filter of even width is shifted by half a square
     seen = np.stack([scipy.ndimage.map_coordinates(c, where, order=1, mode="nearest") for c in fine])
     held: dict[str, list[object]] = {n: [] for n in ("x", "y", "u_original", "v_original", "typevector_original")}
     for pull in PULLS:

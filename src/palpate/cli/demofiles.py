@@ -1,4 +1,6 @@
-"""palpate demo taxels, markers, field: files as sensors of others write them, from known contacts, for the page of the first hour."""
+"""palpate demo taxels, markers, field: write files as other people's sensors do, from known contacts, for the page of
+the first hour.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +15,13 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["FILES", "demo_field", "demo_markers", "demo_taxels"]
 
-#: Files of each story.
+#: The files of each story.
 FILES = {
     "taxels": ("skin.toml", "taxels.csv"),
     "markers": ("gel.toml", "markers.csv"),
     "field": ("u.npy", "v.npy"),
 }
-#: Metres of a pixel of markers.csv, and of u.npy and v.npy.
+#: Size of a pixel [m] of markers.csv, and of u.npy and v.npy.
 PIXEL, FIELD_PIXEL = 6e-5, 1e-7
 
 _SKIN = """\
@@ -65,7 +67,9 @@ channels = ["displacement_x", "displacement_y"]
 
 
 def demo_taxels(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
-    """300 frames of 48 raw counts: a finger presses, slides and leaves. Returns the normal force of each [N]."""
+    """Write 300 frames of 48 raw counts: a finger presses, slides and leaves. Return the normal force of each frame
+    [N].
+    """
     from palpate import solutions
     from palpate.skin import Skin
 
@@ -97,7 +101,7 @@ def demo_taxels(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
 
 
 def demo_markers(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
-    """100 frames of 80 markers in pixels. Returns the normal force of each [N]."""
+    """Write 100 frames of 80 markers in pixels. Return the normal force of each frame [N]."""
     from palpate import solutions
     from palpate.elastic import BondedLayers, Layer
     from palpate.sensing import AreaGrid, ScatteredArray
@@ -128,7 +132,7 @@ def demo_markers(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
 
 
 def demo_field(folder: Path, seed: int, own: Callable[[str], None]) -> float:
-    """128 x 128 vectors of a cell that pulls at its ends, in pixels. Returns its strain energy [J]."""
+    """Write 128 x 128 vectors, in pixels, of a cell that pulls at its ends. Return its strain energy [J]."""
     from palpate.elastic import HalfSpace
     from palpate.sensing import AreaArray, AreaGrid
     from palpate.skin import Skin

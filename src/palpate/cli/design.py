@@ -1,4 +1,4 @@
-"""palpate design: what a sensor that is not built yet will resolve."""
+"""palpate design: predict what a sensor will resolve before it is built."""
 
 from __future__ import annotations
 

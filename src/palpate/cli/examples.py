@@ -1,10 +1,10 @@
-"""An example of each command, for its help."""
+"""Examples of each command, for its help."""
 
 from __future__ import annotations
 
 __all__ = ["EXAMPLES", "SHORT", "example"]
 
-#: What each command does, in the order of the list; each fits a line of a terminal.
+#: A summary of each command, in the order of the list; each fits on one line of a terminal.
 SHORT = {
     "demo": "A first picture and number from a simulated sensor or camera.",
     "reconstruct": "Pressure, shear and forces from a recording, frame by frame.",
@@ -88,6 +88,6 @@ EXAMPLES = {
 
 
 def example(command: str) -> str:
-    """The examples of a command as the end of its help; the sign keeps their lines whole."""
+    """Return the examples of a command for the end of its help; the control character keeps their line breaks."""
     lines = EXAMPLES[command]
     return "\b\n" + "\n".join([f"Example{'s' if len(lines) > 1 else ''}:", *(f"  {line}" for line in lines)])

@@ -16,19 +16,22 @@ import typer
 import palpate
 from palpate.errors import InvalidInput
 
-#: Seconds after which the rows of a table that is still growing are written, and the part of the time that this may take.
+#: While a table is still growing, its rows are written after this many seconds, and writing may take this fraction of
+#: the time.
 KEPT_EVERY, KEPT_PART = 5.0, 0.02
 _HELP = "Replace a result that exists. What is read is never replaced."
 Force = Annotated[bool, typer.Option("--force", "--overwrite", help=_HELP)]
-#: Where --force is the force of a contact.
+#: Option of commands whose --force is the force of a contact.
 Overwrite = Annotated[bool, typer.Option("--overwrite", help=_HELP)]
 
 
 def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool, option: str = "--force") -> None:
-    """Refuse, before any work, a name that must not or cannot be written: that of an input, of a result that exists, in no folder.
+    """Raise an error before any work if an output cannot or must not be written: if it is an input, an existing
+    result, or in a folder that does not exist.
 
-    An input is the same under any name: through a link, another path, another case; and so is what lies in an input folder. What another process is
-    writing is refused too, and other processes are refused what this command writes (`sole_writers`).
+    An input is recognised under any name (through a link, another path, or in other case), and so is a file inside an
+    input folder. A file that another process is writing is refused too, and other processes cannot write the files
+    that passed this check (`sole_writers`).
     """
     from palpate.recordings.files import is_store
     from palpate.recordings.locks import sole_writer
@@ -42,7 +45,7 @@ def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool,
         if not Path(os.path.realpath(path)).parent.is_dir():
             raise InvalidInput(f"{path}: the folder {path.parent} does not exist; make it first.")
         with contextlib.suppress(FileNotFoundError):
-            os.lstat(path)  # is_dir() and lexists() may keep to themselves that a name is too long
+            os.lstat(path)  # lstat raises an error if a name is too long; is_dir() and lexists() may not
         locks = _locks.get()
         if locks is not None:
             locks.enter_context(sole_writer(path))
@@ -59,7 +62,9 @@ def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool,
 def check_outputs(
     named: Mapping[str, Path | None], *, inputs: Iterable[Path | None] = (), force: bool, option: str = "--force"
 ) -> None:
-    """The same for all that a command writes, by option; no two of them may write one file, or into each other."""
+    """Check all outputs of a command, given by option; no two of them may be the same file, or one lie inside the
+    other.
+    """
     sources, before = list(inputs), dict[str, Path]()
     for name, path in named.items():
         if path is None:
@@ -72,13 +77,13 @@ def check_outputs(
         before[name] = real
 
 
-#: Locks of the running command's files.
+#: Locks on the output files of the running command.
 _locks: contextvars.ContextVar[contextlib.ExitStack | None] = contextvars.ContextVar("locks", default=None)
 
 
 @contextlib.contextmanager
 def sole_writers() -> Iterator[None]:
-    """As long as the ``with`` lasts, this process is the only one that writes what `check_output` has passed."""
+    """Within the ``with``, keep other processes from writing the files that `check_output` has passed."""
     with contextlib.ExitStack() as stack:
         token = _locks.set(stack)
         try:
@@ -88,7 +93,7 @@ def sole_writers() -> Iterator[None]:
 
 
 def _overlap(target: Path, source: Path) -> bool:
-    """Whether writing ``target`` would touch ``source``."""
+    """Return whether writing ``target`` would change ``source``."""
     real, other = Path(os.path.realpath(target)), Path(os.path.realpath(source))
     if not source.exists():  # intermediate, like the preparation
         return real == other
@@ -100,7 +105,7 @@ def _overlap(target: Path, source: Path) -> bool:
 
 
 def written(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a result; a store that was there is replaced when the new one is complete (files always are)."""
+    """Write a result. An existing store is replaced once the new one is complete (files always are)."""
     from palpate.recordings.files import in_place
 
     if path.is_dir():
@@ -111,7 +116,7 @@ def written(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def skin_files(skin_file: Path | None) -> list[Path]:
-    """A skin.toml and the files that it names: what is read along with it."""
+    """Return a skin.toml and the files that it names, which are read with it."""
     import tomllib
 
     if skin_file is None:
@@ -119,14 +124,14 @@ def skin_files(skin_file: Path | None) -> list[Path]:
     try:
         tables: Any = tomllib.loads(skin_text(skin_file))
     except (InvalidInput, ValueError, RecursionError):
-        return [skin_file]  # the reader reports it
+        return [skin_file]  # the reader reports the error
     planes = tables.get("plane", [])
     named = [p.get("positions_file") for p in planes if isinstance(p, dict)] if isinstance(planes, list) else []
     return [skin_file, *(skin_file.parent / n for n in named if isinstance(n, str))]
 
 
 def skin_text(skin_file: Path | None) -> str:
-    """What stands in a skin.toml, for the files that are made with it."""
+    """Return the text of a skin.toml, to be stored in the files that are made with it."""
     from palpate.recordings.skinfile import skin_text as text_of_skin
 
     return "" if skin_file is None else text_of_skin(skin_file)
@@ -150,7 +155,7 @@ def provenance(skin: str, recording: str = "") -> dict[str, str]:
 
 
 def command_line() -> str:
-    """What was typed, for the files that it made; secrets are hidden."""
+    """Return the command line, to be stored in the files that it made; secrets are hidden."""
     import shlex
 
     from palpate.recordings.redaction import without_secrets
@@ -186,7 +191,7 @@ def save_figure(figure: Any, path: Path) -> None:
 
 
 def write_forces(forces: Any, path: Path) -> None:
-    """The table of a `Forces`, whole or not at all."""
+    """Write the table of a `Forces`, completely or not at all."""
     from palpate.recordings.files import atomically
 
     atomically(path, forces.write)
@@ -194,7 +199,9 @@ def write_forces(forces: Any, path: Path) -> None:
 
 @contextlib.contextmanager
 def whole_result(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
-    """Where to write each of the files of one result, which are moved to ``paths`` together once all are complete; a command that is stopped before replaces none of them."""
+    """Give a temporary path for each file of a result, and move the files to ``paths`` together once all are complete.
+    If the command is stopped before, it replaces none of them.
+    """
     from tempfile import TemporaryDirectory
 
     from palpate.recordings.files import moved_into_place
@@ -204,7 +211,7 @@ def whole_result(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
         fresh: dict[Path, Path] = {}
         for path in paths:
             parent = Path(os.path.realpath(path)).parent
-            if parent not in folders:  # beside each target, since files move atomically on one disk only
+            if parent not in folders:  # beside each target, because a file moves atomically only within one disk
                 made = TemporaryDirectory(prefix=".palpate-", dir=parent, ignore_cleanup_errors=True)
                 folders[parent] = Path(stack.enter_context(made))
             fresh[path] = folders[parent] / path.name
@@ -219,10 +226,11 @@ def whole_result(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
 
 @contextlib.contextmanager
 def rows_in_part_file(forces: Any, path: Path | None) -> Iterator[Callable[[], None]]:
-    """A table of frames that are still coming, whole at the end; call what is given after each, and the rows so far are in the file every few seconds and where
-    the command is stopped.
+    """Write a table whose frames are still arriving. Call the function given after each frame; the rows so far are
+    then written every few seconds, and when the command is stopped.
 
-    An old result stays until the new one is complete; until then the rows are in NAME.part.csv beside it. None: no table to write.
+    Until the table is complete, an old result stays, and the rows are in NAME.part.csv beside it. If ``path`` is None,
+    nothing is written.
     """
     if path is None:
         yield lambda: None
@@ -254,7 +262,7 @@ def rows_in_part_file(forces: Any, path: Path | None) -> Iterator[Callable[[], N
 
 
 def write_frame(sink: Any, time: float, values: Any, touch: Any, events: Iterable[Any]) -> None:
-    """Give a frame of a stream, with its touch and events, to a sink."""
+    """Pass a frame of a stream, with its touch and events, to a sink."""
     sink.readings(time, values)
     sink.touch(touch)
     for event in events:

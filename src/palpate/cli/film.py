@@ -1,4 +1,4 @@
-"""palpate film: cells from frame to frame, one row for each frame and cell."""
+"""palpate film: evaluate cells from frame to frame, with one row for each frame and cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""palpate identify: the object that presses, from a recording."""
+"""palpate identify: find the object that presses, from a recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate.cli.options import Columns, check_matching, mapping_for
 from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
-#: Number of frames that takes minutes.
+#: Number of frames from which on the run takes minutes.
 LONG_RUN_FRAMES = 40
 
 

@@ -1,4 +1,4 @@
-"""palpate live: the contact in a browser."""
+"""palpate live: show the contact in a browser."""
 
 from __future__ import annotations
 
@@ -164,14 +164,15 @@ def live(
         tracker = seen.touches.tracker
     else:
         with busy("preparing the skin"):
-            tracker = skin.track(**options, baseline=zero_of_skin(skin, baseline or 0), budget=BUDGET)
+            zero = zero_of_skin(skin, baseline or 0)
+            tracker = skin.track(**options, baseline=baseline or 0, zero=zero, budget=BUDGET)
     sinks: list[Sink] = []
     if foxglove is not None:
         sinks.append(FoxgloveServer(recorded(skin)["channels"], port=foxglove))
         typer.echo(f"Foxglove: open a connection to ws://127.0.0.1:{foxglove}")
     if rerun:
         sinks.append(RerunSink())
-    if record is not None:  # last, so that nothing remains if the others fail
+    if record is not None:  # start the recording last, so that no file remains if another step fails
         sinks.append(recorder(record, **recorded(skin), meta=provenance(skin_text(skin_file), name)))
     session = Session(
         skin,

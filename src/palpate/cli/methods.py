@@ -1,4 +1,4 @@
-"""Methods and their options on the command line, as the registry knows them."""
+"""Options for methods and their parameters, generated from the registry of methods."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ _KEY = "palpate.methods"
 
 
 class MethodCommand(Command):
-    """A command with --method and every option of every method."""
+    """A command with the option --method and all options of all methods."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Its own parameters and those of the methods; a name that is its own is not the methods'."""
+        """Return the command's own parameters and those of the methods. If a name occurs in both, only the command's
+        own is used.
+        """
         own = super().get_params(ctx)
         known = ctx.meta.setdefault(f"{_KEY}.params", [])
         if not known:
@@ -30,7 +32,7 @@ class MethodCommand(Command):
         return [*(p for p in own if p.name != "help"), *known, *last]
 
     def parameters(self) -> list[inspect.Parameter]:
-        """The method's own parameters, each with its help."""
+        """Return the parameters of the methods, each with its help."""
         return _every_option()
 
 
@@ -38,7 +40,7 @@ class TrackerCommand(MethodCommand):
     """A command with the options of a tracker's method."""
 
     def parameters(self) -> list[inspect.Parameter]:
-        """The options of its method that `Skin.track` accepts."""
+        """Return the options of the method that `Skin.track` accepts."""
         from palpate.inverse.contact.methods import Constrained
         from palpate.skin import Skin
 
@@ -51,7 +53,7 @@ class TrackerCommand(MethodCommand):
 
 
 def chosen_method(ctx: typer.Context) -> Method | None:
-    """The method requested on the command line, or None.
+    """Return the method chosen on the command line, or None.
 
     Raises
     ------
@@ -66,7 +68,7 @@ def chosen_method(ctx: typer.Context) -> Method | None:
 
 
 def tracker_options(ctx: typer.Context) -> dict[str, Any]:
-    """The options of a tracker's method that the command line gives, checked; for `Skin.track`.
+    """Return the checked options that the command line gives for the method of a tracker, for `Skin.track`.
 
     Raises
     ------
@@ -86,13 +88,13 @@ def _sentence(option: Option, rules: Sequence[str]) -> str:
 
 
 def _every_option() -> list[inspect.Parameter]:
-    """--method, and one option for each name that any method takes in text."""
+    """Return --method, and one option for each name that any method accepts as text."""
     from palpate.inverse.registry import methods, options
 
     known = {n: m for n, m in methods().items() if all(m.options()[o].read is not None for o in m.required())}
     parameters = [_parameter("method", f"How: {'; '.join(f'{n} ({m.summary})' for n, m in known.items())}.", "NAME")]
     for name, takers in options(command_line=True).items():
-        # methods with the same text are listed together
+        # list methods with the same help text together
         said: dict[str, list[str]] = {}
         for method, option in takers.items():
             rules = known[method].rules if name == "parameter" and method in known else ()

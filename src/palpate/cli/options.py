@@ -41,7 +41,9 @@ def grasp_monitor(
 
 
 def check_watched(skin: Skin, pressure: str | None, force: str | None) -> None:
-    """Refuse limits that these channels cannot watch: a limit that is never reached would look like safety."""
+    """Raise an error for limits that these channels cannot watch, because a limit that is never reached would look
+    like safety.
+    """
     if "z" not in skin.components and not (pressure is None and force is None):
         raise InvalidInput(
             f"--max-pressure and --max-force watch the pressure, but these channels measure only {', '.join(skin.components)}: leave them out."
@@ -56,7 +58,9 @@ def numbers(text: str, option: str) -> list[float]:
 
 
 def value_and_std(text: str, kind: str, option: str) -> tuple[float, float]:
-    """A quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa", or 0 if none is stated."""
+    """Parse a quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa"; the latter is 0 if
+    none is stated.
+    """
     import re
 
     from palpate.units import parse_quantity
@@ -88,7 +92,9 @@ def rows_and_columns(text: str | None) -> tuple[int, int] | None:
 
 
 def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *, shape: Any = None) -> Any:
-    """How a recording of others is read: columns of a table by --map or [columns], messages of a robot by [stream]; None for palpate's own."""
+    """Return how to read a recording made by other programs: columns of a table by --map or [columns], messages of a
+    robot by [stream]; None for palpate's own formats.
+    """
     from palpate.recordings import read_columns, read_stream
     from palpate.recordings.columns import columns_of, columns_of_text
     from palpate.recordings.formats import endings, existing
@@ -112,7 +118,7 @@ def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *,
         return columns_of(given, shape=shape) if skin_file is None else read_columns(skin_file, given)
     except InvalidInput as error:
         if skin_file is not None and str(error).startswith(str(skin_file)):
-            raise  # it is about the skin
+            raise  # the error is about the skin
         raise InvalidInput(f"--map: {error}") from error
 
 
@@ -128,10 +134,10 @@ def check_channels(names: list[str]) -> list[str]:
 
 
 def zero_of_skin(skin: Skin, baseline: int) -> Any:
-    """The frames of the requested zero; by default the zero of the skin's calibration, if any."""
+    """Return the zero of the skin's calibration if it has one and no ``baseline`` replaces it."""
     found = skin.calibration
     if baseline or found is None or found.zero is None:
-        return baseline
+        return None
     typer.echo(
         "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes a new one"
     )
@@ -155,12 +161,15 @@ def check_matching(recording: Any, skin: Skin) -> None:
         typer.echo(f"warning: {doubt}", err=True)
 
 
-#: No elastic pad is as wide or as stiff [m, Pa]: a car's tyre is 0.3 m across, the hardest rubber below 0.1 GPa, epoxy 3 GPa.
+#: No elastic pad is wider or stiffer [m, Pa]: a car tyre is 0.3 m across; the hardest rubber has less than 0.1 GPa,
+#: epoxy 3 GPa.
 WIDEST, STIFFEST = 2.0, 10e9
 
 
 def suspicious_units(skin: Skin) -> list[str]:
-    """What a slip of a unit in a skin.toml (m for mm, GPa for kPa) leaves: sizes that no pad has. The forces would be wrong by as much, without any other sign."""
+    """Return warnings about sizes that no pad has, which a mistaken unit in a skin.toml causes (m for mm, GPa for
+    kPa). The forces would be wrong by the same factor, and nothing else would show it.
+    """
     import numpy as np
 
     from palpate.measured import Measured
@@ -171,7 +180,7 @@ def suspicious_units(skin: Skin) -> list[str]:
         found.append(
             f"the taxels of the skin.toml are spread over {plain_number(width, 3)} m: is the unit of pitch, spacing or positions right?"
         )
-    # a pad that was pressed point by point has no modulus
+    # a pad measured by pressing point by point has no modulus
     softness = 0.0 if isinstance(skin.pad, Measured) else float(np.asarray(skin.pad.compliance(0.0))[2, 2])
     if 0.0 < softness < 1.0 / STIFFEST:
         found.append(
@@ -181,7 +190,7 @@ def suspicious_units(skin: Skin) -> list[str]:
 
 
 def _check_places(positions: Any, skin: Skin) -> None:
-    """Check that the recording's taxels lie at the places of a positions_file."""
+    """Raise an error if the taxels of the recording are not where a positions_file says."""
     import numpy as np
 
     at = np.asarray(positions).reshape(len(positions), -1)
@@ -190,7 +199,7 @@ def _check_places(positions: Any, skin: Skin) -> None:
         places: Any = getattr(plane, "positions", None)
         if places is None or np.ndim(places) != at.ndim or np.shape(places) != at.shape:
             continue
-        # places of a calibrated skin are scaled by what presses told of the pixels
+        # positions of a calibrated skin are scaled by the fitted pixel scale
         off = min(
             (np.linalg.norm(f * at - places, axis=1) for f in {1.0, 1.0 if told is None else told.pixel_scale}),
             key=np.max,

@@ -1,4 +1,4 @@
-"""palpate pad: the effect of a pad on a touch."""
+"""palpate pad: show the effect of a pad on a touch."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def pad(
 
 
 def _ends(size: str) -> tuple[float, float]:
-    """Length and width [m] of "25.25 mm x 20.75 mm"."""
+    """Parse length and width [m] from "25.25 mm x 20.75 mm"."""
     from palpate.units import parse_quantity
 
     parts = re.split(r"\s*[x×]\s*", size.strip())
@@ -102,7 +102,7 @@ def _ends(size: str) -> tuple[float, float]:
 
 
 def _print_edges(found: EdgeError, pad: Pad, size: tuple[float, float] | None) -> None:
-    """What the endless layer is off by near a side, and the pad that ends."""
+    """Print the error of the infinite layer near a side, and the pad with sides to use instead."""
     from palpate.edges import solid_lines
 
     h = found.thickness

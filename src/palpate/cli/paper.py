@@ -1,4 +1,4 @@
-"""palpate paper: the founding paper, again."""
+"""palpate paper: reproduce the founding paper."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def paper(
 
 
 def _short(text: str) -> str:
-    """A number to three digits; anything else unchanged."""
+    """Return a number with three digits, and anything else unchanged."""
     try:
         return text if len(text) < 9 else f"{float(text):.2e}"
     except ValueError:

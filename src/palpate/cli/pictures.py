@@ -1,4 +1,4 @@
-"""Pictures on the command line: what is shared by the commands that take them."""
+"""Functions shared by the commands that take pictures."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ from palpate.units import UNKNOWN
 if TYPE_CHECKING:
     from palpate.skin import Skin
 
-#: Assumed pitch of dots [m], the number of dots for an estimate of the errors, and the half-width of a wide interval.
+#: Assumed pitch of dots [m], number of dots used for an estimate of the errors, and relative half-width from which an
+#: interval counts as wide.
 DOTS, THINNED, ROUGH = 2e-3, 120, 0.5
 
 __all__ = ["assumed_skin", "roughly", "skin_path", "track_pictures"]
 
 
 def skin_path(skin_file: Path) -> Path:
-    """A skin.toml: the file, or that of a sensor that is known by this name."""
+    """Return the path of a skin.toml: the given file, or that of a known sensor with this name."""
     from palpate.sensors import presets
 
     if skin_file.exists() or skin_file.suffix or skin_file.name not in presets():
@@ -48,7 +49,9 @@ def skin_path(skin_file: Path) -> Path:
 
 
 def assumed_skin(skin_file: Path) -> tuple[Skin, str]:
-    """The skin of a file; of one for a camera with the dots that it may have, and what was assumed of them."""
+    """Return the skin of a file, and the assumptions made. For a camera whose dots are not described, a typical
+    pattern of dots is assumed.
+    """
     from palpate.camera import dot_grid, gel_skin
     from palpate.recordings import read_camera
     from palpate.skin import Skin
@@ -67,7 +70,7 @@ def assumed_skin(skin_file: Path) -> tuple[Skin, str]:
 
 
 def roughly(skin: Skin | str | Path, positions: Any) -> str:
-    """A warning if dots measure the normal force only roughly, else ""."""
+    """Return a warning if dots measure the normal force only roughly, else ""."""
     from palpate.camera import gel_skin
     from palpate.pads import expected_force
 
@@ -81,7 +84,7 @@ def roughly(skin: Skin | str | Path, positions: Any) -> str:
     )
 
 
-#: Pictures of a zero from which on their spread shows whether the gel was still.
+#: From this number of zero pictures on, their spread shows whether the gel was still.
 CHECKS_ITSELF = 3
 
 
@@ -100,7 +103,7 @@ def track_pictures(
     limits: tuple[str | None, str | None],
     force: bool,
 ) -> None:
-    """Follow a gel in pictures: `palpate track VIDEO`."""
+    """Track a gel in pictures: `palpate track VIDEO`."""
     import contextlib
 
     from palpate.camera import follow, overlay
@@ -198,7 +201,7 @@ def track_pictures(
 def _print_outcome(
     taken: list[tuple[float, Any]], lost: list[float], faults: dict[int, str], notes: list[str], what: str
 ) -> None:
-    """The outcomes of the pictures in words."""
+    """Print how many pictures were used and what happened to the others."""
     loads = np.array([force for _, force in taken])
     times = [time for time, _ in taken]
     if np.isfinite(loads[:, -1]).any():

@@ -1,4 +1,4 @@
-"""palpate pillars: forces on micropillars from their deflections."""
+"""palpate pillars: compute forces on micropillars from their deflections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Progress of a long command on a terminal."""
+"""Show the progress of a long command on a terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def progress(items: Iterable[Any], label: str) -> Iterable[Any]:
-    """The items, with a bar on a terminal while the work is long."""
+    """Return the items, and show a bar on a terminal if the work takes long."""
     from rich.console import Console
     from rich.progress import track
 
@@ -25,20 +25,22 @@ def progress(items: Iterable[Any], label: str) -> Iterable[Any]:
 
 
 def busy(label: str) -> Any:
-    """A spinner on a terminal."""
+    """Show a spinner on a terminal."""
     from rich.console import Console
 
     return Console(file=unguarded(sys.stderr)).status(label)
 
 
-#: Seconds between two lines about long work where no terminal shows a bar.
+#: Seconds between two lines about long work if no terminal shows a bar.
 EVERY = 30.0
-#: Time before the hint [s].
+#: Time after which a hint is shown [s].
 LONG = 120.0
 
 
 class Bar:
-    """A progress bar with the time that is left, fed by a callback; where no terminal shows it, a line every half minute."""
+    """A progress bar with the remaining time, which a callback updates. Without a terminal it prints a line every half
+    minute.
+    """
 
     def __init__(self, label: str, total: int, *, hint: str = "") -> None:
         from rich.console import Console
@@ -85,7 +87,7 @@ class Bar:
 
 
 class Frames(Bar):
-    """The same with the number of finished frames."""
+    """A progress bar that also shows the number of finished frames."""
 
     def __enter__(self) -> Any:
         self._begin()
@@ -93,7 +95,7 @@ class Frames(Bar):
 
 
 def in_words(seconds: float) -> str:
-    """A duration in words: "40 s", "12 min", "3.5 h"."""
+    """Return a duration as text: "40 s", "12 min", "3.5 h"."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -168,7 +168,8 @@ def reconstruct(
                 resume=resume,
                 overwrite=force,
                 frame=frame,
-                baseline=zero,
+                baseline=baseline,
+                zero=zero,
                 provenance=provenance(skin_text(skin_file), str(recording_file)),
                 progress=lambda finished, _: bar(finished),
             )
@@ -195,7 +196,7 @@ def reconstruct(
         typer.echo(f"largest traction: frame {done.frame} of {total}")
     else:
         typer.echo(f"frame {done.frame} of {total}")
-    # notes of many frames state the count: those of the single frame would repeat them
+    # the notes of all frames together state counts; do not repeat those of single frames
     said = touch.summary().splitlines()
     typer.echo("\n".join(line for line in said if done.frames == 1 or not line.startswith("note: ")))
     for note in done.notes if done.frames > 1 else ():
@@ -212,7 +213,7 @@ def reconstruct(
 
 
 def _prepare(skin: Skin, file: Path, method: Method | None, components: list[str] | None) -> None:
-    """Load what an earlier run prepared, or prepare and save it."""
+    """Load the prepared method from an earlier run, or prepare and save it."""
     if file.exists():
         skin.load_prepared(file)
     else:

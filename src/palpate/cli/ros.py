@@ -1,4 +1,4 @@
-"""palpate ros: a node of ROS 2."""
+"""palpate ros: run as a node of ROS 2."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def ros(
 ) -> None:
     """Run as a node of ROS 2: readings, or pictures of a gel with dots, from a topic in; forces, traction, slip and events out.
 
-    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/slip_margin, ~/events and /diagnostics; takes ~/rezero.
+    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/utilisation, ~/events and /diagnostics; takes ~/rezero.
     Arguments of ROS come last, e.g. --ros-args -r __ns:=/left -p friction:=0.6.
     """
     import os
@@ -118,7 +118,7 @@ def ros(
         kind = kind or _kind(connection, name)
         skin: Any = skin_file
         read: TopicMapping | str = name
-        rest, zero = None, baseline
+        rest, zero = None, None
         if camera is not None and are_pictures(kind):
             if "colour" in tomllib.loads(skin_text(skin_file)):
                 raise Unsupported(
@@ -144,7 +144,8 @@ def ros(
                 read,
                 kind=kind,
                 options=options,
-                baseline=zero,
+                baseline=baseline,
+                zero=zero,
                 budget=1e-3 * budget
                 if budget is not None
                 else BUDGET
@@ -158,7 +159,7 @@ def ros(
                 frame=frame,
                 pages=page is not None,
             )
-        if record is not None:  # last, so that nothing is left where the others fail
+        if record is not None:  # start the recording last, so that no file remains if another step fails
             node.session.add(recorder(record, **recorded(node.skin), meta=provenance(skin_text(skin_file), name)))
         for note in node.session.tracker.notes:
             typer.echo(f"note: {note}", err=True)
@@ -181,7 +182,7 @@ def _no_stream(skin_file: Path, topic: str) -> str:
 
 
 def _kind(connection: Any, topic: str) -> str:
-    """Type of the topic, once it has a publisher."""
+    """Return the type of the topic, once it has a publisher."""
     found: str | None = connection.type_of(topic, wait=1.0)
     if found is None:
         full = connection.node.resolve_topic_name(topic)
@@ -192,7 +193,7 @@ def _kind(connection: Any, topic: str) -> str:
 
 
 def _skin(connection: Any, skin_file: Path, mapping: Any, kind: str) -> tuple[Any, Any]:
-    """The skin, and the rest positions of its markers from the first message."""
+    """Return the skin, and the rest positions of its markers from the first message."""
     import numpy as np
 
     from palpate.recordings import Recording
@@ -217,14 +218,14 @@ def _skin(connection: Any, skin_file: Path, mapping: Any, kind: str) -> tuple[An
 
 
 def _run(node: Any, page: int | None) -> None:
-    """Until Ctrl-C, or the stream fails."""
+    """Run until Ctrl-C, or until the stream fails."""
     import time
 
     try:
         if page is not None:
             from palpate.live import Live, address, serve
 
-            view = Live(node.session)  # it begins and ends the session
+            view = Live(node.session)  # the live view starts and stops the session
             typer.echo(f"open {address(view, '127.0.0.1', page)}")
             serve(view, port=page)
             return

@@ -1,4 +1,4 @@
-"""palpate sensors: supported sensors, and their skin files."""
+"""palpate sensors: list known sensors, and write their skin files."""
 
 from __future__ import annotations
 

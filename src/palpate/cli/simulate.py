@@ -1,4 +1,4 @@
-"""palpate simulate: the recording of a known contact."""
+"""palpate simulate: make a recording of a known contact."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Contact(StrEnum):
-    """Contacts that simulate can press."""
+    """Contacts that palpate simulate can make."""
 
     hertz = "hertz"
     punch = "punch"

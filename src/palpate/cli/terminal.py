@@ -1,4 +1,4 @@
-"""Text for the terminal: control characters in file contents have no effect."""
+"""Print text on the terminal in such a way that control characters in file contents have no effect."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ class _Guarded:
 
 @contextlib.contextmanager
 def guarded() -> Iterator[None]:
-    """Guard standard output and standard error: headers, names and notes of files are printed there."""
+    """Escape control characters on standard output and standard error, where headers, names and notes of files are
+    printed.
+    """
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _Guarded(before[0]), _Guarded(before[1])
     try:
@@ -38,5 +40,5 @@ def guarded() -> Iterator[None]:
 
 
 def unguarded(stream: Any) -> Any:
-    """The stream below, for a progress bar, which moves the cursor."""
+    """Return the underlying stream, for a progress bar, which must move the cursor."""
     return stream.stream if isinstance(stream, _Guarded) else stream

@@ -1,4 +1,4 @@
-"""palpate tfm: what a cell does to its gel, from pictures of beads or a displacement field."""
+"""palpate tfm: compute the forces of a cell on its gel, from pictures of beads or a displacement field."""
 
 from __future__ import annotations
 
@@ -306,7 +306,9 @@ def _complete(
     ratio: float | None,
     pictures: list[Path],
 ) -> PixelSize | None:
-    """Refuse a call without the numbers that no file states; return the size of a pixel, from the pictures if the user gives none."""
+    """Raise an error if numbers are missing that no file states. Return the size of a pixel that the pictures state if
+    the user gives none.
+    """
     from palpate.microscopy import is_field
     from palpate.microscopy.pixelsize import pixel_size_of_all
 
@@ -335,7 +337,7 @@ def _complete(
 
 
 def _pixel(given: str | None, stated: PixelSize | None, pictures: list[Path]) -> tuple[list[str], float]:
-    """The size of a pixel, by the user or by the pictures, and a remark on it."""
+    """Return remarks on the size of a pixel, and the size [m], from the user or from the pictures."""
     from palpate.microscopy.pixelsize import differing
     from palpate.units import parse_quantity
 
@@ -350,7 +352,7 @@ def _pixel(given: str | None, stated: PixelSize | None, pictures: list[Path]) ->
 def _gel(
     field: Field, skin_file: Path | None, modulus: str | None, ratio: float | None, thickness: str | None, depth: str
 ) -> tuple[Pad, float, Uncertainty | None]:
-    """The gel, the depth of its beads, and how well it is known."""
+    """Return the gel, the depth of its beads [m], and the uncertainty of its properties."""
     from palpate.elastic import BondedLayers, HalfSpace, Layer
     from palpate.recordings import read_skin, read_uncertainty
     from palpate.units import parse_quantity
@@ -370,7 +372,7 @@ def _gel(
                 f'{skin_file}: one plane with channels = ["displacement_x", "displacement_y"] is what a picture of beads shows.'
             )
         return pad, float(planes[0].depth), read_uncertainty(skin_file)
-    assert modulus is not None  # of both `_complete` has seen to it
+    assert modulus is not None  # `_complete` has checked both
     assert ratio is not None
     value, uncertainty = _modulus_of("--youngs-modulus", modulus)
     below = parse_quantity(depth, "length", "--depth")
@@ -381,7 +383,7 @@ def _gel(
 
 
 def _modulus_of(option: str, text: str) -> tuple[float, Uncertainty | None]:
-    """The modulus [Pa] and its uncertainty, if stated, in "8 kPa +- 10 %"."""
+    """Parse the modulus [Pa] and its uncertainty, if stated, from "8 kPa +- 10 %"."""
     from palpate.sensing.uncertainty import Uncertainty
 
     value, share = value_and_std(text, "pressure", option)

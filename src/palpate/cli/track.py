@@ -1,4 +1,4 @@
-"""palpate track: a recording, frame by frame."""
+"""palpate track: follow a recording frame by frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from palpate.cli.options import Columns, check_matching, check_picture, grasp_mo
 from palpate.cli.progress import Bar, busy
 from palpate.errors import InvalidInput
 
-#: Formats of robots for readings or pictures.
+#: File formats of robots, for readings or pictures.
 ROBOTS = (".mcap", ".bag")
 
 
@@ -179,16 +179,16 @@ def track(
     forces, levels = Forces(), Levels()
     levels.look(recording.readings)
     zero = zero_of_skin(skin, baseline)
-    if isinstance(zero, int) and not zero and levels.standing():
+    if zero is None and not baseline and levels.standing():
         typer.echo(f"warning: {OFFSETS}.", err=True)
     with busy("preparing the skin"):
-        tracker = skin.track(**options, baseline=zero, budget=None if budget is None else 1e-3 * budget)
+        tracker = skin.track(**options, baseline=baseline, zero=zero, budget=None if budget is None else 1e-3 * budget)
     record = provenance(skin_text(skin_file), str(recording_file))
     with contextlib.ExitStack() as stack:
         stack.enter_context(tracker)
         sink = None
         if out is not None and kind in ("mcap", "netcdf", "zarr"):
-            # beside a result to be replaced; else under its own name, where it grows with every block
+            # if a result exists, write beside it and replace it at the end; otherwise write to the final name, block by block
             name = stack.enter_context(in_place(out)) if out.exists() else out
             sink = stack.enter_context(recorder(name, recording.channels, positions=recording.positions, meta=record))
         keep = stack.enter_context(rows_in_part_file(forces, out if kind == "csv" else None))
@@ -218,7 +218,7 @@ def track(
 
 
 def _zeros(wanted: list[float], time: Any) -> list[float]:
-    """Times of new zeros in order; each must lie in the recording."""
+    """Return the times of new zeros in order. Raise an error if one lies outside the recording."""
     first, last = float(time[0]), float(time[-1])
     for at in wanted:
         if not first <= at <= last:

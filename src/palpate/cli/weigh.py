@@ -1,4 +1,4 @@
-"""palpate weigh: the modulus of a gel from known forces."""
+"""palpate weigh: compute the modulus of a gel from known forces."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ def weigh(
             "write           nothing: these presses do not tell the modulus. Press several times, with about the forces that the gel will measure."
         )
     elif found.better:
-        # per cent of two digits, as a skin.toml needs below 100
+        # per cent with two digits; a skin.toml needs less than 100
         modulus, percent = plain_number(1e-3 * found.youngs_modulus, 4), plain_number(min(100.0 * share, 99.0), 2)
         typer.echo(f'write           youngs_modulus = "{modulus} kPa +- {percent} %"')
 
 
 def _force(text: str) -> Any:
-    """A force in newtons, or the table of one over time."""
+    """Parse a force in newtons, or read the table of a force over time."""
     from palpate.camera import read_force_trace
     from palpate.units import parse_quantity
 

@@ -1,8 +1,10 @@
-"""Cramer-Rao bounds: how well force, place and radius of a press can be known at best.
+"""Cramer-Rao bounds: the smallest possible errors of force, place and radius of a press.
 
-readings = r(force, place, radius) + B nuisances + noise. With J the derivatives of the readings by all unknowns, and W the inverse covariance of the
-noise, no unbiased estimator has a covariance below (J^T W J + P)^-1 (H. Cramer 1946, C. R. Rao 1945; with P the inverse prior variances, H. L. Van
-Trees 1968). The press is a ball: an estimator without the shape has larger errors; one that excludes pulling pressure may beat a wide bound.
+readings = r(force, place, radius) + B nuisances + noise. With J the derivatives of the readings with respect to all
+unknowns, and W the inverse covariance of the noise, no unbiased estimator has a covariance below (J^T W J + P)^-1 (H.
+Cramer 1946, C. R. Rao 1945; with P the inverse prior variances, H. L. Van Trees 1968). The press is a ball: an
+estimator that does not know the shape has larger errors. One that excludes negative pressure may have smaller errors
+than a wide bound.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
 
 __all__ = ["Bound", "PressModel", "covariance"]
 
-#: Of an information matrix in natural units: below this part of the largest eigenvalue a combination is not observed.
+#: A combination of parameters whose eigenvalue of the information matrix (in natural units) is below this fraction of
+#: the largest counts as not observed.
 SINGULAR = 1e-13
 
 
@@ -33,31 +36,33 @@ class Bound:
     Attributes
     ----------
     force : array (component,)
-        Of each component sought [N].
+        Standard deviation of each estimated component of the force [N].
     center : array (axis,)
-        Of the place (x, y), or (x,) [m].
+        Standard deviation of the position (x, y), or (x,) [m].
     radius : float
-        Of the contact radius [m].
-    slip_margin : float
-        Of the reserve before the whole contact slips, mu F_z - |F_t| [N]; NaN unless shear and pressure are both sought.
+        Standard deviation of the contact radius [m].
+    friction_reserve : float
+        Standard deviation of the reserve before the whole contact slips, mu F_z - |F_t| [N]; NaN unless shear and
+        pressure are both estimated.
     """
 
     force: Floats
     center: Floats
     radius: float
-    slip_margin: float
+    friction_reserve: float
 
 
 def nuisance_columns(responses: Responses, kinds: Sequence[str] | None) -> Floats:
-    """Patterns (reading, nuisance) with an unknown amplitude; the default (None) is an offset of each channel."""
+    """Return patterns (reading, nuisance) with unknown amplitudes; the default (None) is an offset of each channel."""
     found = nuisances(responses.planes, ("offset",) if kinds is None else kinds)
     return np.stack([n.rows for n in found], axis=1) if found else np.zeros((len(weights_of(responses.planes)), 0))
 
 
 def covariance(jacobian: Floats, weights: Floats, count: int, prior: Floats | None = None) -> Floats:
-    """Covariance (count, count) of the first ``count`` parameters, the others being unknown too.
+    """Return the covariance (count, count) of the first ``count`` parameters if the others are unknown too.
 
-    ``jacobian`` (reading, parameter), ``weights`` 1/noise of each reading, ``prior`` 1/standard deviation of each parameter, 0 without prior knowledge.
+    ``jacobian`` (reading, parameter), ``weights`` 1/noise of each reading, ``prior`` 1/(standard deviation) of each
+    parameter, 0 without prior knowledge.
     """
     rows = jacobian * weights[:, None]
     if prior is not None:
@@ -83,7 +88,7 @@ def covariance(jacobian: Floats, weights: Floats, count: int, prior: Floats | No
 
 
 class PressModel:
-    """Readings of a press and their derivatives by force, place and radius."""
+    """Readings of a press and their derivatives with respect to force, place and radius."""
 
     def __init__(self, responses: Responses, press: Press, components: tuple[str, ...]) -> None:
         self.responses, self.press, self.components = responses, press, components
@@ -104,7 +109,9 @@ class PressModel:
         self.shape = shapes[0]
 
     def systematic(self, uncertainty: Uncertainty) -> tuple[Floats, Floats]:
-        """Changes of the readings by scale, modulus, depth and thickness (reading, cause) for one standard deviation, and that of each gain (reading,)."""
+        """Return the changes of the readings for one standard deviation of scale, modulus, depth and thickness
+        (reading, cause), and of each gain (reading,).
+        """
         r = self.responses
         columns = [uncertainty.scale * self.readings, uncertainty.modulus * self.readings * scale_free(r.planes)]
         known = uncertainty.beside(r.pad, r.planes)
@@ -120,14 +127,18 @@ class PressModel:
         return np.stack(columns, axis=1), gain * np.abs(self.readings)
 
     def bound(self, kinds: Sequence[str] | None, uncertainty: Uncertainty | None = None) -> Bound:
-        """The bound with unknown offsets and other nuisances, and with the ``uncertainty`` of the skin, if given."""
+        """Return the bound with unknown offsets and other nuisances, and with the ``uncertainty`` of the skin if
+        given.
+        """
         weights, others, prior = self.unknowns(kinds, uncertainty)
         own = self.jacobian.shape[1]
         prior = np.concatenate([np.zeros(own), prior])
         return self._read(covariance(np.concatenate([self.jacobian, others], axis=1), weights, own, prior))
 
     def unknowns(self, kinds: Sequence[str] | None, uncertainty: Uncertainty | None) -> tuple[Floats, Floats, Floats]:
-        """1/noise of each reading (with gain errors), the nuisances (reading, nuisance), and their prior (1/standard deviation)."""
+        """Return 1/noise of each reading (gain errors included), the nuisances (reading, nuisance), and 1/(prior
+        standard deviation) of each.
+        """
         weights, others = weights_of(self.responses.planes), nuisance_columns(self.responses, kinds)
         prior = np.zeros(others.shape[1])
         if uncertainty is None:

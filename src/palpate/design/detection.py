@@ -1,4 +1,4 @@
-"""Smallest detectable load, blind places, and the largest load of a sensor."""
+"""Smallest detectable load, blind spots, and the largest load of a sensor."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ from palpate.sensing.surface import default_surface
 
 __all__ = ["Noticed", "noticed_forces", "range_of"]
 
-#: Of frames at rest, the part that may be taken for contact; and of contacts of that force, the part that is noticed.
+#: Fraction of frames at rest that may be taken for contact, and fraction of contacts of the reported force that are
+#: detected.
 FALSE_ALARM, POWER = 0.01, 0.95
-#: A place is a blind spot where the smallest noticed force is this many times that of the median place.
+#: A place is a blind spot if its smallest detectable force is this many times that of the median place.
 BLIND = 3.0
-#: Numbers of the matrix of cells per batch.
+#: Number of matrix entries of the cells that are computed at a time.
 BLOCK = 4_000_000
-#: Above this part of Young's modulus the peak traction is beyond linear elasticity, as in the notes of a touch.
+#: Peak traction above this fraction of Young's modulus is beyond linear elasticity, as in the notes of a touch.
 STRAIN = 0.3
 
 
 @dataclass(frozen=True)
 class Noticed:
-    """Smallest normal force [N] that is noticed at each place on the array.
+    """Smallest normal force [N] that is detected at each place on the array.
 
     Attributes
     ----------
@@ -48,7 +49,7 @@ class Noticed:
 
     @property
     def median(self) -> float:
-        """That of the median place [N].
+        """Smallest detectable force at the median place [N].
 
         Examples
         --------
@@ -61,7 +62,7 @@ class Noticed:
 
     @property
     def blind(self) -> float:
-        """Share of the places where it is more than three times that.
+        """Fraction of the places with a smallest detectable force of more than three times the median.
 
         Examples
         --------
@@ -75,10 +76,11 @@ class Noticed:
 
 
 def noticed_forces(pad: Pad, planes: Sequence[Array], kinds: Sequence[str] | None) -> Noticed:
-    """Of a tip as wide as a surface cell that presses on the array, its place being unknown.
+    """Return the smallest detectable force of a tip as wide as a surface cell, at an unknown place on the array.
 
-    A matched filter sees a force F as F |P g| noise levels, with g the whitened readings of unit force and P the projection that takes offsets out. It
-    must exceed the largest of as many independent places as there are readings in 1 % of frames at rest, and does so in 95 % of contacts.
+    The matched-filter output for a force F is F |P g| in units of the noise, where g are the whitened readings of unit
+    force and P projects offsets out. Its threshold is exceeded in 1 % of frames at rest by the largest of as many
+    independent places as there are readings; the reported force exceeds it in 95 % of contacts.
     """
     surface = default_surface(planes, thickness=pad.thickness)
     surface = _finer(planes, surface)
@@ -111,7 +113,7 @@ def noticed_forces(pad: Pad, planes: Sequence[Array], kinds: Sequence[str] | Non
 
 
 def threshold(readings: int) -> float:
-    """Noise levels of a matched filter at which a contact is noticed; see `noticed_forces`."""
+    """Return the threshold of the matched filter in units of the noise; see `noticed_forces`."""
     return float(ndtri(1.0 - 0.5 * FALSE_ALARM / readings) + ndtri(POWER))
 
 
@@ -122,7 +124,9 @@ def _nearest(axis: Floats, place: float) -> Floats:
 
 
 def _finer(planes: Sequence[Array], surface: Grid) -> Grid:
-    """Of a regular array, four cells to a pitch where taxels lie less than that deep, else two: places between taxels count."""
+    """Return a finer surface for a regular array, so that places between taxels count: four cells per pitch if taxels
+    are less than a pitch deep, otherwise two.
+    """
     first = planes[0]
     if isinstance(first, ScatteredArray):
         return surface
@@ -137,9 +141,10 @@ def _finer(planes: Sequence[Array], surface: Grid) -> Grid:
 
 
 def range_of(model: PressModel) -> tuple[float, float]:
-    """Normal force [N] at which the first reading reaches an end of its range (infinite without limits), and at which linear elasticity ends.
+    """Return the normal force [N] at which the first reading reaches an end of its range (infinite without limits),
+    and the one at which linear elasticity ends.
 
-    Of the press on its contact radius, with its share of shear.
+    The force is that of the press, on its contact radius and with its share of shear.
     """
     planes, force = model.responses.planes, model.press.force
     start, end = 0, math.inf
@@ -153,7 +158,7 @@ def range_of(model: PressModel) -> tuple[float, float]:
         kept = array.valid.ravel()
         low, high = (np.asarray(e).reshape(len(array.channels), -1)[:, kept].ravel() for e in ends)
         with np.errstate(divide="ignore", invalid="ignore"):
-            # a range that begins at 0 has no end there
+            # a range that begins at 0 does not limit the load there
             up = np.where((part > 0) & np.isfinite(high), high / part, math.inf)
             down = np.where((part < 0) & np.isfinite(low) & (low < 0), low / part, math.inf)
         end = min(end, float(up.min()), float(down.min()))

@@ -1,4 +1,4 @@
-"""Pictures of designs: trade-offs, and the resolution of one design."""
+"""Figures of designs: trade-offs, and the resolution of one design."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _STYLES = ("-", "--", ":", "-.")
 
 
 def plot_design(design: Design) -> Figure:
-    """Point-spread functions, and the smallest noticed force over the array."""
+    """Plot the point-spread functions, and the smallest detectable force over the array."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 
@@ -65,7 +65,7 @@ def plot_design(design: Design) -> Figure:
 
 
 def plot_sweep(sweep: Sweep, x: str | None, columns: Sequence[str]) -> Figure:
-    """Each number against one axis; the other axes by colour and line style."""
+    """Plot each number against one axis; colours and line styles distinguish the other axes."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
@@ -141,7 +141,7 @@ def plot_sweep(sweep: Sweep, x: str | None, columns: Sequence[str]) -> Figure:
 
 
 def plot_places(placed: Any) -> Figure:
-    """Placed taxels over the error that remains at each place."""
+    """Plot the placed taxels over the error that remains at each place."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
 

@@ -19,7 +19,7 @@ youngs_modulus = ["100 kPa", "300 kPa"]
 keep = "area"                    # constant when the pitch changes: "taxels" (default) or "area"
 
 [goal]                           # optional: goals
-pair = "3 mm"                    # also force, shear, center, radius, slip_margin, width, wavelength, noticed, blind = "5 %", range
+pair = "3 mm"                    # also force, shear, center, radius, friction_reserve, width, wavelength, noticed, blind = "5 %", range
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from palpate.units import KIND_OF_SI, parse_quantity
 
 __all__ = ["DesignFile", "read_design"]
 
-#: Sections that a skin.toml does not have, and their keys.
+#: Sections that a plain skin.toml does not have, with their keys.
 SECTIONS = {
     "press": ("force", "contact_radius", "shear", "friction", "center"),
     "sweep": (*VARIED, "keep"),
@@ -60,10 +60,10 @@ class DesignFile:
     Attributes
     ----------
     pad, planes, uncertainty
-        Of the skin, as in a skin.toml.
+        Pad, arrays and uncertainty of the skin, as in a skin.toml.
     press : Press
     values : dict of lists
-        What is varied, in SI units.
+        Values of the variables, in SI units.
     keep : "taxels" or "area"
     goals : dict of float
         In SI units.
@@ -79,7 +79,7 @@ class DesignFile:
 
 
 def read_design(path: str | Path) -> DesignFile:
-    """Read a design.toml; a skin.toml whose planes name their noise is one too.
+    """Read a design.toml. A skin.toml whose planes state their noise is a design file too.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def read_design(path: str | Path) -> DesignFile:
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError):
-        tables = {}  # `validated` reports it in words
+        tables = {}  # `validated` reports the error in words
     skin = _without(text, tuple(SECTIONS))
     pad, planes, _, _ = skin_from_text(skin, name, found.parent)
     planes = [p.at_base(pad.thickness) for p in planes]
@@ -173,7 +173,7 @@ def read_design(path: str | Path) -> DesignFile:
 
 
 def _without(text: str, sections: tuple[str, ...]) -> str:
-    """The text with some sections blank, so that lines keep their numbers."""
+    """Return the text with some sections replaced by blank lines, so that line numbers stay the same."""
     out, skip = [], False
     ours = re.compile(rf"^\s*\[\s*({'|'.join(sections)})\s*\]")
     for line in text.split("\n"):

@@ -1,4 +1,4 @@
-"""Placement of a given number of taxels."""
+"""Choose places for a given number of taxels."""
 
 from __future__ import annotations
 
@@ -23,21 +23,22 @@ if TYPE_CHECKING:
 
 __all__ = ["Placement", "place"]
 
-#: Sites per extent of the pad, and the stride between the sites of presses.
+#: Number of candidate places along the extent of the pad, and the stride between the candidate places at which presses
+#: are tried.
 SITES, EVERY = 25, 3
-#: Rounds of moving each taxel to a better site.
+#: Number of rounds in which each taxel is moved to a better place.
 ROUNDS = 2
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Taxels placed for presses all over a rectangle.
+    """Taxels placed for presses anywhere on a rectangle.
 
     Attributes
     ----------
     array : ScatteredArray
     places : array (n, 2) [m]
-        Where presses were tried, (y, x).
+        Places (y, x) at which presses were tried.
     force_std, center_std : array (n,)
         Bounds of the normal force [N] and of the centre [m] there, with noise and offsets unknown.
 
@@ -58,7 +59,7 @@ class Placement:
     center_std: Floats = field(repr=False)
 
     def plot(self) -> Figure:
-        """The taxels over the standard deviation of the force (a matplotlib Figure).
+        """Plot the taxels over the standard deviation of the force (a matplotlib Figure).
 
         Examples
         --------
@@ -74,12 +75,14 @@ class Placement:
 
 
 def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | None = None) -> Placement:
-    """Sites of ``count`` taxels, of the kind that the skin has, that know presses all over a rectangle best.
+    """Choose the places of ``count`` taxels, of the kind the skin has, that measure presses anywhere on a rectangle
+    best.
 
-    First, each taxel in turn takes the site that lowers the mean variance most; then each moves to a better site while there is one. The criterion is
-    the variance of the normal force (over the force) plus that of the place (over depth plus radius), its mean over the presses: an A-optimal design
-    (A. C. Atkinson, A. N. Donev, R. D. Tobias, Optimum Experimental Designs, with SAS, 2007, chapters 10 and 12), by exchange. The result is good,
-    not always the best.
+    First each taxel in turn takes the place that lowers the mean variance most; then taxels move to better places as
+    long as there are any. The criterion is the variance of the normal force (divided by the force) plus that of the
+    position (divided by depth plus radius), averaged over the presses: an A-optimal design by exchange (A. C.
+    Atkinson, A. N. Donev, R. D. Tobias, Optimum Experimental Designs, with SAS, 2007, chapters 10 and 12). The result
+    is good, but not always the best.
 
     Parameters
     ----------
@@ -90,12 +93,12 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
     extent : (float, float)
         Width (x) and height (y) of the rectangle that is pressed and that taxels lie in [m].
     press : Press, optional
-        What is pressed; 1 N over a radius of 2 mm where nothing is given.
+        The press to measure; default: 1 N over a radius of 2 mm.
 
     Raises
     ------
     InvalidInput
-        Fewer taxels than tell a press, more than there are sites, or an extent that is not two positive lengths.
+        Too few taxels to determine a press, more than there are places, or an extent that is not two positive lengths.
     Unsupported
         Line contact, or an array without noise.
 
@@ -128,7 +131,7 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
         )
     information, places, scale = _informations(skin, first, pressed, shape, step)
     chosen = _exchanged(information, scale, count)
-    # (row, column) of a site, and its place around the middle
+    # (row, column) of a candidate place, and its position relative to the middle
     rows, columns = np.unravel_index(np.sort(chosen), shape)
     x, y = (columns - 0.5 * (shape[1] - 1)) * step, (rows - 0.5 * (shape[0] - 1)) * step
     covariances = np.linalg.inv(information[:, chosen].sum(axis=1) + _prior(scale))
@@ -148,10 +151,10 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
 def _informations(
     skin: Any, first: Any, press: Press, shape: tuple[int, ...], step: float
 ) -> tuple[Floats, Floats, dict[str, Any]]:
-    """Information (place, site, parameter, parameter) in natural units, the places (y, x), and those units."""
+    """Return the information (place, site, parameter, parameter) in natural units, the places (y, x), and the units."""
     elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad
     check_modelled(elastic, "placing taxels")
-    # the reading depends only on the distance from the press: one press in the middle covers all distances
+    # a reading depends only on the position relative to the press: one press in the middle covers all of them
     ny, nx = (2 * n - 1 for n in shape)
     array = AreaArray(
         shape=(ny, nx),
@@ -169,7 +172,7 @@ def _informations(
     felt = (model.jacobian * weights_of([array])[:, None] * units).reshape(channels, ny, nx, n + 3)
     whole = np.zeros((ny, nx, channels, n + 3 + channels))
     whole[..., : n + 3] = np.moveaxis(felt, 0, 2)
-    sizes = np.abs(felt[..., n - 1]).max(axis=(1, 2))  # of an offset: as large as the largest reading
+    sizes = np.abs(felt[..., n - 1]).max(axis=(1, 2))  # unit of an offset: the largest reading
     whole[:, :, np.arange(channels), n + 3 + np.arange(channels)] = sizes
     rows, columns = np.arange(0, shape[0], EVERY), np.arange(0, shape[1], EVERY)
     at_y, at_x = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
@@ -181,12 +184,14 @@ def _informations(
 
 
 def _prior(scale: dict[str, Any]) -> Floats:
-    """One natural unit of each parameter: known to the size of the press itself, so that few taxels have a finite variance."""
+    """Return the prior information: each parameter is known to one natural unit (the size of the press), so that few
+    taxels have a finite variance.
+    """
     return np.asarray(np.eye(scale["size"]))
 
 
 def _exchanged(information: Floats, scale: dict[str, Any], count: int) -> Any:
-    """Sites by greedy choice, then by exchange."""
+    """Return places by greedy choice, then by exchange."""
     n = scale["forces"]
     asked = [n - 1, n, n + 1]
     places, sites = information.shape[:2]

@@ -24,7 +24,7 @@ class Press:
     shear : float
         Tangential force along +x over the normal force. Used only if the channels separate shear from pressure.
     friction : float
-        Coefficient of friction of the slip margin.
+        Coefficient of friction of the friction reserve.
     center : (float, float), optional
         Place (x, y) [m]; by default the middle of the array. In line contact y is not used.
 
@@ -88,7 +88,7 @@ class Press:
         return math.pi * self.contact_radius**2 if dimensions == 2 else 2.0 * self.contact_radius
 
     def components(self, names: tuple[str, ...]) -> dict[str, float]:
-        """Net force of each component among ``names``: the drag is along x.
+        """Return the net force of each component among ``names``; the drag is along x.
 
         Examples
         --------

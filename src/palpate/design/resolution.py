@@ -1,4 +1,4 @@
-"""Resolution of a sensor: wavenumbers, the point-spread function, the closest resolved pair."""
+"""Resolution of a sensor: highest wavenumbers, the point-spread function, and the closest pair that is resolved."""
 
 from __future__ import annotations
 
@@ -18,18 +18,20 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["highest_wavenumbers", "point_spread", "separable_pair"]
 
-#: A pattern is recoverable if its amplitude is at least this many standard deviations (two-sided, 95 %).
+#: A pattern is recoverable if its amplitude is at least this many standard deviations (95 %, two-sided).
 RECOVERABLE_SIGMAS = 1.96
-#: Wavenumbers tried between a tenth of the array's and Nyquist's, and directions in area contact.
+#: Number of wavenumbers tried, from a tenth of the array's up to Nyquist's, and directions in area contact.
 WAVES, ANGLES = 160, (0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi)
-#: Wavenumbers of the point-spread function: the period is this many half-widths of the finest detail.
+#: Number of wavenumbers of the point-spread function: its period is this many half-widths of the finest detail.
 SAMPLES = 192
-#: Distances tried for a pair, in parts of depth plus contact radius.
+#: Distances tried for a pair, in units of depth plus contact radius: first, last, number.
 PAIRS = (0.1, 3.0, 9)
 
 
 def _sensed(pad: Pad, planes: Sequence[Array], kx: Floats, ky: Floats) -> Complexes:
-    """Rows (..., channel, component) over the noise of a taxel, averaged over its aperture, times the root of taxels to an area (or a length)."""
+    """Return rows (..., channel, component) divided by the noise of a taxel, averaged over its aperture, and
+    multiplied by the square root of the number of taxels per area (or length).
+    """
     line = planes[0].dimensions == 1
     rows = []
     for array in planes:
@@ -46,10 +48,11 @@ def _sensed(pad: Pad, planes: Sequence[Array], kx: Floats, ky: Floats) -> Comple
 def highest_wavenumbers(
     pad: Pad, planes: Sequence[Array], press: Press, components: tuple[str, ...]
 ) -> dict[str, tuple[float, str]]:
-    """Highest wavenumber [rad/m] of each component that is recovered at the amplitude of the press's mean traction, and its limit.
+    """Return for each component the highest wavenumber [rad/m] that is recovered at the amplitude of the press's mean
+    traction, and what limits it.
 
-    A wave t cos(k.x) over an array of area A with M(k) its matrix has information (A/2) M^H W M per area. Components are estimated together. The
-    amplitude of shear is that of pressure times the friction.
+    A wave t cos(k.x) over an array of area A has the information (A/2) M^H W M, where M(k) is the response matrix.
+    Components are estimated together. The amplitude of shear is that of pressure times the coefficient of friction.
     """
     d = planes[0].dimensions
     names = COMPONENTS[d]
@@ -75,7 +78,7 @@ def highest_wavenumbers(
         )
     out = {}
     for i, c in enumerate(components):
-        # of one band: displacement and strain may be blind to the longest waves
+        # the recovered waves form one band: displacement and strain may not observe the longest waves
         last = int(np.flatnonzero(ratio[:, i] >= 1.0).max(initial=-1))
         if last < 0 or last == WAVES - 1:
             out[c] = (0.0, "noise") if last < 0 else (float(k[-1]), "pitch")
@@ -88,10 +91,12 @@ def highest_wavenumbers(
 def point_spread(
     pad: Pad, planes: Sequence[Array], press: Press, components: tuple[str, ...]
 ) -> tuple[Floats, dict[str, Floats]]:
-    """Distance [m] and, of each component, the best linear estimate of a point load (1 in the middle).
+    """Return distances [m] and, for each component, the best linear estimate of a point load (normalised to 1 in the
+    middle).
 
-    Wiener's filter of traction that is white up to the press's size: S M^H (M S M^H + N)^-1 M for each wavevector below Nyquist's, with S the square of the
-    mean traction times the contact's area and N the noise times the area of a taxel.
+    The estimate is Wiener's filter for traction that is white up to the size of the press: S M^H (M S M^H + N)^-1 M
+    for each wavevector below Nyquist's, where S is the squared mean traction times the contact area, and N the squared
+    noise times the area of a taxel.
     """
     d = planes[0].dimensions
     names = COMPONENTS[d]
@@ -105,7 +110,7 @@ def point_spread(
     power = press.mean_pressure(d) ** 2 * press.contact_area(d) * share**2
     x = np.linspace(0.0, widest, 400)
     out = {}
-    # along the direction of the wave for pressure; a shear is the mean of along and across
+    # pressure has one profile; for shear average the profiles along and across the wave
     rows = _sensed(pad, planes, k, np.zeros_like(k))[..., columns]
     scaled = rows * np.sqrt(power)
     middle = np.linalg.solve(np.einsum("kic,kjc->kij", scaled, scaled.conj()) + np.eye(rows.shape[1]), scaled)
@@ -124,7 +129,9 @@ def point_spread(
 
 
 def full_width(x: Floats, profile: Floats) -> float:
-    """Full width at half maximum [m] of an even profile from its middle; infinite if it does not fall so far."""
+    """Return the full width at half maximum [m] of an even profile that starts at its middle; infinite if it does not
+    fall to half.
+    """
     below = np.flatnonzero(profile < 0.5)
     if not len(below):
         return math.inf
@@ -135,12 +142,13 @@ def full_width(x: Floats, profile: Floats) -> float:
 def separable_pair(
     model: PressModel, kinds: Sequence[str] | None, uncertainty: Uncertainty | None, farthest: float
 ) -> float:
-    """Smallest resolved distance [m] of two tips, along the worse axis; infinite if it is more than ``farthest``.
+    """Return the smallest distance [m] at which two tips are resolved along the worse axis; infinite if it is more
+    than ``farthest``.
 
-    Each tip has half of the force on half of the radius. The unknowns are forces and places of both, their radius, their elongation along the axis
-    (or one long contact would count as two), offsets and the uncertain properties of the skin. The tips are resolved if the distance is at least
-    `RECOVERABLE_SIGMAS` of its own standard deviations (S. T. Smith, IEEE Trans. Signal Process. 53, 2005,
-    1597-1609, with that factor).
+    Each tip has half of the force and half of the radius. Unknown are the forces and places of both, their radius,
+    their elongation along the axis (otherwise one long contact would count as two), offsets, and the uncertain
+    properties of the skin. The tips are resolved if the distance is at least `RECOVERABLE_SIGMAS` of its own standard
+    deviations (S. T. Smith, IEEE Trans. Signal Process. 53, 2005, 1597-1609, with that factor).
     """
     low, high, count = PAIRS
     length = model.responses.length

@@ -1,4 +1,4 @@
-"""Changes of the readings with the press: the operator near the press, and derivatives of the readings."""
+"""Compute the readings of a press and their derivatives, with an operator on cells near the press only."""
 
 from __future__ import annotations
 
@@ -17,28 +17,30 @@ from palpate.solutions import AreaContact, LineContact, hertz_line, hertz_point
 
 __all__ = ["Responses", "array_middle", "pitch_of", "weights_of"]
 
-#: Cells to a depth and to a contact radius: at two, readings and their derivatives are within 1 % of exact ones.
+#: Number of cells per depth and per contact radius: with two, readings and derivatives are within 1 % of exact ones.
 CELLS = 2.0
-#: The same for the effect of a wrong depth or thickness, which is a difference of two such operators.
+#: The same number for the effect of a wrong depth or thickness, which is a difference of two operators.
 COARSE_CELLS = 1.0
-#: Largest number of cells along an axis of the grid near the press; wider grids get coarser cells.
+#: Largest number of cells along an axis of the grid near the press; wider grids have coarser cells.
 MAX_CELLS = {1: 2000, 2: 121}
-#: Step of the differences by which readings are derived, as a part of depth plus contact radius: readings change over that length.
+#: Step of finite differences as a fraction of depth plus contact radius, the length over which readings change.
 STEP = 0.02
-#: The same of second differences.
+#: The same for second differences.
 DRAWN = 0.1
-#: More readings take minutes for each design.
+#: Largest number of readings: more take minutes for each design.
 MAX_READINGS = 20_000
 
 
 def array_middle(planes: Sequence[Array]) -> Floats:
-    """Middle of the working taxels (axis), in the order of the array axes [m]."""
+    """Return the middle of the working taxels (axis) [m], in the order of the array axes."""
     points = np.concatenate([p.points[p.valid.ravel()] for p in planes])
     return np.asarray(0.5 * (points.min(axis=0) + points.max(axis=0)))
 
 
 def pitch_of(array: Array) -> float:
-    """Distance of neighbouring taxels [m]: the larger of the two of a regular grid; of scattered ones that of a square grid as dense."""
+    """Return the distance of neighbouring taxels [m]: on a regular grid the larger of the two pitches, for scattered
+    taxels the pitch of a square grid of the same density.
+    """
     if not isinstance(array, ScatteredArray):
         return float(max(array.grid.spacings))
     extent = np.ptp(array.points, axis=0)
@@ -50,7 +52,7 @@ def pitch_of(array: Array) -> float:
 
 
 def weights_of(planes: Sequence[Array]) -> Floats:
-    """1/noise of each reading, in the order of the operator's rows."""
+    """Return 1/noise of each reading, in the order of the operator's rows."""
     parts = []
     for array in planes:
         if array.noise_std is None:
@@ -64,9 +66,10 @@ def weights_of(planes: Sequence[Array]) -> Floats:
 
 
 class Responses:
-    """Readings of unit forces of a round contact near one place, and their derivatives.
+    """Readings for unit forces of a round contact near one place, and their derivatives.
 
-    Cells are half of the depth or of the contact radius and lie around ``middle`` (x, y) alone, as far as ``reach`` [m].
+    Cells are half of the depth or of the contact radius wide, and cover only the surroundings of ``middle`` (x, y), up
+    to ``reach`` [m].
     """
 
     def __init__(self, pad: Pad, planes: Sequence[Array], middle: Floats, reach: float, radius: float) -> None:
@@ -77,7 +80,7 @@ class Responses:
             raise Unsupported(
                 f"{readings:,} readings are too many for a design (at most {MAX_READINGS:,}). Describe a part of the array, a few depths wider than the press."
             )
-        # nothing finer than a taxel's aperture shows, however near the surface it lies
+        # readings do not resolve less than a taxel's aperture, however near the surface the taxel lies
         depth = min(max(p.depth, 0.5 * max(p.apertures)) for p in planes)
         self.length = depth + radius
         self.step = STEP * self.length
@@ -86,7 +89,7 @@ class Responses:
         self._rows = [p.valid.ravel() for p in planes]
 
     def coarse(self, radius: float) -> Responses:
-        """The same on few and coarse cells under one contact."""
+        """Return the responses on few, coarse cells under one contact."""
         depth = min(max(p.depth, 0.5 * max(p.apertures)) for p in self.planes)
         fine = min(d for d in (depth, radius) if d > 0.0) * CELLS / COARSE_CELLS
         out = object.__new__(Responses)
@@ -96,20 +99,22 @@ class Responses:
         return out
 
     def contact(self, center: Floats, radius: float) -> Floats:
-        """Traction of unit force (*cell) [Pa] at ``center``, in the order of the array axes."""
+        """Return the traction of unit force (*cell) [Pa] at ``center``, which is in the order of the array axes."""
         found: LineContact | AreaContact
         if self.dimensions == 1:
             found = hertz_line(half_width=radius, force=1.0).shifted(float(center[0]))
         else:
             found = hertz_point(contact_radius=radius, force=1.0).shifted(float(center[1]), float(center[0]))
         cells = np.asarray(sampled(found, self.grid)[-1])
-        # what lies u from a cell's middle is spread over the cell: a variance of h^2/12 + u^2, h^2/6 in the mean, is taken out again
+        # cells spread a load that is at a distance u from their middle: this adds a variance of h^2/12 + u^2, on average h^2/6, which is subtracted
         for axis in range(self.dimensions):
             cells = cells - (np.roll(cells, 1, axis) - 2.0 * cells + np.roll(cells, -1, axis)) / 12.0
         return cells
 
     def derivatives(self, center: Floats, radius: float) -> list[Floats]:
-        """Traction of unit force, then its derivatives by the place along each array axis and by the radius (*cell)."""
+        """Return the traction of unit force and its derivatives with respect to the place along each array axis and to
+        the radius (*cell).
+        """
         out = [self.contact(center, radius)]
         for axis in range(self.dimensions):
             move = np.zeros(self.dimensions)
@@ -120,14 +125,16 @@ class Responses:
         return out
 
     def elongated(self, center: Floats, radius: float, axis: int) -> Floats:
-        """How traction of unit force changes where the contact is drawn out along an axis: its second derivative (*cell)."""
+        """Return the change of the traction of unit force if the contact is elongated along an axis: its second
+        derivative (*cell).
+        """
         move = np.zeros(self.dimensions)
         move[axis] = step = DRAWN * self.length
         sides = self.contact(center + move, radius) + self.contact(center - move, radius)
         return np.asarray((sides - 2.0 * self.contact(center, radius)) / step**2)
 
     def read(self, shapes: Floats, forces: Floats, operator: Operator | None = None) -> Floats:
-        """Readings (n, reading) of shapes (n, *cell) times forces (n, component)."""
+        """Return readings (n, reading) of shapes (n, *cell) multiplied by forces (n, component)."""
         traction = np.einsum("n...,nc->nc...", shapes, forces)
         found = (operator or self.operator).forward(traction)
         n = len(shapes)
@@ -141,7 +148,9 @@ class Responses:
 
 
 def _around(array: Array, middle: Floats, reach: float, fine: float) -> Grid:
-    """Cells around a place, a whole number of them to a pitch, where the array is regular with its taxels above centres of cells."""
+    """Return cells around a place. If the array is regular, a pitch has a whole number of cells, and taxels lie above
+    centres of cells.
+    """
     counts, spacings, centers = [], [], []
     for axis, place in enumerate(middle):
         width = max(fine / CELLS, 2.0 * reach / MAX_CELLS[array.dimensions])

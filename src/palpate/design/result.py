@@ -1,4 +1,4 @@
-"""The resolution of one design, in numbers and in words."""
+"""The resolution of one design, as numbers and as text."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Design", "evaluate"]
 
-#: Largest distance of a press from the edge of the array, as a part of its extent: no taxel is below a press further out.
+#: Largest distance of a press from the edge of the array, as a fraction of the array's extent: farther out no taxel is
+#: below the press.
 MAX_DISTANCE_OUTSIDE = 0.5
-#: Largest distance of a pair, in depths plus contact radii; cells extend as far.
+#: Largest distance of a pair, in units of depth plus contact radius; the cells extend as far.
 FARTHEST = 3.0
 
 
@@ -37,7 +38,7 @@ class Design:
     components : tuple of str
         The components that the channels separate; the force has this order.
     known : Bound
-        Standard deviations of force, center, radius and slip margin due to noise and unknown offsets, for an exact pad and exact sensors.
+        Standard deviations of force, center, radius and friction reserve due to noise and unknown offsets, for an exact pad and exact sensors.
     bound : Bound
         The same with modulus, depth, thickness, gains and scale uncertain as in the skin's `Uncertainty`.
     wavenumber : dict
@@ -54,7 +55,7 @@ class Design:
     farthest : float
         Largest tested distance of a pair.
     noise_unit : str
-        Of the first channel.
+        Unit of the first channel.
 
     Examples
     --------
@@ -84,12 +85,12 @@ class Design:
     noise_unit: str
 
     def width(self, component: str = "z") -> float:
-        """Full width at half maximum of the point-spread function of a component [m].
+        """Return the full width at half maximum of the point-spread function of a component [m].
 
         Raises
         ------
         InvalidInput
-            A component that is not sought.
+            A component that is not estimated.
 
         Examples
         --------
@@ -106,7 +107,8 @@ class Design:
 
     @property
     def range(self) -> float:
-        """Normal force that can be measured: up to the end of a reading's range or of linear elasticity, whichever comes first.
+        """Largest normal force that can be measured: up to the end of a reading's range or of linear elasticity,
+        whichever comes first.
 
         Examples
         --------
@@ -120,7 +122,7 @@ class Design:
         return min(self.saturation, self.linear)
 
     def numbers(self) -> dict[str, float]:
-        """One number for each column of a table of designs, in SI units.
+        """Return one number for each column of a table of designs, in SI units.
 
         Examples
         --------
@@ -147,7 +149,7 @@ class Design:
             "shear_known": shear_known,
             "center": float(self.bound.center.max()),
             "radius": self.bound.radius,
-            "slip_margin": self.bound.slip_margin,
+            "friction_reserve": self.bound.friction_reserve,
             "width": self.width(self.components[-1]),
             "pair": self.pair,
             "wavelength": math.inf if min(waves) == 0 else 2.0 * math.pi / min(waves),
@@ -160,7 +162,7 @@ class Design:
         return "\n".join(self.lines())
 
     def lines(self) -> list[str]:
-        """The numbers, one a line, then the notes.
+        """Return the numbers, one to a line, then the notes.
 
         Examples
         --------
@@ -182,9 +184,9 @@ class Design:
             )
         out.append(f"{'centre':<22}+-{_mm(float(self.bound.center.max()))}")
         out.append(f"{'contact ' + over:<22}+-{_mm(self.bound.radius)}")
-        if not math.isnan(self.bound.slip_margin):
+        if not math.isnan(self.bound.friction_reserve):
             out.append(
-                f"{'slip margin':<22}+-{_number(self.bound.slip_margin)} {n}   (friction {self.press.friction:g})"
+                f"{'friction reserve':<22}+-{_number(self.bound.friction_reserve)} {n}   (friction {self.press.friction:g})"
             )
         out.append(f"{'a point looks':<22}{_mm(self.width(self.components[-1]))} wide (half maximum)")
         out.append(f"{'pair told apart':<22}from {_mm(self.pair)}")
@@ -245,7 +247,7 @@ class Design:
         return out
 
     def plot(self) -> object:
-        """Picture of the point-spread functions and of the smallest noticed force over the array (a matplotlib Figure).
+        """Plot the point-spread functions and the smallest detectable force over the array (a matplotlib Figure).
 
         Examples
         --------
@@ -329,5 +331,5 @@ def evaluate(
 
 
 def np_ptp(points: Floats) -> float:
-    """Largest extent of points (n, axis) [m]."""
+    """Return the largest extent of points (n, axis) [m]."""
     return float((points.max(axis=0) - points.min(axis=0)).max())

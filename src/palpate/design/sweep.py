@@ -1,4 +1,4 @@
-"""Many designs: every combination of the variables, ranked."""
+"""Evaluate many designs: every combination of the variables, ranked."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 __all__ = ["NUMBERS", "Sweep", "combinations", "sweep", "swept"]
 
-#: Columns of a table: name, factor from SI and unit.
+#: Columns of a table: name, factor from SI units, and unit.
 NUMBERS: dict[str, tuple[str, float, str]] = {
     "force": ("standard deviation of the normal force", 1e3, "mN"),
     "shear": ("standard deviation of the shear force", 1e3, "mN"),
     "center": ("standard deviation of the centre", 1e3, "mm"),
     "radius": ("standard deviation of the contact radius", 1e3, "mm"),
-    "slip_margin": ("standard deviation of the slip margin", 1e3, "mN"),
+    "friction_reserve": ("standard deviation of the friction reserve", 1e3, "mN"),
     "width": ("width of a point", 1e3, "mm"),
     "pair": ("smallest separable pair", 1e3, "mm"),
     "wavelength": ("shortest wave recovered", 1e3, "mm"),
@@ -40,11 +40,11 @@ NUMBERS: dict[str, tuple[str, float, str]] = {
     "blind": ("blind part of the array", 1e2, "%"),
     "range": ("range", 1.0, "N"),
 }
-#: Quantities of the score, with equal weights; a larger range is better, for all others a smaller number.
+#: Quantities of the score, with equal weights. A larger range is better; of all others, a smaller number is.
 SCORED = ("force", "shear", "center", "pair", "noticed", "range")
-#: More designs take an hour or longer.
+#: Largest number of designs: more take an hour or longer.
 MAX_DESIGNS = 20_000
-#: Words for a larger and a smaller value of each variable.
+#: Words for a larger and for a smaller value of each variable.
 _DIRECTIONS = {
     "depth": ("Deeper than {}", "Less deep than {}"),
     "thickness": ("With a pad thicker than {}", "With a pad thinner than {}"),
@@ -59,7 +59,7 @@ _GOALS = {
     "shear": "no design knows the shear force to +-{}",
     "center": "no design knows the centre to +-{}",
     "radius": "no design knows the contact radius to +-{}",
-    "slip_margin": "no design knows the slip margin to +-{}",
+    "friction_reserve": "no design knows the friction reserve to +-{}",
     "pair": "a pair {} apart cannot be told apart at this noise",
     "width": "a point looks wider than {}",
     "wavelength": "a wave {} long cannot be recovered at this noise",
@@ -76,7 +76,7 @@ class Sweep:
     Attributes
     ----------
     points : tuple of dict
-        What was varied, for each design.
+        Values of the variables for each design.
     designs : tuple of Design
     skipped : tuple of (dict, str)
         Combinations that cannot be built, and why.
@@ -130,12 +130,12 @@ class Sweep:
         return np.array([d.numbers()[name] for d in self.designs])
 
     def _scores(self) -> Any:
-        """Geometric mean of each number over that of the best design: 1 is best in all."""
+        """Geometric mean of the ratios of each number to that of the best design: 1 means best in all."""
         logs = []
         for name in SCORED:
             values = self.numbers(name)
             values = 1.0 / values if name == "range" else values
-            # components that only some designs seek do not count; a design with an undetermined quantity comes last
+            # ignore components that only some designs estimate; a design with an undetermined quantity comes last
             if np.isnan(values).any() or not np.isfinite(values).any() or not values.min() > 0:
                 continue
             logs.append(np.log(values / values.min()))
@@ -163,7 +163,8 @@ class Sweep:
         return values >= goal if name == "range" else values <= goal
 
     def ranked(self, by: str = "score") -> Sweep:
-        """The same designs, those that meet the goals first, then by a number: the smallest first, of "range" the largest.
+        """Return the designs sorted: those that meet the goals first, then by a number, smallest first (largest first
+        for "range").
 
         Raises
         ------
@@ -285,7 +286,7 @@ class Sweep:
         >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
         >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
         >>> sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3]).csv().splitlines()[0]
-        'depth,force,shear,center,radius,slip_margin,width,pair,wavelength,noticed,blind,range,score'
+        'depth,force,shear,center,radius,friction_reserve,width,pair,wavelength,noticed,blind,range,score'
         """
         axes = list(dict.fromkeys(key for p in self.points for key in p))
         lines = [",".join([*axes, *NUMBERS, "score"])]
@@ -331,7 +332,7 @@ def _cell(value: float) -> str:
 
 
 def _value(axis: str, value: Any, unit: str = "") -> str:
-    """A value that was varied, as a person writes it."""
+    """Return a value of a variable as text."""
     if isinstance(value, tuple | list):
         if value and isinstance(value[0], str):
             return _channels(value)
@@ -346,7 +347,7 @@ def _value(axis: str, value: Any, unit: str = "") -> str:
 
 
 def _channels(names: Sequence[str]) -> str:
-    """stress xz yz zz"""
+    """Return channels as short text, such as "stress xz yz zz"."""
     kinds: dict[str, list[str]] = {}
     for name in names:
         kind, _, indices = name.partition("_")
@@ -360,7 +361,7 @@ def _value_text(name: str, value: float) -> str:
 
 
 def combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-    """Every combination of the values, the last varying fastest.
+    """Return every combination of the values; the last varies fastest.
 
     Raises
     ------
@@ -401,12 +402,12 @@ def swept(
     jobs: int = 1,
     progress: Callable[[Any], Any] = iter,
 ) -> Sweep:
-    """`sweep` of a pad and planes; ``progress`` wraps the designs as they come.
+    """Return the `sweep` of a pad and planes; ``progress`` wraps the iteration over designs.
 
     Raises
     ------
     InvalidInput
-        A goal, an axis or a value that there is not, or a sweep of which no combination can be built; the message says why.
+        An unknown goal, axis or value, or a sweep of which no combination can be built; the message says why.
     """
     if keep not in ("taxels", "area"):
         raise InvalidInput(f'keep must be "taxels" or "area": what a new pitch leaves as it is; got {keep!r}.')
@@ -453,7 +454,7 @@ def sweep(
     press : Press, optional
         The press; default: 1 N over a radius of 2 mm.
     keep : "taxels" or "area"
-        What stays constant when the pitch changes.
+        Property that stays constant when the pitch changes.
     goals : dict, optional
         Numbers that a design must not exceed, in SI units; of "range" must reach.
     jobs : int

@@ -1,4 +1,4 @@
-"""A changed pad and its array: a candidate of a sweep."""
+"""Change a pad and its array to make a candidate of a sweep."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ VARIED = ("depth", "thickness", "youngs_modulus", "pitch", "shape", "aperture", 
 def varied(
     pad: Pad, planes: Sequence[Array], changes: Mapping[str, Any], *, keep: str
 ) -> tuple[Pad, tuple[Array, ...]]:
-    """Pad and planes with ``changes`` made, in the order of `VARIED`; ``keep`` "taxels" or "area" stays constant when the pitch changes.
+    """Return pad and planes with ``changes`` made, in the order of `VARIED`. If the pitch changes, ``keep`` ("taxels"
+    or "area") says what stays constant.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def varied(
         array = replace(array, noise=changes["noise"])
     planes = (array, *planes[1:])
     for plane in planes:
-        pad.compliance(plane.depth)  # refuses a depth below a rigid base
+        pad.compliance(plane.depth)  # raises an error for a depth below a rigid base
     return pad, planes
 
 
@@ -87,7 +88,7 @@ def _of_shape(array: Array, shape: Any) -> Array:
 
 
 def _of_pitch(array: Array, pitch: Any, keep: str) -> Array:
-    """With another pitch: as many taxels, or as large an area."""
+    """Return the array with another pitch, and with the same number of taxels or the same area."""
     if isinstance(array, ScatteredArray):
         raise Unsupported(
             "pitch belongs to a line or area array, and this one is scattered. Leave pitch out of the sweep."
@@ -124,7 +125,7 @@ def _measuring(array: Array, channels: Sequence[str]) -> Array:
 
 
 def _shared_limits(array: Array) -> Any:
-    """Limits that all channels have in common; others cannot be kept for other channels."""
+    """Return the limits if all channels have the same. Otherwise they cannot be transferred to other channels."""
     if array.limits is None:
         return None
     found = array.limits

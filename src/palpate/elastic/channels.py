@@ -1,8 +1,9 @@
-"""The table of channels: everything that the rest of the code knows about a quantity that a sensor feels.
+"""The table of channels: everything that the rest of the code needs to know about a quantity that a sensor measures.
 
-A channel says how it follows from the fields of an elastic body (`Fields`), its unit, its signs under mirrors and what it
-does in time. Fields come from one wavevector (`palpate.elastic.quantities`) or from a closed form in space
-(`palpate.elastic.closed_form`, `palpate.elastic.closed_form_line`); a channel does not know which. To add one, add an entry to `CHANNELS`.
+A channel states how it follows from the fields of an elastic body (`Fields`), its unit, its signs under mirrors and
+its change in time. Fields come from one wavevector (`palpate.elastic.quantities`) or from a closed form in space
+(`palpate.elastic.closed_form`, `palpate.elastic.closed_form_line`); a channel does not depend on which. To add a
+channel, add an entry to `CHANNELS`.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class Fields(Protocol):
 
 @dataclass(frozen=True)
 class Kind:
-    """The common part of channels of one kind.
+    """Properties that all channels of one kind share.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Channel:
-    """One quantity that a sensor feels.
+    """One quantity that a sensor measures.
 
     Attributes
     ----------
@@ -96,7 +97,7 @@ class Channel:
     line : bool
         Whether line contact (plane strain) has it.
     read : callable (Fields) -> array
-        How it follows from the fields; linear.
+        Computes the channel from the fields; linear.
 
     Examples
     --------
@@ -119,9 +120,10 @@ class Channel:
         return self.kind.unit
 
 
-#: Stress beyond this many Young's moduli is a unit mistake: linear elasticity, and rubber, ended long before.
+#: Stress beyond this many Young's moduli means a mistaken unit: it is far beyond linear elasticity, and rubber would
+#: break.
 _STRESS_LIMIT = 30.0
-#: Limit of strains and rotations.
+#: The same limit for strains and rotations.
 _STRAIN_LIMIT = 3.0
 
 DISPLACEMENT = Kind(
@@ -165,7 +167,9 @@ _IN_LINE = {"displacement": ("x", "z"), "stress": ("xx", "yy", "zz", "xz"), "str
 
 
 def _component(kind: Kind, indices: str) -> Channel:
-    """Of a vector or tensor: odd in every axis that its indices name an odd number of times."""
+    """Return the channel of a component of a vector or tensor. It is odd in every axis that its indices name an odd
+    number of times.
+    """
 
     def read(fields: Fields) -> Any:
         return getattr(fields, kind.name)(indices)
@@ -177,7 +181,7 @@ def _component(kind: Kind, indices: str) -> Channel:
 _ALL = (
     *(_component(DISPLACEMENT, i) for i in "xyz"),
     *(_component(kind, ij) for kind, ij in itertools.product((STRESS, STRAIN), _TENSOR)),
-    Channel(  # of the material about the pad's normal, as markers or a twist sensor see it
+    Channel(  # rotation of the material about the pad's normal, as markers or a twist sensor measure it
         "rotation_z", ROTATION, "z", "xy", False, lambda f: 0.5 * (f.gradient("y", "x") - f.gradient("x", "y"))
     ),
 )

@@ -36,7 +36,8 @@ __all__ = [
 ]
 
 
-#: Part of a cell's width within which a point lies on its edge, and the distances from there at which the field is looked at.
+#: Distance from a cell's edge, as a fraction of the cell's width, within which a point counts as on the edge; and the
+#: distances at which the field is evaluated on either side.
 EDGE, BESIDE = 1e-9, (1e-6, 1e-7)
 
 
@@ -75,7 +76,7 @@ class AreaFields:
         return self._table["".join(sorted(key))]
 
     def _total(self, terms: _Terms, more: str = "") -> Any:
-        """Sum of terms; those without weight are not evaluated (they may be singular)."""
+        """Return the sum of terms. Terms without weight are not evaluated (they may be singular)."""
         weighted = [(c(self._nu), key) for c, key in terms if c(self._nu) != 0.0]
         return sum(c * self._get(key + more) for c, key in weighted) if weighted else 0.0 * self._get("zz")
 
@@ -128,7 +129,8 @@ def area_fields(
 def across_edges(
     evaluate: Callable[[Sequence[Floats]], Floats], offsets: Sequence[Floats], widths: Sequence[float]
 ) -> Floats:
-    """Influence (channel, component, *point) of a cell at its own depth, where it jumps at the cell's edges.
+    """Return the influence (channel, component, *point) of a cell at its own depth, where it jumps at the cell's
+    edges.
 
     On an edge or a corner it is the mean of all sides, so that a point there feels a half or a quarter of a pressure, whatever the rounding of
     its position; infinite where the sides have no finite mean. ``evaluate`` takes offsets, one array (..., n) per axis.

@@ -15,7 +15,7 @@ from palpate.units import is_number
 
 __all__ = ["BondedLayers", "Layer"]
 
-#: Below this thickness in radians (k h) a layer is stepped by its propagator, above it by decaying waves from both faces.
+#: A layer with k h below this [rad] is stepped by its propagator, a thicker one by decaying waves from both faces.
 THIN = 1.0
 
 #: Mirror z -> -z of the in-plane states (k U, k u_z, S, N).
@@ -73,7 +73,7 @@ class BondedLayers:
     layers : sequence of Layer
         The first is at the surface.
     base : HalfSpace, optional
-        What the last layer is bonded to; by default a rigid base.
+        Half-space to which the last layer is bonded; by default a rigid base.
 
     Raises
     ------
@@ -130,7 +130,7 @@ class BondedLayers:
 
     @property
     def surface_thickness(self) -> float:
-        """How deep the uppermost material goes [m]."""
+        """Thickness [m] of the uppermost material."""
         return self.layers[0].thickness
 
     @property
@@ -231,7 +231,9 @@ class BondedLayers:
 
 
 class _Step:
-    """One layer at every wavenumber: compliance of its top given that of its bottom, and fields inside."""
+    """One layer at every wavenumber: computes the compliance of its top from that of its bottom, and the fields
+    inside.
+    """
 
     def __init__(self, layer: Layer, k: Floats, below: Floats) -> None:
         self.layer, self.k = layer, k

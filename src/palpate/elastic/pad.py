@@ -105,7 +105,9 @@ def check_pad(pad: object) -> None:
 
 
 def offered(pad: object, *names: str) -> bool:
-    """Whether ``pad`` offers the optional members ``names``, and no later class changed the body that they describe."""
+    """Return whether ``pad`` offers the optional members ``names``, and no subclass has since changed the body that
+    they describe.
+    """
     order = type(pad).__mro__
 
     def defined(name: str) -> int:
@@ -125,7 +127,9 @@ def isotropic_compliance(modulus: float, ratio: float) -> Floats:
 
 
 def isotropic_constants(pad: Pad, depth: float) -> tuple[float, float]:
-    """Young's modulus [Pa] along z and Poisson's ratio of pressing along z at ``depth``: the isotropic solid nearest in that sense."""
+    """Return Young's modulus [Pa] and Poisson's ratio for pressing along z at ``depth``: those of the isotropic solid
+    that behaves most alike.
+    """
     compliance = pad.compliance(depth)
     ratio = -0.5 * float(compliance[0, 2] + compliance[1, 2]) / float(compliance[2, 2])
     return 1.0 / float(compliance[2, 2]), min(max(ratio, 0.0), 0.5)

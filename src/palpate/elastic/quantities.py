@@ -1,4 +1,4 @@
-"""From the states of one wavevector to the quantities a sensor can feel, in x, y, z."""
+"""Convert the states of one wavevector to the quantities that a sensor can measure, in x, y, z."""
 
 from __future__ import annotations
 
@@ -21,16 +21,20 @@ DIRECTIONS = 64
 #: Rows of the compliance that lie in the plane (xx, yy, xy), and those out of it (zz, yz, xz).
 _IN, _OUT = [0, 1, 5], [2, 3, 4]
 _PLACE = {"xx": 0, "yy": 1, "xy": 2, "zz": 3, "yz": 4, "xz": 5}
-#: Entries of Hooke's law below this part of the largest of their kind are rounding, such as 1 - 2 nu at nu = 1/2.
+#: Entries of Hooke's law smaller than this fraction of the largest of their kind are rounding errors, such as 1 - 2 nu
+#: at nu = 1/2.
 _ROUNDING = 1e-14
 
 
 def partial_hooke(compliance: Floats) -> Floats:
-    """Hooke's law solved for what the states leave open (6, 6): in-plane stress (xx, yy, xy) and out-of-plane strain (zz, yz, xz),
-    from in-plane strain and out-of-plane stress in the same order; shear strains doubled.
+    """Solve Hooke's law for the components that the states do not contain: (6, 6), in-plane stress (xx, yy, xy) and
+    out-of-plane strain (zz, yz, xz) from in-plane strain and out-of-plane stress in the same order; shear strains
+    doubled.
 
-    Of the compliance S only its in-plane block is inverted, which every stable solid has, the incompressible one too:
-    s_a = S_aa^-1 (e_a - S_ab s_b),    e_b = S_ba s_a + S_bb s_b.
+        s_a = S_aa^-1 (e_a - S_ab s_b),    e_b = S_ba s_a + S_bb s_b.
+
+    Of the compliance S only the in-plane block is inverted. Every stable solid has this inverse, an incompressible one
+    too.
     """
     aa, ab, bb = (compliance[np.ix_(i, j)] for i, j in ((_IN, _IN), (_IN, _OUT), (_OUT, _OUT)))
     stiff = np.linalg.inv(aa)

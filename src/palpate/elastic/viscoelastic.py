@@ -97,15 +97,15 @@ class Viscoelastic:
         return self.elastic.thickness
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
-        """Those of the instantaneous pad."""
+        """Return the states of the instantaneous pad."""
         return self.elastic.states(wavenumber, direction, depth)
 
     def compliance(self, depth: float) -> Floats:
-        """That of the instantaneous pad."""
+        """Return the compliance of the instantaneous pad."""
         return self.elastic.compliance(depth)
 
     def mean_compliance(self, depth: float) -> Floats | None:
-        """That of the instantaneous pad."""
+        """Return the mean compliance of the instantaneous pad."""
         return self.elastic.mean_compliance(depth)
 
     def relaxation(self, time: Floats) -> Floats:
@@ -118,10 +118,11 @@ class Viscoelastic:
 
 
 class CreepFilter:
-    """Creep put into or taken out of readings, frame by frame, with one number per taxel and term.
+    """Adds creep to readings or removes it, frame by frame, with one stored number per taxel and term.
 
-    Between frames the *measured* reading is taken as linear in time, so `remove` is exact for steps at frames and for ramps, and
-    `add` is its exact inverse. Before the first frame the pad is at rest; the first frame is a step. Steps in time may be uneven.
+    Between frames the *measured* reading is taken as linear in time, so that `remove` is exact for steps at frames and
+    for ramps, and `add` is its exact inverse. Before the first frame the pad is at rest; the first frame is a step.
+    Time steps may be uneven.
 
     Raises
     ------

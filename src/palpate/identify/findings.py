@@ -12,7 +12,7 @@ from palpate.touch.rounding import format_interval
 
 __all__ = ["Finding", "Identified", "IdentifiedPress", "Patch"]
 
-#: Units that people read, by the SI unit: factor and name.
+#: Units for display, by SI unit: factor and name.
 READ = {"m": (1e3, "mm"), "m^2": (1e6, "mm^2"), "Pa": (1e-3, "kPa"), "N/m": (1e-3, "N/mm")}
 
 
@@ -45,7 +45,7 @@ class Finding:
 
     @classmethod
     def unknown(cls, unit: str, reason: str, *, low: float = math.nan, high: float = math.nan) -> Finding:
-        """A finding that is not determined, for this ``reason``; it may have bounds."""
+        """Return a finding that the readings do not determine, for this ``reason``; it may have bounds."""
         return cls(math.nan, low, high, unit, reason)
 
     @property
@@ -95,7 +95,8 @@ class Patch:
 
 @dataclass(frozen=True)
 class Identified:
-    """What presses the pad in one frame. Every `Finding` has a value with its interval, or a reason why it has none.
+    """The object that presses the pad in one frame. Every `Finding` has a value with its interval, or a reason why it
+    has none.
 
     Attributes
     ----------
@@ -141,7 +142,7 @@ class Identified:
 
     @classmethod
     def nothing(cls, reason: str) -> Identified:
-        """A finding without any value, for one reason."""
+        """Return findings without any value, all for the same reason."""
         units = ("m", "Pa", "Pa", "N/m", "1", "m")
         count = Finding(0.0, 0.0, 0.0, "1") if reason == "nothing touches" else Finding.unknown("1", reason)
         none = [Finding.unknown(u, reason) for u in units]
@@ -167,7 +168,7 @@ class Identified:
 
 @dataclass(frozen=True)
 class IdentifiedPress:
-    """The object that presses over the frames of a recording.
+    """The object that presses, from all frames of a recording.
 
     Attributes
     ----------

@@ -1,7 +1,9 @@
-"""Round contacts fitted to readings: places and radii by Gauss-Newton, forces and offsets by least squares at each step (variable projection).
+"""Fit round contacts to readings: places and radii by Gauss-Newton, forces and offsets by least squares in each step
+(variable projection).
 
-G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973, 413-432, with Kaufman's derivative. The likelihood is Gaussian with the noise
-of each reading; the interval of a radius is that of its profile, because radii below the blur of the pad change nothing and the profile then has no end.
+See G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973, 413-432, with Kaufman's derivative. The
+likelihood is Gaussian with the noise of each reading. The interval of a radius is that of its profile likelihood:
+radii below the blur of the pad give the same readings, and the profile then has no lower end.
 """
 
 from __future__ import annotations
@@ -19,19 +21,19 @@ from palpate.identify.shapes import Shapes
 
 __all__ = ["Data", "Fit", "columns_of", "fit", "fit_of", "profile"]
 
-#: Steps of Gauss-Newton at most, and the gain in the sum of squares that is not worth another one.
+#: Largest number of Gauss-Newton steps, and the decrease of the sum of squares below which they stop.
 STEPS, ENOUGH = 40, 1e-3
-#: Largest change in one step: of a place, as a part of depth plus radius, and of a radius, as a factor.
+#: Largest change in one step: of a place as a fraction of depth plus radius, of a radius as a factor.
 FAR, FACTOR = 0.7, 1.6
 #: Largest number of steps to either end of a profile.
 TO_END = 14
-#: Step of the logarithm of a radius, in differences.
+#: Step of the log of a radius for finite differences.
 STEP_LOG = 0.04
 
 
 @dataclass(frozen=True)
 class Data:
-    """One frame: readings over their noise, the noise, and columns (n, reading) of nuisances."""
+    """One frame: readings divided by their noise, the noise, and columns (n, reading) of nuisance effects."""
 
     values: Floats
     weights: Floats
@@ -39,16 +41,17 @@ class Data:
 
     @property
     def count(self) -> int:
-        """Readings that count."""
+        """Number of readings with a weight above zero."""
         return int((self.weights > 0).sum())
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Contacts that explain a frame best.
+    """The contacts that explain a frame best.
 
-    ``centers`` (contact, 2), ``radii`` (contact,), ``forces`` (contact, component); ``squares`` the sum of squared residuals over their noise;
-    ``covariance`` of centres and radii's logarithms (x, y, log a of each contact) and then of forces and offsets, in their order.
+    ``centers`` (contact, 2), ``radii`` (contact,), ``forces`` (contact, component). ``squares`` is the sum of squared
+    residuals divided by their noise. ``covariance`` is that of centres and log radii (x, y, log a of each contact),
+    followed by forces and offsets, in order.
     """
 
     shape: str
@@ -63,23 +66,23 @@ class Fit:
 
     @property
     def misfit(self) -> float:
-        """The probability of a misfit at least this large from noise alone."""
+        """Return the probability that noise alone makes a misfit at least this large."""
         return float(scipy.special.chdtrc(self.freedom, self.squares)) if self.freedom > 0 else math.nan
 
     @property
     def parameters(self) -> int:
-        """Numbers that were fitted."""
+        """Number of fitted parameters."""
         return 3 * len(self.radii) + self.forces.size + len(self.others)
 
     def std(self, which: str, contact: int, item: int = 0) -> float:
-        """Standard deviation of a "center" (x, y), the logarithm of a "radius", or a "force" (component)."""
+        """Return the standard deviation of a "center" (x, y), of the log of a "radius", or of a "force" (component)."""
         k, c = len(self.radii), self.forces.shape[1]
         at = {"center": 3 * contact + item, "radius": 3 * contact + 2, "force": 3 * k + c * contact + item}[which]
         return math.sqrt(max(float(self.covariance[at, at]), 0.0))
 
 
 def fit(shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Floats, *, held: Sequence[int] = ()) -> Fit:
-    """The best contacts from a start; radii of the contacts ``held`` stay as they are."""
+    """Fit contacts from a start; radii of the contacts ``held`` stay fixed."""
     centers, radii = np.array(centers, dtype=np.float64), np.clip(radii, shapes.smallest, shapes.largest)
     free = _free(len(radii), held)
     damping = 1e-3
@@ -112,13 +115,17 @@ def fit(shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Floats, 
 
 
 def fit_of(shapes: Shapes, data: Data, found: Fit) -> Fit:
-    """These contacts, whatever they were fitted to, with the forces and the residual that they have in ``data``."""
+    """Return these contacts with the forces and residuals that they have in ``data``, even if they were fitted to
+    other data.
+    """
     now = _project(shapes, data, found.shape, found.centers, found.radii)
     return _ended(shapes, data, found.shape, found.centers, found.radii, now)
 
 
 def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) -> tuple[float, float, list[Fit]]:
-    """Ends of the radii [m] whose best fit has squares of at most ``rise`` more; 0 or inf if there is no end, and the fits on the way."""
+    """Return the radii [m] at which the best fit has squares larger by ``rise``, and the fits on the way; 0 or inf if
+    there is no end.
+    """
     ends, fits = [], []
     start = min(max(best.std("radius", contact), 0.02), 0.5)
     for sign in (-1.0, 1.0):
@@ -150,7 +157,9 @@ def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) ->
 
 
 def columns_of(shapes: Shapes, data: Data, best: Fit) -> Floats:
-    """Orthonormal rows that span the change of the whitened readings with all numbers of a fit."""
+    """Return orthonormal rows that span the derivatives of the whitened readings with respect to all parameters of a
+    fit.
+    """
     now = _project(shapes, data, best.shape, best.centers, best.radii)
     slopes = _slopes(shapes, data, best.shape, best.centers, best.radii, now)
     sizes = np.linalg.norm(slopes, axis=1)
@@ -163,7 +172,7 @@ def columns_of(shapes: Shapes, data: Data, best: Fit) -> Floats:
 
 @dataclass(frozen=True)
 class _Projected:
-    columns: Floats  # (linear parameter, reading), over the noise
+    columns: Floats  # (linear parameter, reading), divided by the noise
     basis: Floats  # orthonormal rows that span them
     linear: Floats
     residual: Floats
@@ -186,7 +195,9 @@ def _project(shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Flo
 def _slopes(
     shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Floats, now: _Projected, *, projected: bool = True
 ) -> Floats:
-    """Change of the whitened model (x, y, log a of each contact; reading), without the part that forces and offsets explain."""
+    """Return the derivatives of the whitened model (x, y, log a of each contact; reading), without the part that
+    forces and offsets explain.
+    """
     cells = []
     steps = []
     for center, radius in zip(centers, radii):

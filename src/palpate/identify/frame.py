@@ -1,4 +1,4 @@
-"""The fit of one frame, from which findings are computed."""
+"""The fit of one frame, from which the findings are computed."""
 
 from __future__ import annotations
 
@@ -26,11 +26,13 @@ class Body:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame, before it is put into words.
+    """The fit of one frame.
 
-    ``reason`` says why nothing was fitted; ``best`` are the contacts that explain it, ``other`` the one of the other shape; ``rise`` in squares is an end of
-    an interval; ``profiles`` of each contact its ends and fits on the way; ``shifts`` fits with a pad that is described otherwise and the standard deviation of that over
-    the change; ``depth`` the indentation; ``guesses`` patches of the map.
+    ``reason`` says why nothing was fitted. ``best`` are the contacts that explain the frame, ``other`` is the fit of
+    the other shape. ``rise`` is the increase of squares that ends an interval; ``profiles`` are, for each contact, its
+    ends and the fits on the way. ``shifts`` are fits with a varied description of the pad, each with the standard
+    deviation of that variation divided by the change made. ``depth`` is the indentation; ``guesses`` are patches of
+    the map.
     """
 
     body: Body
@@ -50,5 +52,5 @@ class Frame:
 
     @property
     def quantile(self) -> float:
-        """Half-width of an interval in standard deviations, scaled by the residuals over the noise."""
+        """Half-width of an interval in standard deviations, scaled up if residuals exceed the noise."""
         return math.sqrt(self.rise)

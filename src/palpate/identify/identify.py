@@ -1,7 +1,8 @@
-"""Identification: which round contacts explain the readings, and what follows for the object.
+"""Find which round contacts explain the readings, and what follows for the object.
 
-In: a skin, readings, and the touch that was found in them, which tells where contacts lie to begin with and how large the noise is. What is said of
-contacts comes from the readings: a map is blurred by its penalty, and its moments would be too.
+Inputs are a skin, readings, and the touch computed from them, which gives starting places of the contacts and the size
+of the noise. The properties of contacts come from the readings: the penalty blurs a map, and the moments of the map
+would be blurred too.
 """
 
 from __future__ import annotations
@@ -35,24 +36,25 @@ from palpate.touch import Touch
 
 __all__ = ["Skinlike", "identify"]
 
-#: Misfit probability below which contacts do not explain a frame.
+#: If the probability of the misfit is below this, contacts do not explain the frame.
 REFUSED = 0.01
-#: Odds for a ball against a flat: 100 to 1.
+#: A ball or a flat is reported at log odds of at least this: 100 to 1.
 ODDS = math.log(100.0)
-#: Largest number of patches, and smallest pressure of a further one over the largest.
+#: Largest number of patches, and smallest pressure of a further patch relative to the largest.
 MOST, SHARE = 4, 0.15
 #: Level of all intervals.
 LEVEL = 0.95
-#: How often contact and wave are fitted in turn.
+#: Number of rounds in which contact and wave are fitted alternately.
 ROUNDS = 6
-#: Error of the fitted contacts' readings over the largest one (tests/identify/test_identify.py): no noise is taken to be less.
+#: Error of the modelled readings relative to the largest one (tests/identify/test_identify.py): noise is taken as at
+#: least this.
 MODEL = 3e-4
-#: The reason in a frame without contact.
+#: The reason given for a frame without contact.
 NOTHING = "nothing touches"
 
 
 class Skinlike(Protocol):
-    """The part of `palpate.Skin` that `identify` uses."""
+    """The members of `palpate.Skin` that `identify` uses."""
 
     @property
     def pad(self) -> Pad:
@@ -145,7 +147,7 @@ def _depths(indentation: npt.ArrayLike | None, batch: tuple[int, ...]) -> Floats
 
 
 def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, wanted: str | None) -> Frame:
-    """Fit one frame; ``wanted``: the shape of a single contact, if known."""
+    """Fit one frame. ``wanted`` is the shape of a single contact, if known."""
     components = touch.components
     if "z" not in components:
         return Frame(body, "pressure was not sought")
@@ -196,7 +198,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
 
 
 def _data(skin: Body, touch: Touch, parts: Sequence[Floats]) -> Data | None:
-    """Readings over their noise; excluded and saturated ones are zero."""
+    """Return readings divided by their noise; excluded and saturated ones are zero."""
     values = flat_readings(skin.planes, parts)
     noise = touch.noise_std
     if noise is None or not np.all(np.isfinite(noise)) or not np.all(np.asarray(noise) > 0):
@@ -220,7 +222,9 @@ def _data(skin: Body, touch: Touch, parts: Sequence[Floats]) -> Data | None:
 
 
 def _regions(pressure: Floats) -> list[npt.NDArray[np.bool_]]:
-    """Connected parts of the contact, largest force first; those of less than a tenth of the largest are noise of the map."""
+    """Return the connected parts of the contact, largest force first. Parts with less than a tenth of the largest
+    force are left out as noise of the map.
+    """
     labels, count = scipy.ndimage.label(pressure > 0.1 * pressure.max(), structure=np.ones((3, 3)))
     parts = [labels == i for i in range(1, count + 1)]
     parts.sort(key=lambda r: -float(pressure[r].sum()))
@@ -228,7 +232,7 @@ def _regions(pressure: Floats) -> list[npt.NDArray[np.bool_]]:
 
 
 def _guess(touch: Touch, pressure: Floats, region: npt.NDArray[np.bool_]) -> Patch:
-    """A part of the map, without intervals."""
+    """Return a part of the map as a patch without intervals."""
     grid = touch.surface
     values = to_numpy(touch.values)[:, region] * grid.cell
     why = "round contacts do not explain the readings: read off the map"
@@ -245,7 +249,7 @@ def _guess(touch: Touch, pressure: Floats, region: npt.NDArray[np.bool_]) -> Pat
 
 
 def _starts(touch: Touch, pressure: Floats) -> list[tuple[Floats, float]]:
-    """Middles (x, y) and radii of the peaks of the map, highest first."""
+    """Return middles (x, y) and radii of the peaks of the map, highest first."""
     grid = touch.surface
     peaks = (pressure == scipy.ndimage.maximum_filter(pressure, size=3)) & (pressure > SHARE * pressure.max())
     rows = np.argwhere(peaks)
@@ -260,7 +264,7 @@ def _starts(touch: Touch, pressure: Floats) -> list[tuple[Floats, float]]:
 
 
 def _shapes(body: Body, components: Sequence[str], touch: Touch, pressure: Floats) -> Shapes:
-    """Cells about the contact of the map."""
+    """Return shapes on cells around the contact in the map."""
     there = np.argwhere(pressure > 0.05 * pressure.max())
     axes, spacing = touch.surface.axes, max(touch.surface.spacings)
     low = np.array([axes[1][there[:, 1].min()], axes[0][there[:, 0].min()]]) - spacing
@@ -271,7 +275,9 @@ def _shapes(body: Body, components: Sequence[str], touch: Touch, pressure: Float
 def _explained(
     shapes: Shapes, data: Data, starts: list[tuple[Floats, float]], wanted: str | None
 ) -> tuple[Fit, Fit | None, Data | None]:
-    """The fewest contacts that explain a frame; of a single one, the other shape too, and the frame with its texture if that is needed."""
+    """Return the smallest number of contacts that explain a frame. For a single contact, also return the fit of the
+    other shape, and the frame with its texture if one is needed to explain it.
+    """
     place, radius = starts[0]
     if len(starts) > 1:
         middle = np.mean([p for p, _ in starts], axis=0)
@@ -292,7 +298,7 @@ def _explained(
             break
         places = np.array([p for p, _ in starts[:k]]) if len(starts) >= k else _split(best)
         more = fit(shapes, data, BALL, places, np.full(k, radius / math.sqrt(k)))
-        # Schwarz's criterion: half a logarithm of the number of readings for each number more
+        # Schwarz's criterion: half the log of the number of readings for each further parameter
         worth = (more.parameters - chosen[0].parameters) * math.log(count)
         if more.forces[:, -1].min() > 0 and chosen[0].squares - more.squares > worth:
             chosen = (more, None, None)
@@ -302,10 +308,10 @@ def _explained(
 
 
 def _with_wave(shapes: Shapes, data: Data, best: Fit) -> tuple[Fit, Data] | None:
-    """The contact with a wave in its pressure, if the two explain the frame."""
+    """Return the contact with a wave in its pressure, if both together explain the frame."""
     now = best
     for _ in range(ROUNDS):
-        # of the residual of the contact alone
+        # the wave that explains most of the residual of the contact alone
         wave = texture(shapes, data, fit_of(shapes, data, now), 1.0)
         if wave.columns is None:
             return None
@@ -317,7 +323,7 @@ def _with_wave(shapes: Shapes, data: Data, best: Fit) -> tuple[Fit, Data] | None
 
 
 def _single(shapes: Shapes, data: Data, place: Floats, radius: float, wanted: str | None) -> tuple[Fit, Fit | None]:
-    """The better of ball and flat, and the other; the one that is ``wanted`` alone."""
+    """Return the better fit of ball and flat, and the other one; if a shape is ``wanted``, only that."""
     found = []
     for shape, part in ((BALL, 1.0), (FLAT, 0.8)):
         if wanted in (None, shape):
@@ -328,13 +334,15 @@ def _single(shapes: Shapes, data: Data, place: Floats, radius: float, wanted: st
 
 
 def _split(best: Fit) -> Floats:
-    """Two places in one contact."""
+    """Return two places within one contact, as a start for two contacts."""
     move = np.array([0.6 * float(best.radii[0]), 0.0])
     return np.stack([best.centers[0] - move, best.centers[0] + move])
 
 
 def _shifted(skin: Body, shapes: Shapes, data: Data, best: Fit) -> list[tuple[Fit, float]]:
-    """The fit with a pad that is described otherwise, and standard deviations of that over the change."""
+    """Return the fit for each variation of the pad's description, with the standard deviation of the variation divided
+    by the change made.
+    """
     beside = skin.uncertainty.beside(skin.pad, skin.planes)
     out = []
     for name, size in (("depth", beside.depth or 0.0), ("thickness", beside.thickness or 0.0)):

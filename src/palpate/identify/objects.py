@@ -1,4 +1,4 @@
-"""Properties of the object from a fitted contact: patches, radius, modulus and stiffness, with intervals."""
+"""Compute properties of the object from a fitted contact, with intervals: patches, radius, modulus and stiffness."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["NORMAL", "Contact", "contact", "contact_findings", "identified", "mo
 
 #: Half-width of a 95 % interval in standard deviations, for the uncertainty of pad and sensors.
 NORMAL = 1.96
-#: The reason for a quantity that needs the indentation.
+#: The reason given for a quantity that needs the indentation.
 NO_DEPTH = "pressure alone cannot tell a soft object from a hard one of another radius: give indentation=, how far it has moved into the pad"
 RIGID = "the object is taken to be much stiffer than the pad"
 
 
 def identified(frame: Frame) -> Identified:
-    """A frame in findings."""
+    """Return the findings of a frame."""
     best = frame.best
     if best is None:
         out = Identified.nothing(frame.reason)
@@ -110,8 +110,10 @@ def _best(frame: Frame) -> Fit:
 class Contact:
     """One round contact with its uncertainty.
 
-    ``radius`` [m], ``force`` [N]; ``ends`` pairs of both at either end of the interval (None if there is none); ``shifts`` both with a pad that is
-    described otherwise, and the standard deviation of that over the change; ``std`` of log radius and log force by noise alone; ``quantile`` of it.
+    ``radius`` [m], ``force`` [N]. ``ends`` are pairs of both at the ends of the interval (None if an end does not
+    exist). ``shifts`` are pairs of both with a varied description of the pad, and the standard deviation of the
+    variation divided by the change made. ``std`` are standard deviations of log radius and log force due to noise
+    alone, ``quantile`` the factor for an interval.
     """
 
     body: Body
@@ -126,7 +128,7 @@ class Contact:
 
 
 def contact(frame: Frame) -> Contact:
-    """Of the first, and only, contact of a frame."""
+    """Return the first and only contact of a frame."""
     best, (low, high, fits) = _best(frame), frame.profiles[0]
     ends: list[tuple[float, float] | None] = []
     for end in (low, high):
@@ -152,7 +154,7 @@ def contact(frame: Frame) -> Contact:
 
 
 def contact_findings(found: Contact) -> tuple[Finding, Finding, Finding, Finding]:
-    """Radius, modulus of the object, effective modulus, stiffness."""
+    """Return radius, modulus of the object, effective modulus and stiffness."""
     pad = found.body.pad
     if pad.thickness is not None and found.radius > WIDEST * pad.thickness:
         wide = f"the contact is {found.radius / pad.thickness:.2g} of the pad's thickness in radius, and Hertz's relations hold up to {WIDEST:g}: press less"
@@ -168,21 +170,21 @@ def _radius(found: Contact) -> Finding:
         return _sized(found, lambda a, f: a)
     if math.isfinite(found.depth):
         return _sized(found, lambda a, f: 1.0 / _curvature(found, a, f))
-    # stress gives the force without the modulus; with strain and displacement both depend on it, and the ratio is free of it
+    # force from stress does not need the modulus; force from strain and displacement is proportional to it, so that force/modulus does not depend on it
     shared = modulus_std(found)
     out = _sized(found, lambda a, f: 1.0 / max(_curvature(found, a, f), 1e-12), more=shared)
     return Finding(out.value, out.low, out.high, out.unit, out.reason or RIGID)
 
 
 def modulus_std(found: Contact) -> float:
-    """Standard deviation of the logarithm of E*/F that modulus and scale make."""
+    """Return the standard deviation of log(E*/F) due to the errors of modulus and scale."""
     uncertainty, planes = found.body.uncertainty, found.body.planes
     follows = uncertainty.common(planes) > uncertainty.scale
     return math.hypot(uncertainty.scale, 0.0 if follows else uncertainty.modulus)
 
 
 def _curvature(found: Contact, radius: float, force: float) -> float:
-    """1/R of a ball [1/m]."""
+    """Return the curvature 1/R [1/m] of a ball."""
     pad = found.body.pad
     c_0, c_2 = layer_terms(pad, force, radius, BALL)
     if math.isfinite(found.depth):
@@ -191,7 +193,9 @@ def _curvature(found: Contact, radius: float, force: float) -> float:
 
 
 def _sized(found: Contact, of: Callable[[float, float], float], *, more: float = 0.0) -> Finding:
-    """A length of (contact radius, force), from its values at the ends of the profile."""
+    """Return a length that is a function ``of`` (contact radius, force), with its interval from the ends of the
+    profile.
+    """
     value = of(found.radius, found.force)
     shifted = sum((s * math.log(of(a, f) / value)) ** 2 for a, f, s in found.shifts)
     extra = NORMAL * math.sqrt(shifted + more**2)
@@ -218,7 +222,7 @@ def _sized(found: Contact, of: Callable[[float, float], float], *, more: float =
 
 
 def _moduli(found: Contact) -> tuple[Finding, Finding]:
-    """Effective modulus, and that of the object."""
+    """Return the effective modulus, and the modulus of the object."""
     if not math.isfinite(found.depth):
         return Finding.unknown("Pa", NO_DEPTH), Finding.unknown("Pa", NO_DEPTH)
     if not found.depth > 0:
@@ -232,14 +236,14 @@ def _moduli(found: Contact) -> tuple[Finding, Finding]:
 
     value = effective(found.radius, found.force)
     shifted = sum((s * math.log(effective(a, f) / value)) ** 2 for a, f, s in found.shifts)
-    # the noise of radius and force, assumed independent
+    # errors of radius and force due to noise are assumed independent
     noise = (found.quantile / NORMAL) ** 2 * (found.std[0] ** 2 + found.std[1] ** 2)
     std = math.sqrt(shifted + noise + uncertainty.common(found.body.planes) ** 2)
     low, high = value * math.exp(-NORMAL * std), value * math.exp(NORMAL * std)
     both = Finding(value, low, high, "Pa")
     pads = plane_strain_modulus(pad)
     softness = 1.0 / value - 1.0 / pads
-    # of strain and displacement the force follows the pad's modulus, and with it the effective one
+    # force from strain or displacement is proportional to the pad's modulus, and so is the effective modulus
     follows = uncertainty.common(found.body.planes) > uncertainty.scale
     apart = math.hypot(
         math.sqrt(shifted + noise + uncertainty.scale**2) / value, 0.0 if follows else uncertainty.modulus / pads
@@ -259,7 +263,9 @@ def _moduli(found: Contact) -> tuple[Finding, Finding]:
 
 
 def _stiffness(found: Contact) -> Finding:
-    """dF/d(indentation) = 2 E* a of any round contact (G. M. Pharr, W. C. Oliver, F. R. Brotzen, J. Mater. Res. 7, 1992, 613), less what a base gives not way."""
+    """Return dF/d(indentation) = 2 E* a, which holds for any round contact (G. M. Pharr, W. C. Oliver, F. R. Brotzen,
+    J. Mater. Res. 7, 1992, 613), corrected for a rigid base.
+    """
     pad = found.body.pad
     known = math.isfinite(found.depth)
     modulus = _moduli(found)[0].value if known else plane_strain_modulus(pad)

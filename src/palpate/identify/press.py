@@ -1,4 +1,4 @@
-"""The object over all frames of a recording: growth of the contact, and findings that combine the frames."""
+"""Combine all frames of a recording: the growth of the contact, and findings that use every frame."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from palpate.identify.shapes import BALL, FLAT
 
 __all__ = ["combine_frames", "joint_shape"]
 
-#: Number of frames, and ratio of the largest to the smallest force, for a fit of the growth of a contact.
+#: Smallest number of frames, and smallest ratio of the largest to the smallest force, for a fit of the growth of a
+#: contact.
 FEWEST, SPAN = 3, 2.0
 
 
 def joint_shape(frames: Sequence[Frame], odds: float) -> str:
-    """The most likely shape over all frames with one contact; their noise is independent."""
+    """Return the most likely shape over all frames with a single contact, whose noise is independent."""
     gain = 0.0
     for frame in frames:
         if frame.best is not None and frame.other is not None:
@@ -31,7 +32,7 @@ def joint_shape(frames: Sequence[Frame], odds: float) -> str:
 
 
 def combine_frames(frames: Sequence[Frame], depths: Floats, shape: str) -> IdentifiedPress:
-    """All frames; those of other shapes were fitted again with this ``shape``."""
+    """Combine all frames. Frames with another shape were fitted again with this ``shape``."""
     ones = [
         (i, f)
         for i, f in enumerate(frames)
@@ -55,13 +56,13 @@ def combine_frames(frames: Sequence[Frame], depths: Floats, shape: str) -> Ident
 
 
 def _shared(found: Contact) -> float:
-    """Common error of all frames, which no mean reduces (standard deviation of the logarithm)."""
+    """Return the error that all frames share, which averaging does not reduce (standard deviation of the log)."""
     by = sum((s * (3.0 * math.log(a / found.radius) - math.log(f / found.force))) ** 2 for a, f, s in found.shifts)
     return math.hypot(math.sqrt(by), modulus_std(found))
 
 
 def _mean(findings: Sequence[Finding], shared: Sequence[float]) -> Finding:
-    """The weighted mean of the logarithms: independent parts grow less with the number of frames, shared ones do not."""
+    """Return the weighted mean of the logs. Independent errors decrease with the number of frames, shared ones do not."""
     known = [(f, s) for f, s in zip(findings, shared) if f.known and f.low > 0 and math.isfinite(f.high)]
     if not known:
         return max(findings, key=lambda f: f.low if math.isfinite(f.low) else -math.inf)
@@ -91,7 +92,7 @@ def _growth(found: Sequence[tuple[int, Contact]]) -> Finding:
 
 
 def _line(x: Floats, y: Floats, std: Floats, unit: str) -> Finding:
-    """Slope of y over x."""
+    """Return the slope of y over x."""
     weight = std**-2
     middle = float((weight * x).sum() / weight.sum())
     spread = float((weight * (x - middle) ** 2).sum())
@@ -103,7 +104,9 @@ def _line(x: Floats, y: Floats, std: Floats, unit: str) -> Finding:
 
 
 def _slope(rows: Sequence[tuple[float, float, float]]) -> Finding | None:
-    """dF/d(indentation) at the largest force from the exponent m of F ~ indentation^m, or None with too few indentations."""
+    """Return dF/d(indentation) at the largest force, from the exponent m in F ~ indentation^m; None with too few
+    indentations.
+    """
     known = [r for r in rows if math.isfinite(r[0]) and r[0] > 0 and r[1] > 0]
     if len(known) < FEWEST or max(r[0] for r in known) < 1.2 * min(r[0] for r in known):
         return None

@@ -1,4 +1,6 @@
-"""Readings of round contacts, on cells that are fine for the depth of the taxels: where the contacts lie, how large they are, and waves within them."""
+"""Compute readings of round contacts at any place and of any size, and of waves within them, on cells that are fine
+compared with the depth of the taxels.
+"""
 
 from __future__ import annotations
 
@@ -17,22 +19,25 @@ from palpate.sensing.operator import Operator
 __all__ = ["BALL", "FLAT", "Shapes", "by_reading", "flat_readings"]
 
 BALL, FLAT = "ball", "flat"
-#: Cells per depth of the taxels, and the part of the cells' waves without damping: the rest is damped by exp(-pi FADES CELLS) = 5e-6.
+#: Cells per depth of the taxels, and the fraction of the cells' waves that is not damped. The rest would contribute
+#: exp(-pi FADES CELLS) = 5e-6.
 CELLS, FADES = 6.0, 0.65
 #: Largest number of cells along an axis.
 MAX_CELLS = 160
-#: Step of the differences by which readings are derived, as a part of depth plus contact radius.
+#: Step for finite differences of readings, as a fraction of depth plus contact radius.
 STEP = 0.02
 
 
 class Shapes:
-    """Readings of unit forces of round contacts with middles between ``low`` and ``high`` (x, y) [m], and radii up to ``largest`` [m]."""
+    """Computes readings for unit forces of round contacts with middles between ``low`` and ``high`` (x, y) [m] and
+    radii up to ``largest`` [m].
+    """
 
     def __init__(
         self, pad: Pad, planes: Sequence[Array], components: Sequence[str], low: Floats, high: Floats, largest: float
     ) -> None:
         self.planes, self.components, self.largest = tuple(planes), tuple(components), largest
-        #: Corners (x, y) that places stay between [m].
+        #: Corners (x, y) [m] between which places are kept.
         self.bounds = (low, high)
         low, high = low - largest, high + largest
         self.depth = min(p.depth for p in planes)
@@ -42,12 +47,12 @@ class Shapes:
         self.grid = _grid(planes[0], low, high, max(self.depth / CELLS, size / MAX_CELLS))
         self.operator = Operator(pad, planes, self.grid)
         self._rows = [p.valid.ravel() for p in planes]
-        # pressure even in cells is read with the sinc of half a cell's phase: it is taken out of the spectrum beforehand
+        # the operator assumes uniform pressure in each cell, a sinc in the spectrum: divide the spectrum by it beforehand
         (ny, nx), (hy, hx) = self.grid.shape, self.grid.spacings
         fy, fx = np.fft.fftfreq(ny), np.fft.rfftfreq(nx)
         self._waves = 2.0 * math.pi * np.hypot(fy[:, None] / hy, fx / hx)
         self._uneven = 1.0 / (np.sinc(fy)[:, None] * np.sinc(fx) * hx * hy)
-        # the shortest waves go out smoothly, or they would ring up to the ends of the grid
+        # damp the shortest waves smoothly, otherwise they oscillate up to the ends of the grid
         for part in (np.abs(fy)[:, None], fx):
             self._uneven = (
                 self._uneven * np.cos(0.5 * math.pi * np.clip((2.0 * part - FADES) / (1.0 - FADES), 0.0, 1.0)) ** 2
@@ -56,17 +61,19 @@ class Shapes:
 
     @property
     def smallest(self) -> float:
-        """Contacts of smaller radius give the same readings [m]."""
+        """Contacts of smaller radius [m] all give the same readings."""
         return 0.1 * self.depth
 
     def step(self, radius: float) -> float:
-        """Distance over which readings hardly curve [m]."""
+        """Return the distance [m] over which readings are nearly linear."""
         return STEP * (self.depth + radius)
 
     def traction(self, shape: str, center: Floats, radius: float) -> Floats:
-        """Pressure of unit force (*cell) [Pa] at (x, y): its spectrum, W(k a) exp(-i k center), as far as the cells have waves.
+        """Return the pressure (*cell) [Pa] of a unit force at (x, y), from its spectrum W(k a) exp(-i k center) up to
+        the shortest wave of the cells.
 
-        W(x) = 3 (sin x - x cos x)/x^3 of Hertz's pressure and sin x/x under a flat (I. N. Sneddon, Fourier Transforms, 1951).
+        W(x) = 3 (sin x - x cos x)/x^3 for Hertz's pressure and sin x/x for a flat (I. N. Sneddon, Fourier Transforms,
+        1951).
         """
         x = self._waves * radius
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -78,7 +85,7 @@ class Shapes:
         return np.asarray(found)
 
     def read(self, cells: Sequence[Floats]) -> Floats:
-        """Readings (n, component, reading) of tractions (n, *cell), separately for each component."""
+        """Return readings (n, component, reading) of tractions (n, *cell), separately for each component."""
         every = self.grid.components
         given = np.zeros((len(cells), len(self.components), len(every), *self.grid.shape))
         for i, name in enumerate(self.components):
@@ -92,7 +99,9 @@ class Shapes:
         return np.concatenate(parts, axis=1).reshape(len(cells), len(self.components), -1)
 
     def waves(self, cells: Floats, wavevectors: Floats, center: Floats) -> Floats:
-        """Readings (2 n, reading) of a traction (component, *cell) times the cosine, and the sine, of waves (n, 2) [rad/m] around a place."""
+        """Return readings (2 n, reading) of a traction (component, *cell) multiplied by the cosine, and by the sine,
+        of waves (n, 2) [rad/m] around a place.
+        """
         phase = wavevectors[:, 0, None, None] * (self.grid.x - center[0])
         phase = phase + wavevectors[:, 1, None, None] * (self.grid.axes[0] - center[1])[:, None]
         both = np.concatenate([np.cos(phase), np.sin(phase)])
@@ -105,7 +114,9 @@ class Shapes:
 
 
 def flat_readings(planes: Sequence[Array], parts: Sequence[Floats]) -> Floats:
-    """Readings of one frame (reading,) of one array (channel, *array) a plane, in the order of the operator's rows."""
+    """Return the readings of one frame (reading,), given one array (channel, *array) for each plane, in the order of
+    the operator's rows.
+    """
     return np.concatenate(
         [
             np.asarray(r, dtype=np.float64).reshape(len(p.channels), -1)[:, p.valid.ravel()].ravel()
@@ -115,7 +126,7 @@ def flat_readings(planes: Sequence[Array], parts: Sequence[Floats]) -> Floats:
 
 
 def by_reading(planes: Sequence[Array], channels: Floats) -> Floats:
-    """A number of each channel (over all planes) for each reading."""
+    """Repeat a number of each channel (over all planes) for each of its readings."""
     out, start = [], 0
     for p in planes:
         out.append(np.repeat(channels[start : start + len(p.channels)], int(p.valid.sum())))
@@ -124,7 +135,7 @@ def by_reading(planes: Sequence[Array], channels: Floats) -> Floats:
 
 
 def _grid(array: Array, low: Floats, high: Floats, width: float) -> AreaGrid:
-    """Cells between two corners, taxels of a regular array above centres of cells."""
+    """Return cells between two corners; taxels of a regular array lie above the centres of cells."""
     counts, spacings, centers = [], [], []
     for axis, (a, b) in enumerate(((low[1], high[1]), (low[0], high[0]))):  # of the array axes (y, x)
         h, start = width, float(a)

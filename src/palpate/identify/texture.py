@@ -1,7 +1,9 @@
-"""Waves of the pressure within a contact: the strongest one in the readings, or the smallest detectable one.
+"""Find waves of the pressure within a contact: the strongest one in the readings, or the smallest that would be
+detectable.
 
-Pressure p(x) (1 + A cos(k x) + B sin(k x)) with p that of the fitted contact is linear in A and B. Each wave is added to the fit; T = gain in squares
-is chi-squared with two degrees of freedom if there is no wave. The power of a wave is (A^2 + B^2)/2, relative to the pressure's.
+The pressure p(x) (1 + A cos(k x) + B sin(k x)), with p that of the fitted contact, is linear in A and B. Each wave is
+added to the fit; without a wave the decrease T of the squares is chi-squared with two degrees of freedom. The power of
+a wave is (A^2 + B^2)/2, relative to that of the pressure.
 """
 
 from __future__ import annotations
@@ -18,19 +20,20 @@ from palpate.identify.shapes import Shapes
 
 __all__ = ["Texture", "texture"]
 
-#: Longest wave over the contact radius (two across the contact), ratio of wavelengths, how many, and directions over half a turn.
+#: Longest wave as a multiple of the contact radius (two wavelengths across the contact), ratio of successive
+#: wavelengths, their number, and the number of directions over half a turn.
 LONGEST, RATIO, WAVES, DIRECTIONS = 1.0, 1.12, 16, 12
-#: Amplitude, relative to the pressure, that must show (at 95 %) for a wave to count as seen.
+#: A wave counts as detectable at a place if this amplitude, relative to the pressure, would be significant at 95 %.
 SHOWS = 0.5
-#: How often the search is made finer by half about the strongest wave.
+#: Number of times that the search halves its step around the strongest wave.
 FINER = 4
-#: Chance of taking noise for a wave, over all waves together.
+#: Probability of taking noise for a wave, over all waves together.
 CHANCE = 0.01
 
 
 @dataclass(frozen=True)
 class Texture:
-    """Power of the strongest wave, its wavelength, and its two columns of readings if it is significant."""
+    """Power and wavelength of the strongest wave, and its two columns of readings if it is significant."""
 
     power: Finding
     wavelength: Finding
@@ -38,7 +41,9 @@ class Texture:
 
 
 def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
-    """The strongest wave of a single contact; ``rise``: square of the standard deviations to an end of an interval."""
+    """Find the strongest wave of a single contact. ``rise`` is the squared number of standard deviations at the end of
+    an interval.
+    """
     radius = float(best.radii[0])
     wavelengths = LONGEST * radius / RATIO ** np.arange(WAVES)
     wavelengths = wavelengths[wavelengths > 4.0 * max(shapes.grid.spacings)]
@@ -49,7 +54,7 @@ def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
     found = search.waves(*(v.ravel() for v in np.meshgrid(wavelengths, angles, indexing="ij")))
     noise = max(1.0, best.squares / max(best.freedom, 1))
     quantile = math.sqrt(max(rise, 3.84))
-    # detectable with the stated noise: a real wave must not count as noise
+    # detectability uses the stated noise: with the noise of the residuals a real wave would count as noise
     seen = quantile * found.std <= SHOWS
     if not seen.any():
         return _blurred(radius)
@@ -70,7 +75,7 @@ def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
         length, angle, step, turn = float(near.length[i]), float(near.angle[i]), 0.5 * step, 0.5 * turn
     amplitude, std = float(near.amplitude[i]), math.sqrt(left) * float(near.std[i])
     low, high = max(amplitude - quantile * std, 0.0), amplitude + quantile * std
-    # the wavelength's interval: where the gain is less by ``rise``, from its curvature
+    # interval of the wavelength: from the curvature, where the gain has decreased by ``rise``
     sides = search.waves(length * np.exp(np.array([-0.03, 0.0, 0.03])), np.full(3, angle)).gain
     bent = max(2.0 * float(sides[1]) - float(sides[0]) - float(sides[2]), 1e-9) / (2.0 * 0.03**2)
     half = min(math.sqrt(max(rise, 3.84) * left / bent) + step, 0.5)
@@ -88,7 +93,7 @@ class _Waves:
     amplitude: Floats
     std: Floats
     gain: Floats
-    columns: Floats  # (cosine and sine, wave, reading), over the noise
+    columns: Floats  # (cosine and sine, wave, reading), divided by the noise
 
 
 class _Search:
@@ -103,7 +108,7 @@ class _Search:
             self._cells[shapes.grid.components.index(name)] = force * unit
 
     def waves(self, length: Floats, angle: Floats) -> _Waves:
-        """Of these wavelengths [m] and directions [rad]."""
+        """Return the waves of these wavelengths [m] and directions [rad]."""
         vectors = 2.0 * math.pi / length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         read = self._shapes.waves(self._cells, vectors, self._best.centers[0]) * self._data.weights
         less = (read - (read @ self._basis.T) @ self._basis).reshape(2, len(length), -1)

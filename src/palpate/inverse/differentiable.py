@@ -42,13 +42,13 @@ __all__ = [
     "whole_traction",
 ]
 
-#: Quantities, besides readings and traction, with gradients.
+#: Quantities with gradients, besides readings and traction.
 NAMES = ("modulus", "depth", "gains", "noise")
-#: Depths at which the map is computed, for a range of it.
+#: Number of depths at which the map is computed for a range of depths.
 DEPTHS = 12
-#: Widest range of depths: beyond it twelve polynomials are worth less than 1e-5.
+#: Widest relative range of depths: beyond it the polynomial of twelve points has errors above 1e-5.
 WIDEST = 0.5
-#: Largest numbers of readings times unknowns: a map of 400 MB.
+#: Largest product of readings and unknowns: a map of 400 MB.
 LARGEST = 50_000_000
 
 
@@ -93,7 +93,7 @@ def matrices(
     constrained: bool = False,
     depth_range: float = 0.0,
 ) -> Matrices:
-    """Everything that depends on the skin alone.
+    """Compute all matrices that depend only on the skin.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def _diagonal(blocks: list[Floats]) -> Floats:
 
 
 def _map(xp: Any, m: Matrices, a: Mapping[str, Any], p: Mapping[str, Any]) -> Any:
-    """A (reading, unknown) for a modulus, a depth and gains; NaN if the depth leaves its range."""
+    """A (reading, unknown) for a given modulus, depth and gains; NaN if the depth leaves its range."""
     out = a["here"]
     depth = p.get("depth")
     if depth is not None:
@@ -212,7 +212,7 @@ def _map(xp: Any, m: Matrices, a: Mapping[str, Any], p: Mapping[str, Any]) -> An
 
 
 def _each(m: Matrices, a: Mapping[str, Any], value: Any, name: str) -> Any:
-    """A number for each reading, from one for each reading or for each channel."""
+    """Expand one number per channel to one per reading; numbers per reading are only flattened."""
     if tuple(value.shape) == m.shape:
         return value.reshape(-1)
     if tuple(value.shape) == m.shape[:1]:
@@ -251,7 +251,7 @@ def sensed(xp: Any, m: Matrices, a: Mapping[str, Any], traction: Any, p: Mapping
 
 
 def flat_readings(xp: Any, m: Matrices, a: Mapping[str, Any], readings: Any) -> tuple[Any, tuple[int, ...]]:
-    """(frame, reading), masked taxels 0, and the batch axes."""
+    """Readings as (frame, reading), with 0 for masked taxels; and the batch axes."""
     batch = _batch(readings, m.shape, "readings")
     flat = readings.reshape((-1, m.readings))
     if not m.whole:
@@ -260,7 +260,9 @@ def flat_readings(xp: Any, m: Matrices, a: Mapping[str, Any], readings: Any) -> 
 
 
 def linear_traction(xp: Any, m: Matrices, a: Mapping[str, Any], flat: Any, p: Mapping[str, Any]) -> Any:
-    """(frame, unknown): C B' (1 + B C B')^-1 y/noise with B = A/noise and C the prior, or the matrix that is prepared."""
+    """Traction (frame, unknown): C B' (1 + B C B')^-1 y/noise, where B = A/noise and C is the prior; or by the
+    prepared matrix if nothing varies.
+    """
     if not any(p.get(name) is not None for name in NAMES):
         return flat @ xp.swapaxes(a["inverse"], 0, 1)
     weight = a["valid"] / _noise(m, a, p)
@@ -280,7 +282,7 @@ def constrained_terms(xp: Any, m: Matrices, a: Mapping[str, Any], flat: Any, p: 
 
 
 def whole_traction(xp: Any, m: Matrices, found: Any, batch: tuple[int, ...]) -> Any:
-    """(*batch, component, *surface) with 0 in components that were not sought."""
+    """Traction (*batch, component, *surface), with 0 in components that were not sought."""
     found = found.reshape((*batch, len(m.columns), *m.surface[1:]))
     tail = (slice(None),) * (len(m.surface) - 1)
     place = {c: i for i, c in enumerate(m.columns)}

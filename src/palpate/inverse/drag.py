@@ -1,4 +1,4 @@
-"""How shear is distributed over a contact that is dragged: the part of it that sticks."""
+"""Distribution of shear over a contact that is dragged and partly sticks."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["STICK", "sheared"]
 
-#: Parts of the contact's radius that stick, as candidates: about even in Q/(mu P) = 1 - s^3.
+#: Candidate radii of the sticking part, as fractions of the contact's radius: about evenly spaced in Q/(mu P) = 1 -
+#: s^3.
 STICK = np.array([0.0, 0.3, 0.45, 0.55, 0.65, 0.72, 0.79, 0.85, 0.9, 0.94, 0.97, 0.99])
 
 
 def sheared(pressure: Floats, sticks: Sequence[float] | Floats) -> Floats:
-    """Shear over friction (candidate, *surface) of a contact with this pressure of which the part ``s`` of the radius sticks:
+    """Shear over friction (candidate, *surface) of a contact with this pressure, whose part within ``s`` of the radius
+    sticks:
 
-        q / mu = p(x) - s p(x / s)
+    q / mu = p(x) - s p(x / s)
 
     about the centre of pressure (M. Ciavarella, J. Appl. Mech. 65, 1998, 998-1003; `palpate.grasp`).
     """

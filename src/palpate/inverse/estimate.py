@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -23,11 +23,14 @@ __all__ = ["Errors", "Estimate", "Stated", "batch_of", "frames_of"]
 class Errors:
     """Standard deviations, in closed form, before calibration (`palpate.touch`).
 
-    ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or 1);
-    ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``variance_reduction`` is shaped like ``traction``: 1 - posterior over prior
-    variance of each cell in contact, NaN elsewhere. Those named ``outside_...`` are not standard deviations: they are the part of
-    each quantity that comes from outside the outermost taxels, where nothing is measured; its relative error is a calibrated constant. Nor is
-    ``beyond_force`` (*batch, component): what contact that reaches the outermost taxels may have beyond them, away from zero; an interval of 95 % has room for it.
+    ``traction`` (*batch, component, *surface) [Pa]; ``force`` (*batch, component) [N or N/m]; ``moment`` (*batch, 3 or
+    1); ``center`` (*batch, 2 or 1) [m]; ``peak`` (*batch) [Pa]. ``variance_reduction`` is shaped like ``traction``: 1
+    - posterior over prior variance of each cell in contact, NaN elsewhere.
+
+    Fields named ``outside_...`` are not standard deviations but the part of each quantity that comes from outside the
+    outermost taxels, where nothing is measured; its relative error is a calibrated constant. ``beyond_force`` (*batch,
+    component) is the force that a contact reaching the outermost taxels may have beyond them, away from zero; the 95 %
+    interval includes it.
     """
 
     traction: Floats = field(metadata=per_frame("component", "*"))
@@ -69,7 +72,7 @@ class Stated:
     >>> array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["strain_zz"], noise=1e-4)
     >>> skin = pp.Skin(pad, array, uncertainty=pp.Uncertainty(gain=0.1))
     >>> touch = skin.reconstruct(skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0)), method="tikhonov")
-    >>> bool(0.1 < touch.stated.force[1] / touch.force[1] < 0.2)
+    >>> bool(0.1 < touch._errors.pad.force[1] / touch.force[1] < 0.2)
     True
     """
 
@@ -82,28 +85,34 @@ class Stated:
     def __post_init__(self) -> None:
         freeze(self)
 
+    @classmethod
+    def added(cls, one: Stated | None, more: Mapping[str, Any]) -> Stated:
+        """The standard deviations ``one`` (0 if None) with others by the same names, in quadrature."""
+        return cls(**{name: np.hypot(0.0 if one is None else getattr(one, name), v) for name, v in more.items()})
+
 
 @dataclass(frozen=True)
 class Estimate:
-    """The result of an inversion: the traction and how the method found it.
+    """The result of an inversion: the traction and how the method found it. A field is None if the method does not
+    compute it.
 
-    ``parameter``, ``noise_scale`` (noise in units of the whitening; 1 where the noise was given) and ``residual`` (root mean
-    square misfit in the same units) have the batch shape, the noise of the
-    constrained methods (*batch, channel); None from methods that have no such thing. Likewise ``noise_std`` (*batch, channel), in the unit
-    of each channel, ``errors``
-    (`Errors`), ``stated`` (`Stated`), ``converged``, ``contact`` (False: noise alone explains the frame), ``outliers``
-    (*batch, reading), ``draws`` (*batch, draw, component, *surface), ``settling``, the time an
-    analog network takes in units of its RC, ``pushed`` (False: contact that only pushes does not explain the frame), ``resolution`` [m] and
-    ``sliding`` (probability that the contact slides as a whole; NaN if nothing touches). ``method`` (*batch) is the short name of what
-    decided each frame, where it was not the same for all. ``said`` is what the method says of the batch in words. ``sign`` (*batch)
-    is 1 where traction was found as a push, -1 as a pull, 2 as a push with pull about it, 0 if it does both. ``fit`` (*batch) is the misfit probability
-    (`palpate.inverse.fit`), ``nuisance`` and
-    ``nuisance_std`` (*batch, term) the sizes of what readings hold besides contact, ``nuisance_names`` the label and unit of each, ``at_limit``
-    (*batch, reading) the readings at an end of their range. ``discrepancy`` (*batch) is the share of the readings that the pad's model leaves unexplained, and
-    ``unexplained`` (*batch) where no contact explains them; ``undecided`` (*batch) where noise or an offset does, and contact may; ``one_penalty`` (*batch) where one even penalty found the
-    contact; ``overload`` (*batch) where readings at the end of
-    their range leave the load without an upper end. ``force_bounds`` (*batch, component, 2) are net
-    forces that the readings do not rule out besides, NaN if there are none.
+    These have the shape of the batch, for constrained methods (*batch, channel) where noise is concerned:
+    ``parameter``; ``noise_scale``, the noise in units of the whitening (1 if the noise was given); ``residual``, the
+    root mean square misfit in the same units; ``noise_std`` (*batch, channel) in the unit of each channel. ``errors``
+    are `Errors`, ``stated`` is `Stated`. ``converged``; ``contact`` (False: noise alone explains the frame);
+    ``outliers`` (*batch, reading); ``draws`` (*batch, draw, component, *surface); ``settling``, the time an analog
+    network takes in units of its RC; ``pushed`` (False: a contact with positive pressure does not explain the frame);
+    ``resolution`` [m]; ``sliding``, the probability that the contact slides as a whole (NaN if nothing touches).
+    ``method`` (*batch) is the short name of the method that solved each frame, if not the same for all. ``said`` are
+    notes on the batch. ``sign`` (*batch) is 1 for a push, -1 for a pull, 2 for a push surrounded by pull, 0 for any
+    mixture. ``fit`` (*batch) is the misfit probability (`palpate.inverse.fit`); ``nuisance`` and ``nuisance_std``
+    (*batch, term) are the sizes of offsets and other patterns in the readings, ``nuisance_names`` the label and unit
+    of each; ``at_limit`` (*batch, reading) marks readings at an end of their range. ``discrepancy`` (*batch) is the
+    fraction of the readings that the model of the pad leaves unexplained. The following are flags (*batch):
+    ``unexplained``, no contact explains the readings; ``undecided``, noise or an offset explains them, and so may a
+    contact; ``one_penalty``, the contact was estimated with a single uniform penalty; ``overload``, readings at the
+    end of their range leave the load without an upper limit. ``force_bounds`` (*batch, component, 2) are further net
+    forces that the readings do not exclude, NaN if there are none.
     """
 
     traction: Any
@@ -147,7 +156,7 @@ class Estimate:
         if self.contact is not None:
             code[~self.contact] = Status.NO_CONTACT
         if self.pushed is not None:
-            # a frame that another method took over is solved
+            # A frame solved by another method counts as solved.
             other = (
                 np.zeros(np.shape(code), dtype=bool)
                 if self.method is None
@@ -195,5 +204,5 @@ def frames_of(readings: Sequence[Any], operator: Operator) -> Iterator[list[Floa
 
 
 def in_frames(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
-    """ " in 3 of 70 frames", or "" for a single frame."""
+    """Text " in 3 of 70 frames", or "" for a single frame."""
     return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""

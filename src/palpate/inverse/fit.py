@@ -15,18 +15,20 @@ __all__ = ["DISCREPANCY", "MIN_DEGREES", "MODEL_DETAIL", "POOR_FIT", "PROVEN", "
 
 Pairs = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
-#: Cells of a finite size and a penalty leave this part of the largest reading, alike from taxel to taxel, on a contact that is all as the
-#: model says (the largest seen on lines and areas without noise; tests/inverse/test_fit.py): less than it is no misfit.
+#: Residual that cells of finite size and the penalty cause, as a fraction of the largest reading, correlated between
+#: taxels, even if the contact model is exact (the largest seen on lines and areas without noise;
+#: tests/inverse/test_fit.py). A smaller residual is no misfit.
 MODEL_DETAIL = 2e-3
-#: Below this misfit probability a frame says that the model does not explain it: one good frame in a hundred does.
+#: A frame is reported as a poor fit below this misfit probability: one good frame in a hundred.
 POOR_FIT = 0.01
-#: Misfit probability from which on it is taken as shown that noise is all there is. One quiet frame in ten has less, and wider intervals for it; so had
-#: three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09), and a ball that two of 252 readings felt, over noise that was given (0.012).
+#: Misfit probability above which noise alone counts as proven. One frame of noise in ten is below it and gets wider
+#: intervals. Also below it were three of four wide contacts on thin layers that were taken for noise (0.05 to 0.09),
+#: and a ball that changed two of 252 readings, with given noise (0.012).
 PROVEN = 0.1
-#: Default residual of a pad's model, as a part of the readings (root mean square). Published recordings of six real skins with a force sensor have 2
-#: to 30 % (`benchmarks/real.py`).
+#: Default root mean square of the model error of a pad, as a fraction of the readings. Published recordings of six real
+#: skins with a force sensor have 2 to 30 % (`benchmarks/real.py`).
 DISCREPANCY = 0.15
-#: Fewer pairs of neighbours, or degrees of freedom, are no evidence.
+#: With fewer pairs of neighbours, or degrees of freedom, a test is not meaningful.
 MIN_DEGREES = 6
 
 
@@ -43,7 +45,7 @@ def neighbours(planes: Sequence[Array]) -> Pairs:
         if n > 1:
             tree = scipy.spatial.cKDTree(points)
             near = float(np.median(tree.query(points, k=2)[0][:, 1]))
-            # the next taxels along the axes and across; of scattered ones, those about as near
+            # Neighbours along the axes and diagonals; for scattered taxels, those about as near.
             reach = (1.6 if isinstance(array, ScatteredArray) else 1.5) * near
             pairs = tree.query_pairs(reach, output_type="ndarray")
             for channel in range(len(array.channels)):
@@ -70,7 +72,7 @@ def misfit_probability(
     Parameters
     ----------
     residual : array (reading,)
-        What is left, in units of the noise (0 if nothing was observed).
+        Residuals in units of the noise (0 if nothing was observed).
     observed : array (reading,) of bool
     pairs : two arrays (pair,)
         Readings that are neighbours (`neighbours`).
@@ -79,7 +81,7 @@ def misfit_probability(
     known : bool
         Whether the noise was given: its size is then tested too, by chi^2.
     detail : float
-        What the model itself cannot follow, in units of the noise.
+        Error of the model itself, in units of the noise.
     others : sequence of float
         Probabilities of other tests: the least of all counts, times their number (Bonferroni).
 

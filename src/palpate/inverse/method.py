@@ -1,8 +1,9 @@
-"""The interface of methods: options, needs of a skin, preparation.
+"""The interface of methods: options, requirements on a skin, preparation.
 
-A method is a frozen dataclass with keyword-only fields, one for each option, declared by the functions below; its class says its short
-name and its needs. ``prepare`` does what depends on skin and method, and what it returns solves frames. To add a method: one
-file with such a class, and `palpate.inverse.registry.register` (or an entry point of the group "palpate.methods").
+A method is a frozen dataclass with keyword-only fields, one for each option, declared by the functions below. Its
+class has a short name and its requirements. ``prepare`` computes everything that depends on skin and method and
+returns an object that solves frames. To add a method, write one file with such a class, and call
+`palpate.inverse.registry.register` (or declare an entry point of the group "palpate.methods").
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Needs:
 class Prepared(Protocol):
     """A method prepared for a skin."""
 
-    #: The kind of its surface.
+    #: Grid of the resulting surface.
     grid: Grid
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
@@ -61,7 +62,7 @@ class Prepared(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Method(abc.ABC):
-    """One way from readings to traction; see the module.
+    """A method to compute traction from readings; see the module.
 
     Examples
     --------
@@ -91,15 +92,15 @@ class Method(abc.ABC):
     #: One line for help texts.
     summary: ClassVar[str]
     needs: ClassVar[Needs] = Needs()
-    #: Components sought by default; None: all that the channels separate.
+    #: Components sought by default; None: all that the channels can separate.
     seeks: ClassVar[tuple[str, ...] | None] = None
     #: Whether its results have error bars.
     error_bars: ClassVar[bool] = False
-    #: Whether it is one of the methods for comparison.
+    #: Whether it is one of the comparison methods.
     comparison: ClassVar[bool] = False
     #: Whether components that the channels cannot separate may be sought, because the constraints (pressure pushes, contact is compact) separate them.
     narrows: ClassVar[bool] = False
-    #: Whether it solves one frame after another, in a hundredth of a second or more each.
+    #: Whether it solves frames one after another, each in a hundredth of a second or more.
     by_frame: ClassVar[bool] = False
     #: Rules that choose ``parameter`` if it is not given; the first one by default.
     rules: ClassVar[tuple[str, ...]] = ()
@@ -134,14 +135,14 @@ class Method(abc.ABC):
 
     @abc.abstractmethod
     def prepare(self, problem: Problem) -> Prepared:
-        """Prepare the part that depends on skin and method and not on the frame; call `check` first."""
+        """Compute everything that depends on skin and method but not on the frame; implementations call `check` first."""
 
     def resolved(self, problem: Problem) -> Method:
-        """The method that runs on a skin: the method itself, or the one that it chooses."""
+        """The method that actually runs on this skin: this one, or the one it delegates to."""
         return self
 
     def returns(self, components: tuple[str, ...]) -> tuple[str, ...]:
-        """The components of a result if ``components`` are sought."""
+        """The components of the result if ``components`` are sought."""
         return components
 
     def assumptions(self) -> tuple[str, ...]:
@@ -150,16 +151,16 @@ class Method(abc.ABC):
 
     @classmethod
     def options(cls) -> dict[str, Option]:
-        """Every option by its name."""
+        """Every option, by name."""
         return {f.name: f.metadata["option"] for f in fields(cls) if "option" in f.metadata}
 
     @classmethod
     def required(cls) -> tuple[str, ...]:
-        """Options without a default."""
+        """Names of the options without a default."""
         return tuple(f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING)
 
     def check(self, problem: Problem) -> None:
-        """Raise if the skin lacks what the method needs."""
+        """Raise an error if the skin does not meet the method's requirements."""
         if self.needs.free_boundary and problem.boundary == "periodic":
             raise Unsupported(
                 f'method="{self.name}" needs boundary="free"; use method="tikhonov" on a periodic surface.'
@@ -244,5 +245,5 @@ def function(*, help: str, accepts: str) -> Any:
             raise InvalidInput(f"{name} must be {accepts}; got {value!r}.")
         return value
 
-    # a mapping has no hash; equal methods still compare equal
+    # A mapping has no hash; equal methods still compare equal.
     return field(metadata={"option": Option(help, accepts, check, None)}, hash=False)

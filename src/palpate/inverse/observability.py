@@ -1,4 +1,6 @@
-"""Observability: the condition of each wavevector's matrix."""
+"""Observability: which components of traction the channels can separate, from the condition of each wavevector's
+matrix.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +18,23 @@ from palpate.sensing.arrays import Array
 
 __all__ = ["Observability", "check_observable", "is_observable", "observability", "observable_components"]
 
-#: Below this ratio of singular values at every wavelength a combination of components leaves no trace.
+#: A combination of components is invisible if the ratio of singular values is below this at every wavelength.
 BLIND = 1e-9
-#: Pressure confounds shear if it moves the readings by at least this part of what shear does.
+#: Pressure confounds shear if its effect on the readings is at least this fraction of that of equal shear.
 ACTS = 0.1
-#: On a bonded pad, which is a sensor's, pressure is sought by default if it moves the readings by at least this part: with pressure zero, every load
-#: would read 0 N. Markers on the surface of an incompressible gel (Poisson's ratio 0.48) have 0.02 to 0.09. The interval of the force is then wide.
+#: On a bonded pad, pressure is sought by default if its effect is at least this fraction of that of shear; with
+#: pressure fixed at zero, every load would read 0 N. Markers on the surface of an incompressible gel (Poisson's ratio
+#: 0.48) have 0.02 to 0.09. The interval of the force is then wide.
 FELT = 0.01
-#: Largest number of readings for this default: larger frames take minutes.
+#: Largest number of readings for which this is the default: larger frames take minutes.
 NARROWED_READINGS = 1100
-#: Channels normal to the surface: pressure affects them most.
+#: Channels normal to the surface, on which pressure has the largest effect.
 NORMAL = ("displacement_z", "strain_zz", "stress_zz")
 
 
 @dataclass(frozen=True)
 class Observability:
-    """How well each wavelength is seen.
+    """How well the channels determine traction at each wavelength.
 
     Attributes
     ----------
@@ -53,7 +56,9 @@ class Observability:
 def _whitened(
     pad: Pad, planes: Sequence[Array], k: Floats, angle: float | Floats, *, scaled: Floats | None = None
 ) -> npt.NDArray[np.complex128]:
-    """Rows of the channels over their noise; without noise in units of stress, at the wavenumbers ``scaled`` where they are not ``k``."""
+    """Transfer matrix divided by each channel's noise. Without noise, in units of stress, at the wavenumbers
+    ``scaled`` if given instead of ``k``.
+    """
     d = planes[0].dimensions
     modulus = 2 * shear_modulus(pad, 0.0)
     rows = []
@@ -101,17 +106,18 @@ def _probe(planes: Sequence[Array]) -> Floats:
 
 
 def is_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> bool:
-    """Whether these components, and no combination of them, escape the sensors at every wavelength."""
+    """Whether the channels determine these components, and every combination of them, at some wavelength."""
     return bool(np.isfinite(observability(pad, planes, _probe(planes), components).condition).any())
 
 
 def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
-    """The components sought by default: as many as the channels separate.
+    """The components sought by default: as many as the channels can separate.
 
-    All of them, if possible. Else, if a channel normal to the surface (stress_zz, strain_zz, displacement_z) is measured: pressure, with the shear
-    along x (or y) if a channel is odd in that axis, as stress_xz and displacement_x are; with pressure zero, pressure would appear as shear. Else, on
-    a pad bonded to a base, all of them if pressure moves the readings too (`presses`). Else both shears; else one, if every channel is odd in that
-    axis; else pressure.
+    All of them, if possible. Otherwise, if a channel normal to the surface (stress_zz, strain_zz, displacement_z) is
+    measured: pressure, and shear along x (or y) if a channel is odd in that axis, as stress_xz and displacement_x are.
+    (With pressure fixed at zero, pressure would appear as shear.) Otherwise, on a pad bonded to a base, all of them if
+    pressure affects the readings too (`presses`). Otherwise both shears; or one, if every channel is odd in that axis;
+    or pressure.
     """
     line = planes[0].dimensions == 1
     channels = [c for p in planes for c in p.channels]
@@ -139,14 +145,18 @@ def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:
 
 
 def presses(pad: Pad, planes: Sequence[Array], shears: Sequence[str], least: float = ACTS) -> bool:
-    """Whether pressure moves readings that these shears explain as well: by ``least`` of the effect of equal shear, at some wavelength."""
+    """Whether pressure affects readings that these shears also explain: by at least ``least`` times the effect of
+    equal shear, at some wavelength.
+    """
     return is_observable(pad, planes, shears) and bool((pressing(pad, planes, shears, most=True) > least).any())
 
 
 def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str], *, most: bool = False) -> Floats:
-    """Effect of pressure on the readings over that of equal shear, at nine wavelengths from the array's width to a tenth of it.
+    """Effect of pressure on the readings relative to that of equal shear, at nine wavelengths from the array's width
+    to a tenth of it.
 
-    In area contact along the axis where it does less, or ``most``: a channel with less noise counts for more, and may be that of either axis.
+    In area contact the smaller value of the two axes, or the larger with ``most``: a channel with less noise counts
+    more, and may belong to either axis.
     """
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
@@ -163,10 +173,10 @@ def pressing(pad: Pad, planes: Sequence[Array], shears: Sequence[str], *, most: 
 def check_observable(
     pad: Pad, planes: Sequence[Array], components: Sequence[str], *, narrowed: bool = False, remedied: bool = False
 ) -> None:
-    """Raise `NotObservable`, naming a remedy, unless the components can be separated.
+    """Raise `NotObservable`, naming a remedy, unless the channels can separate the components.
 
-    ``narrowed``: constraints may separate components that the channels do not; each must still affect the readings. ``remedied``: a method that does
-    so serves this skin.
+    ``narrowed``: constraints of the method may separate components that the channels cannot; each component must still
+    affect the readings. ``remedied``: there is such a method for this skin.
     """
     measured = getattr(pad, "components", components)
     unknown = [c for c in components if c not in measured]
@@ -193,20 +203,20 @@ def check_observable(
 
 
 def without_mean(pad: Pad, planes: Sequence[Array], boundary: str) -> bool:
-    """Whether the mean traction is unknown: absolute displacements of a half-space that repeats for ever."""
+    """Whether the mean traction is undetermined: absolute displacements of a periodic half-space."""
     if boundary != "periodic" or pad.mean_compliance(0.0) is not None:
         return False
     return all(find_channel(c).kind.absolute for p in planes for c in p.channels)
 
 
 def blind_to_force(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> tuple[str, ...]:
-    """Components whose mean (net force) leaves no trace in any channel as the wavelength grows."""
+    """Components whose mean (net force) has no effect on any channel as the wavelength grows."""
     names = COMPONENTS[planes[0].dimensions]
     size = float(np.ptp(planes[0].points, axis=0).max())
     k = np.array([1e-5, 1.0]) * 2 * np.pi / size
-    # both in the same units: the displacement of a bonded layer stays constant as the wavelength grows
+    # Use the same units for both: the displacement of a bonded layer stays constant as the wavelength grows.
     matrix = _whitened(pad, planes, k, 0.3 if len(names) == 3 else 0.0, scaled=np.full(2, k[-1]))
     response = np.abs(matrix).max(axis=-2)
-    # (wavelength, component): the response at wavelengths far above the size of the array
+    # (wavelength, component): the response at wavelengths far above the size of the array.
     left = response[0] / np.maximum(response.max(axis=0), 1e-300)
     return tuple(c for c in components if left[names.index(c)] < 1e-3)

@@ -35,7 +35,7 @@ MOST_ENTRIES, MOST_BYTES = 64, 2_000_000_000
 
 
 class Kept:
-    """Prepared things by what they depend on; the ones not used for longest go first."""
+    """A cache of prepared objects by key; the least recently used are dropped first."""
 
     def __init__(self, entries: int = MOST_ENTRIES, nbytes: int = MOST_BYTES) -> None:
         self.entries, self.nbytes = entries, nbytes
@@ -79,7 +79,7 @@ class Kept:
 
 
 class Problem:
-    """Pad, arrays and surface, and the components sought: all that a method may depend on besides its own options.
+    """Pad, arrays, surface and components sought: everything that a method may depend on besides its own options.
 
     Attributes
     ----------
@@ -87,12 +87,12 @@ class Problem:
         The elastic body (without creep).
     planes : tuple of arrays
     surface : LineGrid or AreaGrid
-        Where the result lives.
+        Grid of the traction.
     boundary : "free" or "periodic"
     components : tuple of str
-        What is sought.
+        Components of the traction to estimate.
     fixed : bool
-        Whether the user gave the surface: contact is then sought only there.
+        Whether the user gave the surface, so that contact is estimated only there.
     nuisance : tuple of str or None
         Nuisances of the readings (`palpate.sensing.nuisance`); None: the readings decide.
     uncertainty : Uncertainty
@@ -121,18 +121,19 @@ class Problem:
         self.pad, self.planes, self.surface, self.boundary = pad, tuple(planes), surface, boundary
         self.components, self.fixed, self.nuisance = tuple(components), fixed, nuisance
         self.uncertainty = (uncertainty or Uncertainty()).of(pad)
-        #: the uncertainty for constrained methods, and for linear ones: only a stated one of depth and thickness
+        #: Uncertainty for constrained methods; for linear methods only a stated uncertainty of depth and thickness.
         self.doubts = self.uncertainty.beside(pad, self.planes)
         self.stated = self.uncertainty.beside(pad, self.planes, assumed=False)
         self.common_std = self.uncertainty.common(self.planes)
         self.kept = Kept() if kept is None else kept
         self.recall = recall
         self.zeroed = zeroed
-        #: the zero that was taken (one array (channel, *array) per plane): ends of a range show in the readings as they came
+        #: The zero that was taken (one array (channel, *array) per plane), because saturation shows in the raw
+        #: readings.
         self.zero: Sequence[Floats] | None = None
 
     def seeking(self, components: Sequence[str]) -> Problem:
-        """The same problem with other components sought; it shares what does not depend on them.
+        """The same problem with other components sought; it shares everything that does not depend on them.
 
         `InvalidInput` if the surface is too large for the arrays, or lies beside them.
         """
@@ -156,9 +157,10 @@ class Problem:
         return found
 
     def with_even_noise(self) -> Problem:
-        """The same problem with one noise for all channels of a kind: its root mean square if it is given, else 1 in the unit of the channel.
+        """The same problem with one noise level for all channels of a kind: the root mean square of the given levels,
+        or 1 in the unit of the channel.
 
-        The misfit of a pad's model, spread evenly (`palpate.inverse.contact.discrepancy`).
+        This represents the model error of a pad, spread evenly (`palpate.inverse.contact.discrepancy`).
         """
         squares: dict[str, list[float]] = {}
         for array in self.planes:
@@ -194,17 +196,17 @@ class Problem:
 
     @property
     def operator(self) -> Operator:
-        """From traction on the surface to readings."""
+        """The map from traction on the surface to readings."""
         return self.kept.get("operator", lambda: self._operator(self.surface))
 
     @property
     def wide_surface(self) -> Grid:
-        """The surface that `wide` starts from."""
+        """The surface of `wide`."""
         return self.surface if self.fixed else surface_of(self.pad, self.planes, depths=WIDE)
 
     @property
     def wide(self) -> Operator:
-        """The same on a surface wide enough for loads beyond the array's edge."""
+        """The map from a wider surface, for loads beyond the edge of the array."""
         if self.fixed:
             return self.operator
         return self.kept.get(
@@ -216,7 +218,7 @@ class Problem:
         return Operator(self.pad, self.planes, surface, self.boundary, recall=self.recall)
 
     def about(self) -> dict[str, str]:
-        """The identity of this problem, as digests by name.
+        """The identity of this problem: digests by name.
 
         Raises
         ------
@@ -239,7 +241,7 @@ class Problem:
         return {name: value for name, value in found.items() if value is not None}
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
-        """The cached values that take long to compute, for `Recall`."""
+        """Cached values that take long to compute, for `Recall`."""
         out: dict[str, tuple[Floats, ...]] = {}
         for thing in self.kept.things():
             if isinstance(thing, Operator | System):
@@ -249,9 +251,11 @@ class Problem:
         return out
 
     def doubtful(self, u: Uncertainty, traction: Floats, *, wide: bool = False) -> tuple[Floats, Floats]:
-        """The effect of the uncertainty of modulus, thickness and depth (`doubts` or `stated`) on the readings of ``traction`` (component, *surface).
+        """Effect of the uncertainty ``u`` of modulus, thickness and depth (`doubts` or `stated`) on the readings of
+        ``traction`` (component, *surface).
 
-        Returns columns (reading, unknown), in the unit of the channels for a change of 1 (100 %), and their standard deviations.
+        Returns columns (reading, unknown), in the unit of the channels for a change of 1 (100 %), and the standard
+        deviations of the unknowns.
         """
         operator = self.wide if wide else self.operator
 
@@ -277,7 +281,9 @@ class Problem:
         return np.stack(columns, axis=1), np.array(size)
 
     def moved(self, name: str, *, wide: bool = False) -> Operator:
-        """The operator of a pad whose "depth" or "thickness" is larger by a part `palpate.sensing.uncertainty.STEP`."""
+        """The operator of a pad whose "depth" or "thickness" is larger by the fraction
+        `palpate.sensing.uncertainty.STEP`.
+        """
 
         def made() -> Operator:
             pad, planes = stretched(self.pad, self.planes, **{name: 1.0 + STEP})
@@ -287,16 +293,19 @@ class Problem:
         return self.kept.get(("moved", name, wide and not self.fixed), made)
 
     def prepare_doubts(self, *, wide: bool = False) -> None:
-        """Prepare `doubtful` for `doubts`; for scattered sensors, whose operators are large, do it at first use."""
+        """Prepare `doubtful` for `doubts`. For scattered sensors, whose operators are large, this happens at first
+        use.
+        """
         if not any(isinstance(a, ScatteredArray) for a in self.planes):
             for name in ("depth", "thickness"):
                 if getattr(self.doubts, name):
                     _ = self.moved(name, wide=wide).planes
 
     def decomposition(self, priors: Sequence[Prior], *, wide: bool = False) -> Decomposition:
-        """The spectrum under these priors, one per component sought; made once for all methods, parameters and rules.
+        """The spectral decomposition under these priors (one per component sought), cached for all methods, parameters
+        and rules.
 
-        Priors of other strengths, such as another friction makes, share the products of readings that it is made of.
+        Priors that differ only in strength, for example for another friction, share the products of readings.
         """
         place = wide and not self.fixed, self.columns
         operator = self.wide if wide else self.operator

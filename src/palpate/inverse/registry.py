@@ -1,4 +1,4 @@
-"""Every method by its short name; the only list of methods there is."""
+"""The registry of all methods, by short name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["GROUP", "method_from_text", "method_named", "methods", "options", "r
 
 AnyMethod = TypeVar("AnyMethod", bound=type[Method])
 
-#: Entry points of this group are methods that other packages bring.
+#: Group of entry points for methods of other packages.
 GROUP = "palpate.methods"
 
 _BUILT_IN: tuple[type[Method], ...] = (
@@ -48,7 +48,7 @@ _registered: dict[str, type[Method]] = {m.name: m for m in _BUILT_IN}
 
 
 def register(method: AnyMethod) -> AnyMethod:
-    """Add a method under its short name, for Python and the command line alike; a class decorator.
+    """Register a method under its short name, for Python and the command line; also a class decorator.
 
     Raises
     ------
@@ -69,14 +69,14 @@ def register(method: AnyMethod) -> AnyMethod:
 
 
 def unregister(name: str) -> None:
-    """Take out a method that was added."""
+    """Remove a registered method."""
     if name in {m.name for m in _BUILT_IN}:
         raise InvalidInput(f"{name} is part of palpate and cannot be removed.")
     _registered.pop(name, None)
 
 
 def methods() -> dict[str, type[Method]]:
-    """Every method by its short name, those of other packages too.
+    """All methods by short name, including those of other packages.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def methods() -> dict[str, type[Method]]:
 
 
 def options(*, command_line: bool = False) -> dict[str, dict[str, Option]]:
-    """Every option by its name: the methods that take it, with what each makes of it."""
+    """All options by name: the methods that accept each, and their definitions."""
     out: dict[str, dict[str, Option]] = {}
     for name, method in methods().items():
         for option, known in method.options().items():
@@ -103,7 +103,7 @@ def options(*, command_line: bool = False) -> dict[str, dict[str, Option]]:
 
 
 def method_named(name: str, given: Mapping[str, Any]) -> Method:
-    """The method with that short name and these options (None: its own default).
+    """The method with this short name and these options (None: the option's default).
 
     Raises
     ------
@@ -144,12 +144,12 @@ def method_named(name: str, given: Mapping[str, Any]) -> Method:
 
 
 def unnamed(given: Iterable[str]) -> str:
-    """The default method for the options: the automatic one, or the linear one if an option belongs to it."""
+    """Name of the default method for these options: the automatic one, or the linear one if an option belongs to it."""
     return Tikhonov.name if {"order", "parameter", "rule"} & set(given) else Automatic.name
 
 
 def requested_method(method: str | Method | None, given: Mapping[str, Any]) -> Method:
-    """The method that Python asks for: by name or as an object, or by its options alone.
+    """The method that a Python call requests: by name, as an object, or by its options alone.
 
     Raises
     ------

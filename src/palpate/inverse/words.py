@@ -15,7 +15,7 @@ from palpate.sensing.uncertainty import MODULUS, scale_free
 
 __all__ = ["ASSUMED", "notes", "surface_strain"]
 
-#: Prefix of sentences about assumptions: a summary joins these in one line, and they are not notes.
+#: Prefix of sentences about assumptions; a summary joins them in one line, and they are not notes.
 ASSUMED = "assumed: "
 
 _SPOKEN = {"x": "shear along x", "y": "shear along y", "z": "pressure"}
@@ -62,7 +62,9 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
 
 
 def surface_strain(problem: Problem, traction: Any) -> Any:
-    """Largest strain at the surface (*batch), roughly: the peak of ``traction`` (*batch, component, *surface) over Young's modulus of the pad there."""
+    """Approximate largest strain at the surface (*batch): the peak of ``traction`` (*batch, component, *surface)
+    divided by the pad's Young's modulus there.
+    """
     size = np.sqrt((to_numpy(traction).astype(np.float64) ** 2).sum(axis=-1 - problem.surface.dimensions))
     peak = size.max(axis=tuple(range(-problem.surface.dimensions, 0)))
     return np.asarray(peak * problem.pad.compliance(0.0)[2, 2])

@@ -19,7 +19,7 @@ LATE = 1.0
 
 
 class CameraSource:
-    """Displacements of the dots in a camera's pictures, as they come: a source of `palpate.live.Session`.
+    """Yields the displacements of the dots in a camera's pictures as they arrive: a source of `palpate.live.Session`.
 
     Parameters
     ----------
@@ -30,16 +30,16 @@ class CameraSource:
     reference : int, optional
         Pictures at the start in which nothing touches; default: what [camera] says.
     options : mapping
-        Of `Skin.track`.
+        Options of `Skin.track`.
 
     Attributes
     ----------
     touches : Touches
         Its skin has the dots where they were found.
     report : callable
-        Told in one sentence what becomes of pictures; a session's ``note``.
+        Called with a sentence for each event of the pictures; a session's ``note``.
     skip : callable
-        Called for each picture that came too early to be looked at.
+        Called for each picture that came before the previous one was processed.
 
     Raises
     ------
@@ -105,9 +105,9 @@ class CameraSource:
         self._std: Any = None
 
     def __call__(self) -> Iterator[tuple[float, Any]]:
-        """(time [s], displacements (2, n) [m]) of the newest picture; all NaN for an unusable picture.
+        """Yield (time [s], displacements (2, n) [m]) of the newest picture; all NaN for an unusable picture.
 
-        A camera that ends raises `InvalidInput`, so that the page reports it.
+        If the camera stops, raise `InvalidInput`, so that the page reports it.
         """
         skipped, said, before = 0, "", None
         for count, reading in enumerate(self.touches.readings, 1):
@@ -118,28 +118,28 @@ class CameraSource:
             if before is not None and not early and reading.time - before > LATE:
                 self.report(f"{reading.time:.3f} s  the camera was late: no picture for {reading.time - before:.1f} s")
             before = reading.time
-            if reading.fault != said:  # once for as long as it lasts
+            if reading.fault != said:  # report a fault once, however long it lasts
                 self.report(f"{reading.time:.3f} s  " + (reading.fault or "the pictures are good again"))
                 said = reading.fault
-            self.touches.readings.faults.clear()  # a camera may run for days
+            self.touches.readings.faults.clear()  # do not keep faults: a camera may run for days
             self._std = reading.std
             yield reading.time, reading.values
             if count == self.touches.readings.reference:
-                self.latest.start()  # the zero is done, and so is the preparation in the first frames
+                self.latest.start()  # from now on skip old pictures: the zero and the preparation in the first frames are done
         if self.touches.readings.pictures.notes:
             raise InvalidInput(" ".join(self.touches.readings.pictures.notes))
 
     def step(self, values: Any, time: float) -> Touch:
-        """The touch of the displacements that were given last, with their standard deviations."""
+        """Return the touch of the displacements that were yielded last, with their standard deviations."""
         return self.touches.step(values, time, std=self._std)
 
     def close(self) -> None:
-        """End the pictures; a waiting reader gets none."""
+        """Stop the pictures; a reader that waits for one gets none."""
         self.latest.close()
 
 
 def _opened(source: str | int | Pictures) -> tuple[Pictures, bool]:
-    """Pictures, and whether they have to be paced."""
+    """Return the pictures, and whether they have to be played at their own rate."""
     if isinstance(source, Pictures):
         return source, True
     text = str(source)

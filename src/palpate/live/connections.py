@@ -1,7 +1,7 @@
-"""How many connections the page's server keeps, for how long, and how often it speaks of them.
+"""Limit how many connections the page's server keeps and for how long, and how often it reports them.
 
-Whoever reaches the port can open idle connections. Each holds a file descriptor, of which a process has about a thousand: without a limit the server
-could accept no page, and the stream could open no file.
+Anyone who reaches the port can open idle connections. Each uses a file descriptor, of which a process has about a
+thousand: without a limit the server could soon accept no page, and the stream could open no file.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Any
 
 __all__ = ["BACKLOG", "HELLO", "OPEN", "Connections", "Seldom", "accept_failures_are_warnings", "bounded", "seldom"]
 
-#: Connections at the same time, and those that wait to be accepted: the loop accepts so many before it looks at any of them.
+#: Largest number of open connections, and of those that wait to be accepted: the loop accepts this many before it
+#: handles any.
 OPEN, BACKLOG = 64, 32
-#: Seconds that a connection may take to ask for something.
+#: A connection that requests nothing for this many seconds is closed.
 HELLO = 30.0
 #: Seconds between two equal lines of a log.
 PAUSE = 60.0
@@ -27,7 +28,8 @@ _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 class Connections:
-    """The open connections, oldest first; one too many ends the oldest that has requested nothing, or else the oldest that is no page.
+    """The open connections, oldest first. If there are too many, the oldest that has requested nothing is closed, or
+    else the oldest that is not a page.
 
     Parameters
     ----------
@@ -45,11 +47,11 @@ class Connections:
         return len(self._open)
 
     def arrived(self, transport: Any, protocol: Any) -> None:
-        """Count a new connection."""
+        """Add a new connection."""
         for gone in [t for t in self._open if t.is_closing()]:
             del self._open[gone]
         if len(self._open) >= self._limit:
-            # a page has another protocol by now
+            # a connection that became a page has another protocol
             plain = [t for t, p in self._open.items() if t.get_protocol() is p]
             oldest = next((t for t in plain if self._open[t].cycle is None), plain[0] if plain else transport)
             self._open.pop(oldest, None)
@@ -60,12 +62,12 @@ class Connections:
         self._open[transport] = protocol
 
     def left(self, transport: Any) -> None:
-        """Forget a connection that has ended."""
+        """Remove a connection that has ended."""
         self._open.pop(transport, None)
 
 
 def bounded(base: type[Any], connections: Connections) -> type[Any]:
-    """The protocol ``base`` of uvicorn, counted among ``connections`` and closed when idle."""
+    """Return the protocol ``base`` of uvicorn, extended to register in ``connections`` and to close when idle."""
 
     class Bounded(base):  # type: ignore[misc]
         """uvicorn alone takes any number of connections, and waits for ever for a request that never comes or never ends."""
@@ -81,7 +83,7 @@ def bounded(base: type[Any], connections: Connections) -> type[Any]:
 
         def expire(self, last: Any) -> None:
             """Look again as long as there was another request than the last time: a program may ask for ``/health`` for hours."""
-            if self.transport.get_protocol() is not self:  # a WebSocket by now
+            if self.transport.get_protocol() is not self:  # it has become a WebSocket
                 return
             if self.cycle is last:
                 self.transport.abort()
@@ -92,7 +94,7 @@ def bounded(base: type[Any], connections: Connections) -> type[Any]:
 
 
 class Seldom(logging.Filter):
-    """Lets each message of a logger pass once a minute, with the count of suppressed ones.
+    """Passes each message of a logger at most once a minute, with the number of suppressed ones.
 
     Examples
     --------
@@ -104,7 +106,7 @@ class Seldom(logging.Filter):
     ['Invalid request.', 'Invalid request. (2 times in 61 s)']
     """
 
-    #: Different messages that are remembered.
+    #: Number of different messages that are remembered.
     MOST = 100
 
     def __init__(self, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -113,7 +115,7 @@ class Seldom(logging.Filter):
         self._said: dict[str, tuple[float, int]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the record is written."""
+        """Return whether to write the record."""
         now, text = self._clock(), str(record.msg)
         if text not in self._said:
             if len(self._said) >= self.MOST:
@@ -144,7 +146,9 @@ def seldom(*loggers: logging.Logger) -> Iterator[None]:
 
 
 def accept_failures_are_warnings(loop: asyncio.AbstractEventLoop, logger: logging.Logger) -> None:
-    """If the system has no descriptor for a new connection, warn in one line; asyncio writes a traceback for each."""
+    """Make the loop warn in one line if the system has no file descriptor for a new connection; asyncio writes a
+    traceback for each.
+    """
 
     def handle(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")

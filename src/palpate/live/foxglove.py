@@ -1,4 +1,4 @@
-"""A local Foxglove server: pressure, shear, wrench, readings and events for those who watch their robot there."""
+"""A local Foxglove server that shows pressure, shear, wrench, readings and events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FoxgloveServer"]
 
-#: Messages that wait for a slow viewer; the oldest make room.
+#: Number of messages that wait for a slow viewer; the oldest are dropped.
 WAITING = 16
 
 
@@ -25,7 +25,7 @@ class FoxgloveServer:
     Parameters
     ----------
     channels : sequence of str
-        Of the readings.
+        Channels of the readings.
     port : int
         0 takes a free one; see ``port``. Open ws://127.0.0.1:PORT in Foxglove.
     host : str
@@ -50,7 +50,7 @@ class FoxgloveServer:
         self._channels: dict[str, Any] = {}
 
     def readings(self, time: float, values: Any) -> None:
-        """One frame (channel, *array) at ``time`` [s]."""
+        """Send the readings of one frame (channel, *array) at ``time`` [s]."""
         if self._encoder.channels:
             self._send(*self._encoder.readings(time, values), time)
 
@@ -61,11 +61,11 @@ class FoxgloveServer:
             self._send(kind, data, now)
 
     def event(self, event: Event) -> None:
-        """Something that a `palpate.GraspMonitor` noticed."""
+        """Send an event of a `palpate.GraspMonitor`."""
         self._send(*self._encoder.event(event), event.time)
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self._server.stop()
 
     def _send(self, kind: Kind, data: bytes, time: float) -> None:

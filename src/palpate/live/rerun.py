@@ -1,4 +1,4 @@
-"""A stream for Rerun, in its viewer or in a file (``pip install palpate[rerun]``)."""
+"""Send a stream to Rerun: to its viewer or to a file (``pip install palpate[rerun]``)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RerunSink:
             raise InvalidInput(f"Rerun cannot be reached ({error}).") from error
 
     def readings(self, time: float, values: Any) -> None:
-        """One frame (channel, *array) at ``time`` [s]."""
+        """Log the readings of one frame (channel, *array) at ``time`` [s]."""
         self._stream.set_time("time", duration=time)
         self._stream.log("readings", self._rerun.Tensor(to_numpy(values).astype(np.float32)))
 
@@ -69,7 +69,7 @@ class RerunSink:
             origins = np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
             self._stream.log("shear", rr.Arrows2D(origins=origins, vectors=shear * (step / longest)))
         names = ("x", "z") if grid.dimensions == 1 else ("x", "y", "z")
-        low, high = touch.interval(0.95, "force") if touch.errors is not None else (None, None)
+        low, high = touch.interval(0.95, "force") if touch.has_intervals else (None, None)
         for i, (name, value) in enumerate(zip(names, to_numpy(touch.force))):
             self._stream.log(f"force/{name}", rr.Scalars(float(value)))
             if low is not None and high is not None:
@@ -77,13 +77,13 @@ class RerunSink:
                 self._stream.log(f"force/{name}/high", rr.Scalars(float(high[i])))
 
     def event(self, event: Event) -> None:
-        """Something that a `palpate.GraspMonitor` noticed."""
+        """Log an event of a `palpate.GraspMonitor`."""
         warning = event.began and event.kind != "contact"
         self._stream.set_time("time", duration=event.time)
         self._stream.log("events", self._rerun.TextLog(str(event), level="WARN" if warning else "INFO"))
 
     def close(self) -> None:
-        """Send the queue.
+        """Send the messages that are still queued.
 
         Raises
         ------

@@ -1,9 +1,10 @@
-"""The page's server: Starlette on this machine, one binary WebSocket, only the newest packet is ever sent.
+"""The page's server: Starlette on this machine, with one binary WebSocket that only ever sends the newest packet.
 
-It answers to this machine alone (127.0.0.1) unless another host is given, and only to those who bring the token, as notebooks do: other users and
-other programs of this machine reach 127.0.0.1 too. Without a token only a page under a name of this machine itself is served, so that a
-foreign name that resolves to 127.0.0.1 (DNS rebinding) gets nothing. A page of another origin is refused, and so are messages of more than
-a kilobyte. A page that does not read for `STALLED` seconds is cut off; `palpate.live.connections` bounds connections that ask for nothing.
+It listens on this machine only (127.0.0.1) unless another host is given, and answers only requests that bring the
+token, as notebooks do, because other users and programs of this machine reach 127.0.0.1 too. Without a token it only
+answers requests under a name of this machine, so that a foreign name that resolves to 127.0.0.1 (DNS rebinding) gets
+nothing. It refuses pages of another origin and messages of more than a kilobyte. A page that does not read for
+`STALLED` seconds is disconnected; `palpate.live.connections` limits idle connections.
 """
 
 from __future__ import annotations
@@ -32,22 +33,22 @@ from palpate.skin import Skin
 
 __all__ = ["BUDGET", "LOCAL", "Live", "address", "is_local", "serve", "show"]
 
-#: This machine, by its names.
+#: Names of this machine.
 LOCAL = ("127.0.0.1", "localhost", "::1")
-#: Time for a frame of a live view [s].
+#: Time in which a live view should process a frame [s].
 BUDGET = 0.02
 
 STATIC = Path(__file__).parent / "static"
-#: Files of the page besides the page itself; uPlot draws the charts (MIT licence, beside it).
+#: Files of the page besides the page itself; uPlot draws the charts (MIT licence, in its folder).
 PAGE_FILES = ("live.js", "map.js", "readings.js", "charts.js", "live.css", "uplot/uplot.js", "uplot/uplot.css")
 MEDIA_TYPES = {"js": "text/javascript", "css": "text/css"}
 #: Largest message that a page may send [bytes].
 LARGEST = 1024
-#: Pages at the same time.
+#: Largest number of pages that are open at the same time.
 PAGES = 16
-#: Timeout of a page that does not read [s].
+#: A page that does not read for this long is disconnected [s].
 STALLED = 10.0
-#: Seconds between reports of refused packets, and the largest number of recordings started in a minute.
+#: Seconds between reports of refused packets, and largest number of recordings that pages may start in a minute.
 REPORT, RECORDINGS = 1.0, 60
 _SAFE = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; img-src 'self' data:; frame-ancestors 'none'",
@@ -58,7 +59,7 @@ _SAFE = {
 
 
 class Live:
-    """The application around a session: a server runs ``app``.
+    """The web application for a session: a server runs ``app``.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ class Live:
         self.app = app
 
     def _known(self, scope: Any) -> bool:
-        """Whether a request came by a name of this machine; with a token the name does not matter."""
+        """Return whether a request used a name of this machine; with a token the name does not matter."""
         if self.token:
             return True
         hosts = [value.decode("latin-1") for key, value in scope["headers"] if key == b"host"]
@@ -170,7 +171,7 @@ class Live:
         return answer
 
     def _admitted(self, request: Any) -> bool:
-        """Whether a request brings the token, in its address or its header."""
+        """Return whether a request has the token, in its address or its header."""
         token = request.query_params.get("token")
         kind, _, bearer = request.headers.get("authorization", "").partition(" ")
         if token is None and kind.lower() == "bearer":
@@ -179,7 +180,9 @@ class Live:
 
     @staticmethod
     def _unwelcome(origin: str | None, host: str | None) -> str | None:
-        """ "origin" if the page of a request came from another origin, else None. A malformed origin counts as another."""
+        """Return "origin" if the page of a request comes from another origin, else None. A malformed origin counts as
+        another.
+        """
         if origin is None:
             return None
         try:
@@ -195,11 +198,11 @@ class Live:
         answers: deque[dict[str, Any]] = deque(maxlen=PAGES)
 
         def wake() -> None:
-            with contextlib.suppress(RuntimeError):  # the loop has ended
+            with contextlib.suppress(RuntimeError):  # the loop may have ended
                 loop.call_soon_threadsafe(fresh.set)
 
         async def send(what: dict[str, Any] | bytes) -> None:
-            # a page that never reads loses its place
+            # a page that never reads is disconnected
             async with asyncio.timeout(STALLED):
                 await (socket.send_bytes(what) if isinstance(what, bytes) else socket.send_text(json.dumps(what)))
 
@@ -225,7 +228,7 @@ class Live:
                 if texts:
                     await send({"log": texts})
                 if session.packet is not None and session.count != sent:
-                    # only the newest, and the next not before this one has gone: nothing queues
+                    # send only the newest packet, and the next one only when this one is sent: nothing queues up
                     sent = session.count
                     await send(session.packet)
         except TimeoutError:
@@ -239,7 +242,9 @@ class Live:
                 await listener
 
     async def _listen(self, socket: Any, answers: deque[dict[str, Any]], fresh: asyncio.Event) -> None:
-        """Handle the page's requests: recording on or off, a new zero. Count and ignore anything else."""
+        """Handle the page's requests: start or stop a recording, take a new zero. Anything else is counted and
+        ignored.
+        """
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -258,7 +263,7 @@ class Live:
                     raise ValueError("record must be true or false")
             except (ValueError, KeyError, TypeError, RecursionError):
                 self._refuse("message")
-                await asyncio.sleep(0)  # a flood of these leaves room for others
+                await asyncio.sleep(0)  # let other tasks run even if a page sends many of these
                 continue
             try:
                 name = await asyncio.to_thread(self.session.record, self._path() if record else None)
@@ -268,7 +273,7 @@ class Live:
             fresh.set()
 
     def _path(self) -> Path:
-        """The path of the next recording; never an existing one."""
+        """Return the path of the next recording, which never is an existing file."""
         if self.folder is None:
             raise InvalidInput("recording from the page is off: start with --record-to FOLDER.")
         now = time.monotonic()
@@ -297,13 +302,13 @@ def is_local(host: str) -> bool:
 
 
 def address(live: Live, host: str, port: int) -> str:
-    """The address to open in a browser."""
+    """Return the address to open in a browser."""
     query = f"?token={quote(live.token)}" if live.token else ""
     return f"http://{f'[{host}]' if ':' in host else host}:{port}/{query}"
 
 
 def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
-    """Run until interrupted."""
+    """Serve the live view until interrupted."""
     try:
         import uvicorn
         from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -322,7 +327,7 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
     with sockets.socket(family, sockets.SOCK_STREAM) as bound:
         bound.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
         if hasattr(sockets, "TCP_USER_TIMEOUT"):
-            # a page that does not read for so long is disconnected; the library alone would keep it
+            # disconnect a page that does not read for this long; the library alone would not
             bound.setsockopt(sockets.IPPROTO_TCP, sockets.TCP_USER_TIMEOUT, round(1e3 * STALLED))
         try:
             bound.bind((host, port))
@@ -348,7 +353,7 @@ def show(
     token: str | None = None,
     **tracking: Any,
 ) -> None:
-    """Show whatever comes as (time [s], readings) in the browser, until interrupted.
+    """Show frames, given as (time [s], readings), in the browser until interrupted.
 
     Parameters
     ----------

@@ -1,10 +1,12 @@
-"""From a stream of readings to packets for the page: tracker, monitor and recorder in a thread of their own.
+"""Process a stream of readings in a thread (tracker, monitor, recorder), and make packets for the page.
 
-A packet is the bytes "PLP1", the length of a JSON text (uint32, little-endian), that text, and the maps as float32, row by row: pressure,
-shear along x and (on an area) shear along y; then, where the layout says that there are "readings", so many readings as they came and as many
-less the zero (plane, channel, taxel). The JSON holds the numbers: "frame" (count), "time" [s], "born" (clock of this machine when the
-frame came [ms]), "force", "force_low", "force_high" [N or N/m], "peak", "peak_low", "peak_high" [Pa], "utilisation" and its "utilisation_std" (Q/(mu P)), "center", "center_low", "center_high" [m] along x and (on an area) y,
-"friction", "touching", "converged", "ms" (time the frame took), "going_on", "events" (new ones, in words) and "health".
+A packet consists of the bytes "PLP1", the length of a JSON text (uint32, little-endian), that text, and the maps as
+float32, row by row: pressure, shear along x and (on an area) shear along y. If the layout announces "readings", that
+many raw readings follow, and then the same minus the zero (plane, channel, taxel). The JSON text holds the numbers:
+"frame" (count), "time" [s], "born" (clock of this machine when the frame came [ms]), "force", "force_low",
+"force_high" [N or N/m], "peak", "peak_low", "peak_high" [Pa], "utilisation" and its "utilisation_std" (Q/(mu P)),
+"center", "center_low", "center_high" [m] along x and (on an area) y, "friction", "touching", "converged", "ms" (time
+spent on the frame), "going_on", "events" (new ones, as text) and "health".
 """
 
 from __future__ import annotations
@@ -40,15 +42,15 @@ from palpate.tracking.single import BEGUN
 __all__ = ["MAGIC", "Session", "packed", "recorded", "unpacked"]
 
 MAGIC = b"PLP1"
-#: Events that a page that connects late is sent.
+#: Number of past events that are sent to a page when it connects.
 REMEMBERED = 200
-#: Frames whose forces and slip margin it is shown.
+#: Number of past frames whose forces and friction left are sent to it.
 HISTORY = 1000
 TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", "utilisation_std")
 
 
 def recorded(skin: Skin) -> dict[str, Any]:
-    """Channels and positions of a skin's readings, as recorders want them."""
+    """Return channels and positions of a skin's readings in the form that recorders need."""
     return {
         "channels": [c for p in skin.planes for c in p.channels],
         "positions": getattr(skin.planes[0], "positions", None),
@@ -56,7 +58,7 @@ def recorded(skin: Skin) -> dict[str, Any]:
 
 
 def _number(value: Any) -> float | None:
-    """JSON has no NaN."""
+    """Return a number, or None for NaN, which JSON does not have."""
     number = float(value)
     return number if math.isfinite(number) else None
 
@@ -71,7 +73,7 @@ def packed(
     ms: float,
     readings: Sequence[Any] = (),
 ) -> bytes:
-    """One packet; ``readings`` are those that came, and those less the zero."""
+    """Build one packet; ``readings`` are the raw ones and those minus the zero."""
     state = monitor.state
     status = None if touch.status is None else Status.coded(int(touch.status))
     values = to_numpy(touch.values).astype("<f4")
@@ -94,7 +96,7 @@ def packed(
     }
     if "z" in touch.components and text["touching"]:
         text["center"] = [_number(v) for v in np.ravel(to_numpy(touch.center_of_pressure))]
-    if touch.errors is not None:
+    if touch.has_intervals:
         named = [("force", "force"), ("peak", "peak_pressure")]
         for name, of in [*named, ("center", "center_of_pressure")] if "center" in text else named:
             low, high = touch.interval(0.95, of)
@@ -111,7 +113,7 @@ def packed(
 
 
 def unpacked(packet: bytes) -> tuple[dict[str, Any], Any]:
-    """(numbers, maps (n,) as float32 in a row) of a packet; `InvalidInput` if it is not one."""
+    """Return (numbers, maps (n,) as float32 in a row) of a packet; raise `InvalidInput` if it is not one."""
     if len(packet) < 8 or packet[:4] != MAGIC:
         raise InvalidInput("not a palpate packet: it does not begin with PLP1.")
     (size,) = struct.unpack("<I", packet[4:8])
@@ -125,7 +127,7 @@ def unpacked(packet: bytes) -> tuple[dict[str, Any], Any]:
 
 
 class Session:
-    """Runs a stream through a tracker and a monitor and keeps the newest packet.
+    """Passes a stream through a tracker and a monitor, and keeps the newest packet.
 
     Parameters
     ----------
@@ -187,27 +189,27 @@ class Session:
         self._thread: threading.Thread | None = None
         self._sinks = list(sinks)
         self._report = report
-        #: Why sinks were dropped; the stream continued without them.
+        #: Errors of sinks that were dropped; the stream continued without them.
         self.lost: list[PalpateError] = []
         self._recorder: Sink | None = None
         self.recording: str | None = None
-        self._stands = False  # reported once
-        self._moved = False  # of the zero that is used now
-        self._zero_from = 0  # frames that a new zero is wanted from
+        self._stands = False  # whether a constant press at the zero was reported
+        self._moved = False  # whether readings moved since the current zero
+        self._zero_from = 0  # number of frames that a new zero is to be taken from
         self._taxels, self._edge = described(skin), edge(skin)
-        #: Readings in a packet; 0 if they are too many for a page.
+        #: Number of readings in a packet; 0 if there are too many for a page.
         self.readings = sum(len(p["names"]) * len(p["channels"]) for p in self._taxels)
         self.readings = self.readings if self.readings <= MAX_READINGS else 0
-        self._resting: tuple[Any, Any] | None = None  # sum and number of the readings of the zero that is being taken
+        self._resting: tuple[Any, Any] | None = None  # sum and number of the readings that the new zero has so far
         self._zero: Any = 0.0
 
     def start(self) -> None:
-        """Begin, in a thread."""
+        """Start the stream in a thread."""
         self._thread = threading.Thread(target=self.run, name="palpate-session", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and finish the recording."""
+        """Stop the thread and finish the recording."""
         self._stop.set()
         if self._end is not None:
             self._end()
@@ -219,12 +221,12 @@ class Session:
                 sink = self._sinks.pop()
                 try:
                     sink.close()
-                except PalpateError as error:  # a full disk; the others are finished all the same
+                except PalpateError as error:  # such as a full disk; finish the other sinks nevertheless
                     self._leave(sink, error)
         self.tracker.close()
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
-        """Call ``wake`` for each new packet; return the function that ends it."""
+        """Call ``wake`` for each new packet. Return the function that stops this."""
         with self._lock:
             self._listeners.add(wake)
 
@@ -235,12 +237,12 @@ class Session:
         return end
 
     def add(self, sink: Sink) -> None:
-        """Give what comes to one more sink."""
+        """Pass frames, touches and events to one more sink."""
         with self._lock:
             self._sinks.append(sink)
 
     def layout(self) -> dict[str, Any]:
-        """The part that is the same in all packets."""
+        """Return the part that is the same in all packets."""
         grid = self.skin.surface
         line = grid.dimensions == 1
         with self._lock:
@@ -264,7 +266,7 @@ class Session:
         }
 
     def state(self) -> dict[str, Any]:
-        """The state for a page without new frames: the stream and its losses."""
+        """Return the state of the stream and its losses, for a page when no new frames come."""
         listener = self._listener
         return {
             "failure": self.failure,
@@ -275,17 +277,17 @@ class Session:
         }
 
     def skip(self) -> None:
-        """Count a frame that came too early to be looked at."""
+        """Count a frame that came before the previous one was processed."""
         self.behind += 1
 
     def note(self, text: str) -> None:
-        """Add a remark to the events."""
+        """Add a remark to the list of events."""
         with self._lock:
             self._remember([text])
         self._notify()
 
     def noted(self, after: int) -> tuple[int, list[str]]:
-        """The count of events so far, and those after a given count (as far as they are stored)."""
+        """Return the number of events so far, and the events after number ``after`` that are still stored."""
         with self._lock:
             count = self._noted
             return count, self.past[-(count - after) :] if count > after else []
@@ -296,7 +298,7 @@ class Session:
         self._noted += len(texts)
 
     def record(self, path: str | Path | None) -> str | None:
-        """Begin a recording (.mcap, .nc, .zarr) at ``path``, or end the one that runs (None); returns its name."""
+        """Start a recording (.mcap, .nc, .zarr) at ``path``, or stop the current one (None). Return its name."""
         with self._lock:
             if self._recorder is not None:
                 ended, self._recorder, self.recording = self._recorder, None, None
@@ -309,28 +311,30 @@ class Session:
         return self.recording
 
     def rezero(self, frames: int = FRAMES_OF_ZERO) -> None:
-        """Take a new zero from the next ``frames`` frames, in which nothing may touch; record an event."""
+        """Take a new zero from the next ``frames`` frames, during which nothing may touch the pad; record an event."""
         with self._lock:
             self._zero_from = frames
 
     def go_on_with(self, tracker: Tracker) -> None:
-        """Follow the contact with another tracker of the skin, from the next frame that the zero is known in; it takes that over."""
+        """Continue with another tracker of the skin, from the next frame for which the zero is known; the new tracker
+        takes over the zero.
+        """
         with self._lock:
             unused, self._next = self._next, tracker
         if unused is not None:
             unused.close()
 
     def run(self) -> None:
-        """The stream to its end, in this thread."""
+        """Process the stream to its end, in this thread."""
         try:
-            # threads of linear algebra that wait for a core spin, and took twice the time of the work on a single core
+            # waiting threads of linear algebra occupy cores: the work took twice as long as on a single core
             with few_threads(self.tracker.unknowns):
                 while not self._stop.is_set():
                     self._play()
                     if not self.loop:
                         return
         except Exception as error:
-            # the page must show that the stream has ended, for any reason
+            # the page must show that the stream has ended, whatever the reason
             self.failure = str(error) or type(error).__name__
             if self._report is not None:
                 self._report(self.failure)
@@ -341,7 +345,7 @@ class Session:
             self._notify()
 
     def _play(self) -> None:
-        """The source once."""
+        """Process the source once, from beginning to end."""
         begun, first = clock.perf_counter(), None
         number: int | None = None
         for which, time, reading in self._frames():
@@ -363,14 +367,14 @@ class Session:
                 if wait > 0:
                     self._stop.wait(wait)
                 elif wait < -0.1 and not self.tracker.capturing:
-                    # too late to matter: a live view shows now, not then; but the frames of the zero are the first ones, also where others are skipped
+                    # skip frames that come too late for a live view, but never the first ones, from which the zero is taken
                     self.behind += 1
                     continue
             self._raw, self._now, self._arrived = time, time + (self._shift or 0.0), clock.monotonic()
             self._frame(self._now, reading)
 
     def _frames(self) -> Iterator[tuple[int, float, Any]]:
-        """(session, time [s], readings) of the source."""
+        """Yield (session, time [s], readings) of the source."""
         source = self.source()
         if isinstance(source, FrameSource):
             self._listener = source
@@ -417,7 +421,9 @@ class Session:
         self._notify()
 
     def _check_zero(self, touch: Touch, time: float) -> None:
-        """Note that readings stand far from 0: once for each zero that its frames moved, and when a contact begins again."""
+        """Record an event if readings stay far from 0: once for each zero after which readings moved, and when a
+        contact begins again.
+        """
         if STANDS in touch.notes and not self._stands:
             self._stands = True
             self.note(f"{time:.3f} s  {STANDS}")
@@ -430,7 +436,9 @@ class Session:
                 self.note(f"{time:.3f} s  {MOVED}")
 
     def _shown(self, touch: Touch, reading: Any) -> Sequence[Any]:
-        """The readings for the page, and the same less the zero, which is the mean of the frames that the tracker takes for one."""
+        """Return the readings for the page, and the same minus the zero, which is the mean of the frames that the
+        tracker uses for it.
+        """
         if not self.readings:
             return ()
         found = flat_readings(reading, self.skin)
@@ -444,7 +452,7 @@ class Session:
         return found, found - self._zero
 
     def _packed(self, touch: Touch, events: Iterable[Event], born: float, readings: Sequence[Any]) -> bytes:
-        """One packet for the pages."""
+        """Build one packet for the pages."""
         health = self.tracker.health
         rows = np.flatnonzero(health.left_out)
         facts = {
@@ -460,12 +468,12 @@ class Session:
         return packed(touch, self.monitor, events, facts, born=born, ms=1e3 * self.tracker.seconds, readings=readings)
 
     def _leave(self, sink: Sink, error: PalpateError) -> None:
-        """Go on without a sink that failed."""
+        """Continue without a sink that failed."""
         self.failure = str(error)
         self.lost.append(error)
         if sink is self._recorder:
             self._recorder, self.recording = None, None
-        with contextlib.suppress(PalpateError):  # it has reported the reason
+        with contextlib.suppress(PalpateError):  # its error is already reported
             sink.close()
         if self._report is not None:
             self._report(f"{error} The live view goes on without it.")

@@ -1,4 +1,4 @@
-"""Positions of the taxels for the page: outlines, names, and the edge of the measured area."""
+"""Describe the taxels for the page: positions, outlines, names, and the edge of the measured area."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from palpate.skin import Skin
 
 __all__ = ["MAX_READINGS", "described", "edge", "flat_readings"]
 
-#: Readings to show one by one; a page keeps those of the last minute.
+#: Largest number of readings that are shown one by one; a page keeps those of the last minute.
 MAX_READINGS = 4096
-#: Size of a scattered taxel without an aperture, as a part of the distance to its neighbour.
+#: Size of a scattered taxel without an aperture, as a fraction of the distance to its neighbour.
 TAXEL_SIZE = 0.7
 
 
 def described(skin: Skin) -> list[dict[str, Any]]:
-    """The planes of a skin: channels with their units, and position (x, y), size [m] and name of each taxel; on a line y is 0."""
+    """Return the planes of a skin: channels with units, and position (x, y), size [m] and name of each taxel; in line
+    contact y is 0.
+    """
     return [
         {
             "channels": list(p.channels),
@@ -38,7 +40,7 @@ def described(skin: Skin) -> list[dict[str, Any]]:
 
 
 def edge(skin: Skin) -> list[list[float]]:
-    """Corners (x, y) [m] of the smallest convex outline round all taxels, one after another; on a line the two ends."""
+    """Return the corners (x, y) [m] of the convex outline of all taxels, in order; in line contact the two ends."""
     corners = []
     for p in skin.planes:
         points, half = _points(p), 0.5 * np.asarray(_size(p))
@@ -52,19 +54,21 @@ def edge(skin: Skin) -> list[list[float]]:
 
 
 def flat_readings(reading: Any, skin: Skin) -> Any:
-    """The readings of a frame in a row, as `described` names them: plane, channel, taxel."""
+    """Return the readings of a frame in one row, in the order of `described`: plane, channel, taxel."""
     parts = checked_planes(reading, skin.planes, single=True)
     return np.concatenate([np.ravel(to_numpy(part)).astype(np.float64) for part in parts])
 
 
 def _points(p: Array) -> Any:
-    """Positions (taxel, (x, y))."""
+    """Return positions (taxel, (x, y))."""
     points = np.asarray(p.points, dtype=np.float64)
     return np.column_stack([points[:, 0], np.zeros(len(points))]) if points.shape[1] == 1 else points[:, ::-1]
 
 
 def _size(p: Array) -> tuple[float, float]:
-    """Width and height of a taxel: its aperture; where that is a point, a cell of the grid or a part of the distance to the next one."""
+    """Return width and height [m] of a taxel: its aperture or, if that is a point, a cell of the grid or a fraction of
+    the distance to the next taxel.
+    """
     apertures = [float(a) for a in p.apertures]
     points = np.asarray(p.points, dtype=np.float64)
     if min(apertures) <= 0.0:
@@ -76,7 +80,7 @@ def _size(p: Array) -> tuple[float, float]:
 
 
 def _spacing(points: Any) -> float:
-    """The usual distance of a point from its neighbour."""
+    """Return the typical distance of a point from its neighbour."""
     from scipy.spatial import KDTree
 
     if len(points) < 2:
@@ -85,10 +89,10 @@ def _spacing(points: Any) -> float:
 
 
 def _names(p: Array) -> list[str]:
-    """Names of the taxels in messages: row and column on a grid, else the number."""
+    """Return the names of the taxels in messages: row and column on a grid, otherwise the number."""
     return [",".join(map(str, place)) for place in np.ndindex(*p.shape)]
 
 
 def _rounded(values: Any) -> list[float]:
-    """To a nanometre: a page needs no more."""
+    """Round to a nanometre, which suffices for a page."""
     return [round(float(v), 9) for v in values]

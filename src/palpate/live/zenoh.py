@@ -1,4 +1,4 @@
-"""Packets of a live session, published by zenoh."""
+"""Publish packets of a live session by zenoh."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["publish_touches"]
 
 
 def publish_touches(session: Session, connection: Any, *, key: str) -> Callable[[], None]:
-    """Publish each packet of a session (`palpate.live.unpacked` reads it); return the function that ends it.
+    """Publish each packet of a session (`palpate.live.unpacked` reads them). Return the function that stops this.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def publish_touches(session: Session, connection: Any, *, key: str) -> Callable[
 
     def send() -> None:
         nonlocal sent
-        if session.packet is not None and session.count > sent:  # it also receives events and the end
+        if session.packet is not None and session.count > sent:  # the callback is also called for events and at the end
             sent = session.count
             publisher.put(session.packet)
 

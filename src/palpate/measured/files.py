@@ -1,4 +1,6 @@
-"""Tables of presses as files: NetCDF with one variable for each column, or CSV with one line for each press and taxel."""
+"""Read and write tables of presses: NetCDF with one variable for each column, or CSV with one line for each press and
+taxel.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,15 @@ COLUMNS = {
     "press_x": "length", "press_y": "length", "force_x": "force", "force_y": "force", "force_z": "force", "contact_radius": "length",
     "taxel_x": "length", "taxel_y": "length", "press": "", "taxel": "",
 }  # fmt: skip
-#: Of these there must be all.
+#: Columns that every table must have.
 NEEDED = ("press_x", "press_y", "force_z", "taxel_x", "taxel_y")
-#: Largest number of lines of a CSV: 3000 presses of 1000 taxels.
+#: Largest number of lines of a CSV file: 3000 presses of 1000 taxels.
 LINES = 3_000_000
 
 
 def read_table(path: Path, radius: float | None, indenter: str | None) -> Table:
-    """The table of a file; ``radius`` and ``indenter`` if it does not state them, or to override them.
+    """Read the table in a file. ``radius`` [m] and ``indenter`` are needed if the file does not state them, and
+    override it if it does.
 
     Raises
     ------
@@ -63,7 +66,7 @@ def read_table(path: Path, radius: float | None, indenter: str | None) -> Table:
 
 
 def _unit(path: Path, name: str, unit: str | None) -> float:
-    """The unit of a column in SI units."""
+    """Return the factor that converts a column to SI units."""
     kind = COLUMNS[name] if name in COLUMNS else KIND_OF_SI[channel_unit(name)]
     if not kind:
         return 1.0
@@ -73,14 +76,14 @@ def _unit(path: Path, name: str, unit: str | None) -> float:
             raise InvalidInput(
                 f"{path}: {name} has no unit. Name it {name} [{example}], or give the variable the attribute units."
             )
-        return 1.0  # readings in SI units, or counts that every frame has as well
+        return 1.0  # readings in SI units, or in counts like those of every later frame
     if unit.strip() not in UNITS[kind]:
         raise InvalidInput(f"{path}: {name} has the unit {unit!r}; accepted for a {kind}: {', '.join(UNITS[kind])}.")
     return UNITS[kind][unit.strip()]
 
 
 def _check_columns(path: Path, names: list[str]) -> list[str]:
-    """The channels among the columns."""
+    """Return the columns that are channels; raise an error for unknown ones."""
     missing = [n for n in NEEDED if n not in names]
     channels = [n for n in names if is_channel(n)]
     if missing or not channels:
@@ -119,7 +122,7 @@ def _csv(path: Path) -> dict[str, Any]:
         raise InvalidInput(f"{path}: places and forces must be numbers in every line.")
     taxels, taxel = np.unique(sat, axis=0, return_inverse=True)
     taxels, taxel = _in_order(taxels, taxel.ravel())
-    # a press that comes again is another press: the n-th line of a taxel in it is its n-th time
+    # a repeated press counts as another press: the n-th line of a taxel belongs to its n-th repetition
     _, same = np.unique(pressed, axis=0, return_inverse=True)
     seen: dict[tuple[int, int], int] = {}
     times = np.empty(len(rows), dtype=np.intp)
@@ -151,7 +154,7 @@ def _csv(path: Path) -> dict[str, Any]:
 
 
 def _in_order(taxels: Any, taxel: Any) -> tuple[Any, Any]:
-    """Taxels in the order of their first appearance in the file."""
+    """Return the taxels in the order in which the file first names them."""
     first = np.full(len(taxels), len(taxel))
     np.minimum.at(first, taxel, np.arange(len(taxel)))
     order = np.argsort(first)

@@ -28,17 +28,20 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Measured"]
 
-#: Cells along an axis, at most, that are chosen for a patch.
+#: Largest number of cells along an axis of a patch that is chosen automatically.
 CELLS = 48
-#: Largest distance of a taxel of an array from one of the table, as a part of the distance of neighbouring taxels.
+#: Largest distance between a taxel of an array and one of the table, as a fraction of the distance of neighbouring
+#: taxels.
 MAX_OFFSET = 0.05
-#: Modulus of the half-space that replaces the pad for an elastic model [Pa]. It is so stiff that no reading, in any unit, exceeds what an elastic pad
-#: bears.
+#: Modulus [Pa] of the half-space that stands in for the pad where an elastic model is needed. It is so stiff that no
+#: reading, in any unit, exceeds what an elastic pad can bear.
 STIFF = 1e12
-#: A table is refused where presses that are left out are predicted no better than this part of their readings, and noise does not explain it: places are
-#: farther apart than the response is wide, or readings belong to other presses.
+#: A table is refused if presses that are left out are predicted with a larger relative error than this, and noise does
+#: not explain it: the places are farther apart than the response is wide, or readings are assigned to the wrong
+#: presses.
 USELESS = 0.6
-#: Reject predictions with a relative error above this, with or without noise: hardly better than zero.
+#: A table is refused if this relative error is exceeded, whatever the noise: the prediction is then hardly better than
+#: zero.
 NOTHING = 0.85
 
 
@@ -216,7 +219,8 @@ class Measured:
 
     @cached_property
     def fit(self) -> Response:
-        """The posterior of the response; its ``length`` is about the depth of what is sensed, ``noise`` that of the table, ``error`` what it is off by.
+        """The posterior of the response: ``length`` is roughly the depth of the sensing elements, ``noise`` the noise
+        of the table, ``error`` the error of the predictions.
 
         Raises
         ------
@@ -240,7 +244,7 @@ class Measured:
         return np.asarray(self.table.force[:, ["xyz".index(c) for c in self.table.components]])
 
     def _excess(self, found: Response) -> Floats:
-        """Cross-validation error beyond the noise of the table, as a part of the readings."""
+        """Return the cross-validation error in excess of the noise of the table, relative to the readings."""
         readings = self.table.readings[:, :, self.table.working]
         size = np.sqrt((readings**2).mean(axis=(0, 2)))
         return np.asarray(np.sqrt(np.maximum(found.held_out**2 - (found.noise / size) ** 2, 0.0)))
@@ -302,7 +306,9 @@ class Measured:
         return None
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
-        """Fields of one wavevector in a half-space that replaces the pad, for the measured components: they decide what can be observed."""
+        """Return the fields of one wavevector in a half-space that stands in for the pad, for the measured components;
+        they decide which loads can be observed.
+        """
         out = _STANDS_FOR.states(wavenumber, direction, depth).copy()
         for i, c in enumerate("xyz"):
             if c not in self.components:
@@ -310,17 +316,21 @@ class Measured:
         return out
 
     def compliance(self, depth: float) -> Floats:
-        """Compliance (6, 6) [1/Pa] of that half-space, which is so stiff that nothing is said of how far the pad strains."""
+        """Return the compliance (6, 6) [1/Pa] of that half-space, which is so stiff that no warnings about strain are
+        given.
+        """
         return _STANDS_FOR.compliance(depth)
 
     def mean_compliance(self, depth: float) -> Floats | None:
-        """None: displacement per mean traction of an endless pad has no meaning here."""
+        """None: the displacement of an infinite pad per mean traction has no meaning for a measured pad."""
         return None
 
     # -- as a pad that makes its maps ----------------------------------------------------------------------------------
 
     def patch(self, planes: Sequence[Array]) -> AreaGrid:
-        """The rectangle that was pressed, half a spacing beyond the outermost presses, in cells about as wide as an endless pad would have."""
+        """Return the rectangle that was pressed plus half a spacing on each side, in cells about as wide as an
+        infinite pad would have.
+        """
         for array in planes:
             self._check(array)
         usual = default_surface(planes)
@@ -369,7 +379,7 @@ class Measured:
             )
 
     def _rows(self, array: AreaArray | ScatteredArray) -> npt.NDArray[np.intp]:
-        """Place of each taxel among those of the table that work; -1 of one that the array masks."""
+        """Return the index of each taxel among the working taxels of the table; -1 for a taxel that the array masks."""
         from scipy.spatial import cKDTree
 
         t = self.table
@@ -398,7 +408,7 @@ _STANDS_FOR = HalfSpace(youngs_modulus=STIFF, poissons_ratio=0.5)
 
 
 class _MeasuredMap(MatrixMap):
-    """A map that refuses traction whose response nobody measured."""
+    """A linear map that raises an error for traction components whose response was not measured."""
 
     def __init__(self, matrix: Floats, taxels: tuple[int, ...], components: tuple[str, ...]) -> None:
         super().__init__(matrix, taxels)

@@ -1,18 +1,21 @@
-"""The response at every place from a table of presses, as a Gaussian process, corrected for the indenter's size.
+"""Estimate the response at every place from a table of presses, as a Gaussian process, corrected for the size of the
+indenter.
 
-The response G(x) of a reading, per newton on the point x of the surface, is
+The response G(x) of a reading, per newton at the point x of the surface, is
 
     G_t(x) = g(x - x_t) + h_t(x),
 
-g the response that readings at all places x_t share (a pad is much alike everywhere) and h_t what the one at x_t has of its own (edges, gains,
-places that are off). Both are Gaussian processes whose spectrum falls as exp(-2 k l): in a pad every field falls with depth z as exp(-k z), so that l is
-about the depth of what is sensed. A press with the force F, spread over a disc as w(x), reads
+where g is the response that readings at all places x_t share (a pad responds similarly everywhere), and h_t is the
+individual part of the reading at x_t (edges, gains, inexact positions). Both are Gaussian processes whose spectrum
+falls as exp(-2 k l): in a pad every field decays with depth z as exp(-k z), so that l is roughly the depth of the
+sensing elements. A press with force F, spread over a disc as w(x), gives the reading
 
     y = F integral w(x - x_press) G_t(x) dx + noise,
 
-and a wave of G is seen through the transform of w, (`spread`): the posterior of G (C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine
-Learning, 2006, section 2.1) interpolates, deconvolves and tells its own uncertainty at once. l, the sizes of g and h, and the noise are those of the largest
-evidence (there, section 5.4). The waves are those of a rectangle that holds all lags, as in A. Solin, S. Sarkka, Statistics and Computing 30, 2020, 419-446.
+in which each wave of G is multiplied by the transform of w (`spread`). The posterior of G (C. E. Rasmussen, C. K. I.
+Williams, Gaussian Processes for Machine Learning, 2006, section 2.1) interpolates, deconvolves and states its own
+uncertainty at once. l, the sizes of g and h, and the noise maximise the evidence (same book, section 5.4). The waves
+are those of a rectangle that contains all lags, as in A. Solin, S. Sarkka, Statistics and Computing 30, 2020, 419-446.
 """
 
 from __future__ import annotations
@@ -31,31 +34,31 @@ from palpate.sensing.grids import AreaGrid
 
 __all__ = ["SHAPES", "Response", "fitted", "spread"]
 
-#: How an indenter's pressure is spread over the disc that it touches.
+#: Distributions of an indenter's pressure over the disc that it touches.
 SHAPES = ("hertz", "disc", "punch")
-#: Waves of a process along an axis, at most, and of all components together: their products are a second's work.
+#: Largest number of waves of a process along an axis, and of all components together: their products take a second.
 ALONG, WAVES = 34, 1200
-#: Largest number of rows (presses times readings) for the shared response; of more, a random sample is used.
+#: Largest number of rows (presses times readings) for the shared response; of more rows a random sample is used.
 ROWS = 20_000
-#: Rows of a block.
+#: Number of rows that are computed at a time.
 BLOCK = 4000
-#: Lengths l that are tried, over the distance of neighbouring presses.
+#: Lengths l that are tried, as multiples of the distance of neighbouring presses.
 LENGTHS = (0.25, 0.4, 0.6, 0.85, 1.2, 1.8, 2.7)
-#: Margin beside the lags, in distances of neighbouring presses: without it, waves wrap round.
+#: Margin added to the lags, in distances of neighbouring presses: without it, waves would wrap around.
 ROOM = 2.0
-#: Places between those that were pressed, at which the uncertainty is computed.
+#: Number of places between the presses at which the uncertainty is computed.
 PLACES = 120
-#: Parts of the table for cross-validation.
+#: Number of parts of the table in cross-validation.
 FOLDS = 5
 
 _PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def spread(k: Floats, radius: Floats, shape: str) -> Floats:
-    """Transform of a unit force spread over a disc, (..., k) of radii (...).
+    """Return the transform (..., k) of a unit force spread over discs of ``radius`` (...).
 
-    hertz, p ~ sqrt(1 - r^2/a^2): 3 (sin s - s cos s)/s^3; disc, p uniform: 2 J1(s)/s; punch, p ~ 1/sqrt(1 - r^2/a^2): sin s/s; s = k a
-    (I. N. Sneddon, Fourier Transforms, 1951, chapter 10).
+    hertz, p ~ sqrt(1 - r^2/a^2): 3 (sin s - s cos s)/s^3; disc, p uniform: 2 J1(s)/s; punch, p ~ 1/sqrt(1 - r^2/a^2):
+    sin s/s; s = k a (I. N. Sneddon, Fourier Transforms, 1951, chapter 10).
     """
     from scipy.special import j1
 
@@ -69,7 +72,7 @@ def spread(k: Floats, radius: Floats, shape: str) -> Floats:
 
 @dataclass(frozen=True)
 class Waves:
-    """Waves cos or sin (j pi x / half) along each axis, about a middle."""
+    """Waves cos(j pi x / half) or sin(j pi x / half) along each axis, relative to a middle."""
 
     middle: Floats
     half: Floats
@@ -77,17 +80,17 @@ class Waves:
 
     @property
     def axes(self) -> tuple[Floats, Floats]:
-        """Wavenumbers along y and x."""
+        """Wavenumbers along y and x [rad/m]."""
         steps = np.pi * np.arange(self.along) / self.half[:, None]
         return steps[0], steps[1]
 
     @property
     def size(self) -> Floats:
-        """|k| (wave, wave)."""
+        """Magnitude |k| of the wavevectors (wave, wave) [rad/m]."""
         return np.hypot(*np.meshgrid(*self.axes, indexing="ij"))
 
     def prior(self, length: float) -> Floats:
-        """Variance of each wave of a process of variance 1."""
+        """Return the variance of each wave of a process whose total variance is 1."""
         k = self.size
         many = np.multiply.outer(*(np.where(a > 0, 2.0, 1.0) for a in self.axes))
         found = many * np.exp(-2.0 * length * k)
@@ -95,20 +98,20 @@ class Waves:
         return np.asarray(found / found.sum())
 
     def trig(self, axis: int, x: Floats, odd: int, width: float = 0.0) -> Floats:
-        """cos or sin (..., wave) of places along an axis, as means over a width."""
+        """Return cos or sin (..., wave) at positions along an axis, averaged over ``width``."""
         k = self.axes[axis]
         phase = np.multiply.outer(x - self.middle[axis], k)
         return np.asarray((np.sin(phase) if odd else np.cos(phase)) * np.sinc(k * width / (2.0 * np.pi)))
 
     def at(self, points: Floats, odd: tuple[int, int]) -> Floats:
-        """(point, wave, wave) of points (point, (y, x))."""
+        """Return the waves (point, wave, wave) at points (point, (y, x))."""
         y, x = (self.trig(i, points[:, i], odd[i]) for i in range(2))
         return y[:, :, None] * x[:, None, :]
 
 
 @dataclass(frozen=True)
 class Response:
-    """Posterior of the response of every reading.
+    """Posterior of the responses of all readings.
 
     Attributes
     ----------
@@ -117,8 +120,8 @@ class Response:
     noise : array (channel,)
         Standard deviation of the table's readings.
     error : array (channel,)
-        What the response is off by between the places that were pressed, for a press as in the table: root mean square over its readings, as a part of
-        their root mean square.
+        Error of the response between the pressed places, for a press like those of the table: root mean square over its
+        readings, relative to their root mean square.
     held_out : array (channel,)
         The same of presses that were left out, noise and all.
     """
@@ -135,7 +138,7 @@ class Response:
     here: Waves = field(repr=False)
 
     def cells(self, surface: AreaGrid, channel: int, taxels: Sequence[int]) -> Floats:
-        """Readings (taxel, component, *surface) of a unit of traction [1/Pa] in each cell."""
+        """Return the readings (taxel, component, *surface) [1/Pa] for unit traction in each cell."""
         (ys, xs), (dy, dx) = surface.axes, surface.spacings
         own = [(self.here.trig(0, ys, a, dy), self.here.trig(1, xs, b, dx)) for a, b in _PARITIES]
         out = np.empty((len(taxels), self.shared.shape[1], *surface.shape))
@@ -153,7 +156,9 @@ class Response:
 
 @dataclass(frozen=True)
 class _Data:
-    """Presses in places (press, (y, x)) with forces (press, component), readings (press, channel, taxel) at taxels (taxel, (y, x))."""
+    """Presses at places (press, (y, x)) with forces (press, component), and readings (press, channel, taxel) of taxels
+    at (taxel, (y, x)).
+    """
 
     presses: Floats
     forces: Floats
@@ -179,7 +184,7 @@ def fitted(
     channels: Sequence[str],
     components: Sequence[str],
 ) -> Response:
-    """The response fitted to a table.
+    """Fit the response to a table.
 
     Parameters
     ----------
@@ -187,7 +192,7 @@ def fitted(
         Places (y, x) [m].
     forces : array (press, component) [N]
     radius : array (press,)
-        Of the disc that was touched [m].
+        Radius of the disc that was touched [m].
     readings : array (press, channel, taxel)
     """
     odd = np.array(
@@ -201,7 +206,7 @@ def fitted(
     low, high = both.min(axis=0), both.max(axis=0)
     lag = np.abs(presses[:, None] - taxels).max(axis=(0, 1)) + ROOM * near
     lags = Waves(np.zeros(2), lag, along)
-    # the readings' own processes are needed only near presses
+    # the individual processes of readings are needed only near presses
     low, high = presses.min(axis=0), presses.max(axis=0)
     here = Waves(0.5 * (low + high), (high - low) + ROOM * near, along)
     fit = _Fit(data, lags, here, near)
@@ -209,7 +214,9 @@ def fitted(
 
 
 def spacing(presses: Floats) -> float:
-    """Distance of neighbouring presses [m], on the mean: that of a square grid of as many places with their extents."""
+    """Return the mean distance of neighbouring presses [m]: that of a square grid with as many places over the same
+    extent.
+    """
     places = np.unique(presses, axis=0)
     extent, n = np.ptp(places, axis=0), len(places)
     half = 0.5 * float(extent.sum()) / max(n - 1, 1)
@@ -260,7 +267,7 @@ class _Fit:
         return np.tile(self.lags.prior(length).ravel(), self.components)
 
     def rows(self, data: _Data, channel: int, press: npt.NDArray[np.intp], taxel: npt.NDArray[np.intp]) -> Floats:
-        """Readings of waves of the shared response (row, component and wave)."""
+        """Return the readings that waves of the shared response would give (row, component and wave)."""
         lag = data.presses[press] - data.taxels[taxel]
         radii, which = np.unique(data.radius[press], return_inverse=True)
         seen = spread(self.lags.size, radii, data.shape)
@@ -273,7 +280,9 @@ class _Fit:
         return np.concatenate(parts, axis=1)
 
     def products(self, data: _Data, channel: int) -> _Normal:
-        """Of the waves with themselves and with the readings; of readings that are drawn where there are many."""
+        """Return the products of the waves with themselves and with the readings. If there are many readings, a random
+        sample is used.
+        """
         n, _, taxels = data.readings.shape
         index = np.arange(n * taxels)
         if len(index) > ROWS // FOLDS:
@@ -290,7 +299,9 @@ class _Fit:
         return _Normal(gram, right, square, len(index))
 
     def length(self, normal: Sequence[_Normal]) -> float:
-        """That of the largest evidence, of all channels together; sought from the middle, as long as it grows."""
+        """Return the length with the largest evidence over all channels. The search starts in the middle and continues
+        while the evidence grows.
+        """
 
         @functools.cache
         def evidence(place: int) -> float:
@@ -306,7 +317,7 @@ class _Fit:
             place = best
 
     def predicted(self, data: _Data, channel: int, mean: Floats) -> Floats:
-        """(press, taxel) by the shared response."""
+        """Return the readings (press, taxel) that the shared response predicts."""
         n, _, taxels = data.readings.shape
         means = mean.reshape(self.components, *self.lags.size.shape)
         out = np.empty((n, taxels))
@@ -323,7 +334,9 @@ class _Fit:
     # -- the individual part of each reading ----------------------------------------------------------------------------
 
     def seen(self, data: _Data, length: float) -> Floats:
-        """Waves of the own responses, times the root of their variance, as presses see them (component, press, parity and wave)."""
+        """Return the readings of presses for waves of the individual responses, multiplied by the square root of their
+        variance (component, press, parity and wave).
+        """
         root = np.sqrt(self.here.prior(length)) * spread(self.here.size, data.radius, data.shape)
         waves = np.concatenate(
             [(self.here.at(data.presses, p) * root).reshape(len(root), -1) for p in _PARITIES], axis=1
@@ -331,12 +344,12 @@ class _Fit:
         return np.stack([waves * data.forces[:, c, None] for c in range(self.components)])
 
     def kernel(self, one: _Data, other: _Data, length: float) -> Floats:
-        """Covariance of the readings of presses (press, press), for a process of variance 1."""
+        """Return the covariance of the readings of presses (press, press), for an individual process of variance 1."""
         left, right = self.seen(one, length), self.seen(other, length)
         return np.asarray(sum(a @ b.T for a, b in zip(left, right)))
 
     def own_waves(self, length: float, own: _Own) -> Floats:
-        """(component, parity, taxel, wave, wave)."""
+        """Return the waves of the individual responses (component, parity, taxel, wave, wave)."""
         seen = self.seen(self.data, length)
         shape = self.here.size.shape
         out = np.einsum("cpw,pt->ctw", seen, own.weights * own.variance)
@@ -346,7 +359,7 @@ class _Fit:
     # -- how well ------------------------------------------------------------------------------------------------------
 
     def error(self, length: float, channel: int, post: _Shared, own: _Own) -> float:
-        """Of presses as in the table, between its places."""
+        """Return the error of predictions for presses like those of the table, at places between them."""
         data, rng = self.data, np.random.default_rng(0)
         one = rng.integers(len(data.presses), size=PLACES)
         other = np.array([_neighbour(data.presses, i, rng) for i in one])
@@ -367,7 +380,7 @@ class _Fit:
     def held_out(
         self, length: float, channel: int, part: npt.NDArray[np.intp], parts: Sequence[_Normal], post: _Shared
     ) -> float:
-        """Cross-validation error of the presses, relative to their readings."""
+        """Return the cross-validation error of the presses, relative to their readings."""
         data = self.data
         left, size = 0.0, float((data.readings[:, channel] ** 2).sum())
         for p in range(FOLDS):
@@ -382,7 +395,7 @@ class _Fit:
 
 
 def _neighbour(presses: Floats, index: int, rng: np.random.Generator) -> int:
-    """One of the four nearest other places."""
+    """Return one of the four nearest other places."""
     distance = np.hypot(*(presses - presses[index]).T)
     order = np.argsort(distance)
     order = order[distance[order] > 0][:4]
@@ -391,7 +404,7 @@ def _neighbour(presses: Floats, index: int, rng: np.random.Generator) -> int:
 
 @dataclass(frozen=True)
 class _Normal:
-    """A'A, A'y, y'y and how many rows."""
+    """The products A'A, A'y, y'y and the number of rows."""
 
     gram: Floats
     right: Floats
@@ -410,7 +423,7 @@ class _Normal:
 
 @dataclass(frozen=True)
 class _Shared:
-    """Posterior of the waves of the shared response: regression with a prior of variance ``size`` over noise."""
+    """Posterior of the waves of the shared response: linear regression with a prior of variance ``size`` and noise."""
 
     evidence: float
     mean: Floats
@@ -440,7 +453,7 @@ class _Shared:
         return cls(value, out, d[:, None] * vectors, over * noise / (1.0 + over * values), kept, over)
 
     def again(self, normal: _Normal, prior: Floats) -> Floats:
-        """Mean of the waves from other rows, by the same constants."""
+        """Return the mean of the waves for other rows, with the same constants."""
         from scipy.linalg import solve
 
         d = np.sqrt(prior[self.kept])
@@ -457,7 +470,9 @@ class _Shared:
 
 @dataclass(frozen=True)
 class _Own:
-    """Posterior of the individual part of each reading: ``weights`` (press, taxel) times ``variance`` times the covariance with the presses."""
+    """Posterior of the individual part of each reading: ``weights`` (press, taxel) times ``variance`` times the
+    covariance with the presses.
+    """
 
     variance: float
     noise: float
@@ -483,6 +498,8 @@ class _Own:
         return cls(over * noise, math.sqrt(noise), weights, vectors, total)
 
     def predictive_variance(self, across: Floats, itself: Floats) -> Floats:
-        """Variance at places with these covariances (place, press) and variances (place,), of a process of variance 1."""
+        """Return the variance at places with the covariances ``across`` (place, press) and the variances ``itself``
+        (place,) of a process of variance 1.
+        """
         explained = (self.variance * across @ self.vectors) ** 2 / self.values
         return np.asarray(np.maximum(self.variance * itself - explained.sum(axis=1), 0.0))

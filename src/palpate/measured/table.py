@@ -16,17 +16,17 @@ from palpate.measured.response import SHAPES, spacing
 
 __all__ = ["Table"]
 
-#: Smallest number of places for a response: a square of 4 x 4 has four inside.
+#: Smallest number of places for a response: a square of 4 x 4 places has four inside.
 MIN_PLACES = 16
-#: Largest number of presses: the work grows as their cube.
+#: Largest number of presses: computing time grows as the cube.
 MAX_PRESSES = 3000
-#: Larger places than this are no metres [m].
+#: Positions larger than this [m] are not in metres.
 LARGEST = 2.0
-#: A component is loaded if its largest force is at least this part of the largest of all.
+#: A component counts as loaded if its largest force is at least this fraction of the largest of all.
 LOADED = 1e-6
-#: A reading that changes by less than this part of the others' change is dead.
+#: A reading is dead if it changes by less than this fraction of the others' change.
 DEAD = 1e-6
-#: A frame whose force is below this part of the largest is at rest.
+#: A frame is at rest if its force is below this fraction of the largest.
 REST_FRACTION = 1e-9
 
 
@@ -45,9 +45,9 @@ class Table:
     positions : array (taxel, 2)
         (x, y) of each taxel or marker [m].
     channels : sequence of str
-        What each taxel reads.
+        Channels of each taxel.
     radius : float or array (press,)
-        Of the disc that the indenter touched [m]; 0 for a point.
+        Radius of the disc that the indenter touched [m]; 0 for a point.
     indenter : str
         How its pressure is spread over that disc: "hertz" (a ball), "disc" (evenly), "punch" (a rigid flat end).
     components : tuple of str
@@ -160,7 +160,7 @@ class Table:
 
     @property
     def spacing(self) -> float:
-        """Distance of neighbouring presses [m], on the mean."""
+        """Mean distance of neighbouring presses [m]."""
         return spacing(self.places)
 
 

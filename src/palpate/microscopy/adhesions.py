@@ -1,4 +1,6 @@
-"""Traction as a sum of adhesions: sampled (`palpate.microscopy.sampler`), and evaluated on the field's own grid."""
+"""Estimate traction as a sum of adhesions: draw samples of them (`palpate.microscopy.sampler`) and evaluate the
+samples on the grid of the field.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ from palpate.inverse.problem import Problem
 from palpate.microscopy.blobs import PROFILES, Response, painted, profiled, work_of
 from palpate.microscopy.fields import Field
 from palpate.microscopy.noise import INDEPENDENT_SHARE, Noise, shared_variance
-from palpate.microscopy.sampler import MOST, Chain, Places
+from palpate.microscopy.sampler import MOST, SIZE, Chain, Places
 from palpate.microscopy.vectors import Vectors, find_doubtful, first_guess, noise_of, outliers, vectors_of
 from palpate.sensing.grids import Grid
 
@@ -30,40 +32,55 @@ __all__ = ["Adhesions", "Maps", "Sample", "sampled"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Chains, the steps of each until it has come to what it samples, and between two samples. Twice as many move the energy by 2 % (benchmarks/cells.py).
+#: Number of Markov chains, steps of each before its first sample (burn-in), and steps between two samples. Doubling the
+#: steps changes the energy by 2 % (benchmarks/cells.py).
 CHAINS, BURN, BETWEEN = 3, 1200, 40
-#: A chain starts from the maxima of the first guess, then of the residual, so many times; and so many steps after each.
+#: A chain starts with blobs at the maxima of the first guess, and then at those of the residual in further rounds.
+#: Here: number of rounds, steps after each round, and most maxima that a round uses.
 ROUNDS, SETTLE, MAXIMA = 3, 150, 30
-#: Maxima of less than this part of the largest (of the square of the traction) begin no blob; above the next number, traction is strong.
+#: As fractions of the largest squared traction of the first guess: maxima below FAINT start no blob; where it is above
+#: STRONG, single vectors are used instead of means over tiles.
 FAINT, STRONG = 0.02, 0.04
-#: Blobs are between these sizes [m], about that of an adhesion of 1.4 um, unless vectors lie so far apart [pitches] that smaller ones are beyond them; at most a part of the field.
+#: Smallest and middle standard deviation of blobs [m], about those of an adhesion of 1.4 um. Where the vectors lie too
+#: far apart to resolve such blobs, the two limits in pitches apply instead. LARGEST is the largest size as a fraction
+#: of the field.
 LEAST, MIDDLE, LEAST_PITCHES, MIDDLE_PITCHES, LARGEST = 0.08e-6, 0.35e-6, 0.04, 0.25, 0.12
-#: Outside the mask, and outside the field of view, the prior of a blob is lower by this factor.
+#: The prior density of blobs outside the mask, and outside the field of view, is this fraction of the density inside.
 OUTSIDE = 0.05
-#: Noise is no smaller than this part of the largest displacements: no gel is known better.
+#: The noise is taken as at least this fraction of the largest displacements, because no model of a gel is more accurate
+#: than that.
 MODEL = 1e-3
-#: A vector with a residual of this many times the noise is an outlier; one that the median test excluded and with a smaller residual than the second
-#: number is none.
+#: A vector whose residual is LEFT times the noise is an outlier. A vector that the median test excluded is used again
+#: if its residual is below BACK times the noise.
 LEFT, BACK = 5.0, 3.0
-#: Blobs follow the displacement to this part of it.
+#: Expected fraction of outliers, and the number of vectors that this expectation is worth. The outliers far from
+#: traction determine the fraction of a field.
+WRONG, COUNTED = 0.05, 20.0
+#: The blobs reproduce the modelled displacement to within this fraction.
 DETAIL = 0.2
-#: Fields of more vectors along a side are averaged over tiles.
+#: A field with more vectors than this along a side is averaged over tiles.
 WIDEST = 160
-#: Neighbours share noise if their residuals correlate by more than this.
+#: Neighbouring vectors count as sharing noise if their residuals correlate by more than this.
 SHARED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One draw: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,), ``forces`` (blob, 2) [N], and what profile each has (numbers of `PROFILES`)."""
+    """One sample: blobs at ``places`` (blob, 2) [m] from the first vector, their ``variance`` (blob,) [m^2],
+    ``forces`` (blob, 2) [N], and the index of each blob's profile in `PROFILES`; ``score`` is the derivative of the log
+    prior with respect to the middle of the log sizes.
+    """
 
     places: Floats
     variance: Floats
     forces: Floats
     profiles: npt.NDArray[np.intp] | None = None
+    score: float = 0.0
 
     def on(self, x: Floats, y: Floats, side: float) -> Floats:
-        """Mean traction (2, y, x) [Pa] over squares of a side about columns and rows."""
+        """Return the mean traction (2, y, x) [Pa] over squares of side ``side`` [m] that are centred on the columns
+        ``x`` and rows ``y`` [m].
+        """
         places, variance, forces = self.places, self.variance, self.forces
         if self.profiles is not None:
             places, variance, part, number = profiled(places, variance, self.profiles, side)
@@ -79,16 +96,22 @@ class Sample:
         return out / side**2
 
     def work(self, response: Response, shift: Floats) -> Floats:
-        """Work of each blob (blob,) [J], on the displacement less a ``shift`` (2,) [m]."""
+        """Return the work of each blob (blob,) [J]: half its force times the displacement there, from which ``shift``
+        (2,) [m] is subtracted.
+        """
         return np.asarray(work_of(self.places, self.variance, self.forces, response) - 0.5 * self.forces @ shift)
 
     def share(self, x: Floats, y: Floats, side: float, where: Flags) -> Floats:
-        """Part of each blob (blob,) on the squares of a side that ``where`` (y, x) marks."""
+        """Return the fraction of each blob (blob,) that lies on the squares of side ``side`` [m] that ``where`` (y, x)
+        marks.
+        """
         columns, rows = painted(self.places, self.variance, x, y, side)
         return np.asarray(((rows @ where) * columns).sum(axis=1))
 
     def moved(self, places: Floats, variance: float, response: Response) -> Floats:
-        """Displacement (2, n) [m] at places (n, 2), as means over squares of a variance."""
+        """Return the displacement (2, n) [m] of the gel at ``places`` (n, 2) [m], averaged over a square of variance
+        ``variance`` [m^2].
+        """
         apart = places[:, None, :] - self.places[None, :, :]
         xx, xy, yy = response.tensor(apart[..., 0], apart[..., 1], self.variance[None, :] + variance)
         fx, fy = self.forces.T
@@ -97,7 +120,9 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Result of the chains: ``samples``, standard deviation of the noise [m], excluded vectors, and notes."""
+    """Result of the chains: the ``samples``, the standard deviation of the noise [m], the vectors that were excluded,
+    and notes.
+    """
 
     samples: list[Sample]
     response: Response
@@ -118,9 +143,11 @@ def sampled(
     draws: int = 120,
     seed: int = 0,
 ) -> Sampled:
-    """Samples of the adhesions of a field; ``likely`` (row, column) is where they are expected. Without ``drift`` the picture cannot have moved as a whole.
+    """Draw samples of the adhesions that explain a field. ``likely`` (row, column) marks where adhesions are expected.
+    Pass ``drift=False`` if the picture cannot have moved as a whole.
 
-    Without a ``noise`` that of the field counts (``Field.std``, which windows that overlap share), or one for all vectors is learned.
+    ``noise`` [m] overrides the standard deviations that the field states (``Field.std``, which overlapping windows
+    share). If neither is given, one standard deviation for all vectors is estimated.
     """
     ratio = math.ceil(max(field.shape) / WIDEST)
     if ratio > 1:
@@ -148,7 +175,7 @@ def sampled(
     least = max(LEAST, LEAST_PITCHES * pitch)
     reach = 2.0 * pitch * math.hypot(*shape)
     response = Response.of(pad, depth, least, reach)
-    # the surface itself moves, at any depth of the beads
+    # work is done by the displacement of the surface, however deep the beads lie
     surface = response if depth == 0 else Response.of(pad, 0.0, least, reach)
     there = field.valid
     u = field.displacement - (np.nanmedian(field.displacement, axis=(1, 2), keepdims=True) if drift else 0.0)
@@ -158,9 +185,11 @@ def sampled(
         shape_of_noise, level = Noise.of(field.std, window if window > pitch else 0.0)
     elif not level:
         level = noise_of(u)
+        # outliers inflate the estimate: 3 % of them by a factor of 1.4
+        level = noise_of(np.where(outliers(u, level), np.nan, u))
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
     bad = outliers(u, level * shape_of_noise.relative) & there
-    # an adhesion finer than the vectors looks like an outlier: which it is belongs to what is sampled
+    # an adhesion finer than the spacing of vectors looks like an outlier: the chain samples which of the two it is
     doubtful = find_doubtful(u, bad, there, level)
     wrong = np.zeros(shape)
     bad &= ~doubtful
@@ -171,7 +200,7 @@ def sampled(
     inner = tuple(slice(m, m + n) for m, n in zip(margin, shape))
     weight = np.full(power.shape, OUTSIDE)
     weight[inner] = 1.0 if likely is None else np.where(likely, 1.0, OUTSIDE)
-    if likely is not None:  # a cell that the edge of the field cuts continues beyond it
+    if likely is not None:  # a cell that reaches the edge of the field may continue beyond it
         weight = np.pad(weight[inner], [(m, n - m - k) for m, n, k in zip(margin, weight.shape, shape)], mode="edge")
     proposal = power * weight / max(float((power * weight).sum()), 1e-300) + weight / weight.sum()
     places = Places(weight / weight.sum() / pitch**2, proposal / proposal.sum() / pitch**2, margin, pitch)
@@ -183,16 +212,28 @@ def sampled(
     rough = level
     samples: list[Sample] = []
     noises = []
-    # a field's own standard deviations are the least
+    # standard deviations that the field states are a lower limit of the noise
     chain = partial(
         Chain, response=response, places=places, sizes=sizes, least_noise=level if stated else 0.0, drift=drift
     )
+
+    def odds() -> float:
+        """Return the log prior odds that a vector near traction is an outlier."""
+        wrong = WRONG * COUNTED + float(bad.sum())
+        return math.log(wrong / (COUNTED + float((there & ~doubtful).sum()) - wrong))
+
     for number in range(CHAINS):
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
         rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
 
         walk = _start_blobs(
-            chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+            chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
+            u,
+            there & ~bad,
+            guess,
+            margin,
+            every,
+            window,
         )
         walk.walk(BURN)
         if number == 0:
@@ -200,7 +241,7 @@ def sampled(
             found = _find_outliers(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
             shared = 1.0 if noise is not None or stated else _shared(left, there & ~found)
             if shared > 1.0:
-                # noise that neighbours share is as much more at the wavelengths of traction
+                # noise that neighbours share is this much larger at the wavelengths of traction
                 level, known = walk.noise * math.sqrt(shared), True
                 notes.append(
                     f"neighbouring vectors share noise, as windows that overlap do: it counts {math.sqrt(shared):.2g} times in traction"
@@ -209,14 +250,22 @@ def sampled(
                 bad = found
                 vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
                 walk = _start_blobs(
-                    chain(vectors, noise=level, known=known, rng=rng), u, there & ~bad, guess, margin, every, window
+                    chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
+                    u,
+                    there & ~bad,
+                    guess,
+                    margin,
+                    every,
+                    window,
                 )
                 walk.walk(BURN)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
-            # no window tells the profile of an adhesion that it does not resolve
+            # the data cannot tell the profile of an adhesion smaller than the window: draw one at random
             profiles = shapes.integers(len(PROFILES), size=len(walk.blobs))
-            samples.append(Sample(walk.blobs[:, :2].copy(), np.exp(2 * walk.blobs[:, 2]), walk.forces()[1], profiles))
+            x, y, size, _ = walk.blobs.T
+            score = float((size - walk.middle).sum()) / SIZE**2
+            samples.append(Sample(np.stack([x, y], axis=1), np.exp(2 * size), walk.forces()[1], profiles, score))
             noises.append(walk.noise)
             wrong[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
     bad |= wrong > 0.5
@@ -233,7 +282,9 @@ def sampled(
 
 
 def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Flags | None]:
-    """Means over tiles of ``ratio`` x ``ratio`` vectors, those that are there, and where most of a tile is likely."""
+    """Average the field over tiles of ``ratio`` x ``ratio`` vectors, skipping missing ones, and mark the tiles of
+    which most is ``likely``.
+    """
     rows, columns = (n // ratio for n in field.shape)
 
     def tiles(values: Any) -> Any:
@@ -259,14 +310,14 @@ def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Fla
 
 
 def _of_mean(ratio: int, field: Field) -> float:
-    """Variance of the mean of ``ratio`` x ``ratio`` vectors, in that of one."""
+    """Return the variance of the mean of ``ratio`` x ``ratio`` vectors, relative to the variance of one vector."""
     lags = field.pitch * np.subtract.outer(np.arange(ratio), np.arange(ratio)).ravel()
     shared = shared_variance(lags[:, None], lags[None, :], field.aperture if field.aperture > field.pitch else 0.0)
     return float(((1.0 - INDEPENDENT_SHARE) * shared.mean()) + INDEPENDENT_SHARE / ratio**2)
 
 
 def _every(field: Field) -> Vectors:
-    """All vectors of a field, one by one."""
+    """Return all vectors of a field without averaging any."""
     rows, columns = field.shape
     x, y = np.meshgrid(field.pitch * np.arange(columns), field.pitch * np.arange(rows))
     places = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -277,7 +328,7 @@ def _every(field: Field) -> Vectors:
 def _start_blobs(
     walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
 ) -> Chain:
-    """Blobs at the maxima of the first guess, then at those of the residual."""
+    """Place blobs at the maxima of the first guess, then at those of the residual, and return the chain."""
     pitch, rng = walk.places.pitch, walk.rng
     for number in range(ROUNDS):
         if number:
@@ -302,13 +353,17 @@ def _start_blobs(
 
 
 def _find_outliers(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
-    """Outliers by the residuals of all vectors, given the traction; ``DETAIL`` allows for adhesions that are no blobs."""
+    """Return the vectors whose residuals mark them as outliers. ``DETAIL`` allows for adhesions that blobs do not
+    describe exactly.
+    """
     size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
     return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))
 
 
 def _shared(left: Floats, there: Flags) -> float:
-    """Sum of the correlations of residuals over neighbours; 1 if they are independent."""
+    """Return the sum of the correlations of each residual with its neighbours' residuals; 1 if residuals are
+    independent.
+    """
     r = np.where(there, left, 0.0)
     power = float((r**2).sum()) / max(float(there.sum()), 1.0)
 
@@ -328,7 +383,10 @@ def _shared(left: Floats, there: Flags) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """Samples on a surface: ``mean`` and ``std`` (2, y, x) [Pa], standard deviations of the sums of ``force`` [N] and ``moment`` [N m] (3,), and each sample in the field of view, ``draws`` (draw, 2, row, column)."""
+    """Maps of the samples on a surface: ``mean`` and ``std`` (2, y, x) [Pa], standard deviations (3,) of the total
+    ``force`` [N] and ``moment`` [N m], and each sample within the field of view, ``draws`` (draw, 2, row, column)
+    [Pa].
+    """
 
     mean: Floats
     std: Floats
@@ -338,7 +396,7 @@ class Maps:
 
     @classmethod
     def of(cls, found: Sampled, field: Field, grid: Any) -> Maps:
-        """Each sample once, so that no more of them than the field of view is held."""
+        """Compute the maps. Each sample is evaluated once, and only its part in the field of view is stored."""
         rows, columns = field.shape
         first = [c - 0.5 * field.pitch * (n - 1) for c, n in zip(field.center, (columns, rows))]
         y, x = (axis - at for axis, at in zip(grid.axes, first[::-1]))
@@ -348,7 +406,7 @@ class Maps:
         total, squares = np.zeros((2, 2, *grid.shape))
         sums = np.empty((count, 5))
         draws = np.empty((count, 2, rows, columns))
-        # sums are about the first sample, so that a small spread is not lost
+        # subtract the first sample before summing, so that rounding does not hide a small spread
         origin = found.samples[0].on(x, y, float(grid.spacings[0]))
         for k, sample in enumerate(found.samples):
             one = sample.on(x, y, float(grid.spacings[0]))
@@ -364,7 +422,9 @@ class Maps:
 
 @dataclass(frozen=True, kw_only=True)
 class Adhesions(Method):
-    """The samples of a field as a method, so that its result is a `palpate.touch.Touch` like any other."""
+    """Makes the samples of a field look like a reconstruction method, so that the result is a `palpate.touch.Touch`
+    like any other.
+    """
 
     name: ClassVar[str] = "adhesions"
     summary: ClassVar[str] = "adhesions, sampled"
@@ -375,13 +435,13 @@ class Adhesions(Method):
     maps: Maps
 
     def prepare(self, problem: Problem) -> _Prepared:
-        """Check the problem; the field is prepared already."""
+        """Check the problem. There is nothing to prepare, because the samples exist already."""
         self.check(problem)
         return _Prepared(problem, self.found, self.maps)
 
 
 class _Prepared:
-    """The samples on the surface of a problem."""
+    """Evaluates the samples on the surface of a problem."""
 
     def __init__(self, problem: Problem, found: Sampled, maps: Maps) -> None:
         self.problem, self.found, self.maps = problem, found, maps
@@ -389,7 +449,7 @@ class _Prepared:
         self.notes: tuple[str, ...] = ()
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
-        """The one frame that was sampled."""
+        """Return the estimate of the one frame that was sampled."""
         grid: Any = self.grid
         if np.ndim(readings[0]) != 3:
             raise Unsupported("one frame was sampled, and this is a batch.")

@@ -1,4 +1,5 @@
-"""Displacements from two pictures of beads: window correlation, refined by least squares on the deformed picture.
+"""Measure displacements from two pictures of beads: correlate windows, then refine by least squares on the deformed
+picture.
 
 Coarse: cross-correlation of windows by FFT, outliers detected by their neighbours (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100). Fine:
 the second picture is deformed by the field so far, and each window's remaining displacement d solves
@@ -28,22 +29,25 @@ from palpate.sensing.view import opencv
 
 __all__ = ["bead_displacements"]
 
-#: Standard deviation of the Gaussian weights as a part of the window: it weighs as many pixels as a square of that side.
+#: Standard deviation of the Gaussian weights as a fraction of the window: with this value they average over as many
+#: pixels as a square of the window's side.
 SIGMA = 1.0 / 3.545
-#: Rounds of deforming the second picture and looking again; between them the field is smoothed by so many steps.
+#: Number of rounds in which the second picture is deformed by the current field and compared again. Between rounds the
+#: field is smoothed over SMOOTHED steps.
 ROUNDS, SMOOTHED = 5, 0.4
 #: Residuals are correlated over this many pixels.
 RESIDUAL_LENGTH = 5
-#: A vector with a larger standard deviation [px] carries no information.
+#: A vector with a larger standard deviation [px] is left out.
 MAX_STD = 1.0
-#: If the median correlation of windows after deformation is smaller, the pictures do not show the same beads.
+#: If the median correlation of windows is still below this after deformation, the pictures do not show the same beads.
 MIN_CORRELATION = 0.35
-#: A window with a correlation below this part of the median holds no beads, or others.
+#: A window whose correlation is below this fraction of the median contains no beads, or other beads than before.
 UNLIKE = 0.4
-#: Windows with a correlation below this part of the median after a round (beads further off than they are wide) are searched within so many pixels,
-#: or half a window; a match needs this part of the median again.
+#: A window whose correlation after a round is below SOUGHT times the median (its beads moved by more than their width)
+#: is searched for within FAR pixels, or within half a window if that is less. A match counts if its correlation exceeds
+#: PLACE.
 SOUGHT, FAR, PLACE = 0.7, 8, 0.5
-#: Smallest error of interpolation and pixels [px].
+#: Smallest standard deviation of a vector, due to interpolation and pixels [px].
 FLOOR = 0.005
 
 
@@ -173,10 +177,10 @@ def _checked(picture: Any, name: str) -> Floats:
 
 
 def _evened(image: Floats, length: float) -> Floats:
-    """The picture without slow changes of light, with an even contrast."""
+    """Return the picture with slow changes of brightness removed and with the same contrast everywhere."""
 
     def slow(values: Floats, sigma: float) -> Floats:
-        # three boxes are a Gaussian, at a cost that does not grow with it
+        # three box filters approximate a Gaussian, and their cost does not depend on its width
         side = max(3, round(2.0 * sigma))
         for _ in range(3):
             values = scipy.ndimage.uniform_filter(values, side, mode="nearest")
@@ -188,7 +192,9 @@ def _evened(image: Floats, length: float) -> Floats:
 
 
 def _shift(a: Floats, b: Floats) -> tuple[int, int]:
-    """Whole pixels (row, column) that b lies after a, by the cross-correlation of the whole pictures."""
+    """Return the shift (row, column) of ``b`` relative to ``a`` in whole pixels, from the cross-correlation of the
+    whole pictures.
+    """
     shape = [scipy.fft.next_fast_len(n, True) for n in a.shape]
     product = np.conj(scipy.fft.rfft2(a, shape)) * scipy.fft.rfft2(b, shape)
     surface = scipy.fft.irfft2(product, shape)
@@ -198,7 +204,9 @@ def _shift(a: Floats, b: Floats) -> tuple[int, int]:
 
 
 def _coarse(a: Floats, b: Floats, grid: Any, window: int) -> Floats:
-    """Displacements (2, row, column) along x and y on the grid, by cross-correlation of wide windows after the shift of the whole."""
+    """Return displacements (2, row, column) [px] along x and y on the grid: shift the second picture as a whole, then
+    cross-correlate wide windows.
+    """
     wide = min(max(64, 2 * window), min(a.shape) // 2)
     row, column = _shift(a, b)
     moved = np.roll(b, (-row, -column), axis=(0, 1))
@@ -227,7 +235,9 @@ def _coarse(a: Floats, b: Floats, grid: Any, window: int) -> Floats:
 
 
 class _Fine:
-    """Least squares on the deformed picture. Sums over windows and the field between its vectors are products of two matrices, one for each axis."""
+    """Least squares on the deformed picture. Sums over windows, and interpolation of the field between vectors, are
+    each computed by two matrices, one for each axis.
+    """
 
     def __init__(self, a: Floats, b: Floats, grid: Any, window: int, step: int) -> None:
         self.a, self.b, self.window, self.sigma = a, b, window, SIGMA * window
@@ -240,7 +250,7 @@ class _Fine:
         self.between = [_between(g, n) for g, n in zip(grid, a.shape)]
 
     def _weights(self, grid: Floats, count: int, name: str) -> Floats:
-        """Of every pixel along an axis for each vector; they add up to 1."""
+        """Return the weight of every pixel along an axis for each vector; the weights of a vector add up to 1."""
         off = np.arange(count)[None, :] - grid[:, None]
         if name == "box":
             each = (np.abs(off) < 0.5 * self.window).astype(np.float64)
@@ -249,15 +259,16 @@ class _Fine:
         return np.asarray(each / each.sum(axis=1, keepdims=True), dtype=np.float32)
 
     def _summed(self, image: Floats, weights: str) -> Floats:
-        """Weighted means round the vectors."""
+        """Return the weighted mean of ``image`` around each vector."""
         rows, columns = self.weights[weights]
         return np.asarray(rows @ image @ columns.T, dtype=np.float64)
 
     def round(self, known: Floats, *, last: bool) -> tuple[Floats, Floats, Floats]:
-        """Displacements, standard deviations [px] and correlations of the windows, from an estimate of the field.
+        """Do one round from the field ``known``; return displacements [px], their standard deviations [px] and the
+        correlation of each window.
 
-        The ``last`` round gives means over the windows, with uniform weights for the field so far, so that the beads weigh only the remainder.
-        Earlier rounds have no standard deviations.
+        In the ``last`` round displacements are means over the windows: ``known`` enters with uniform weights, so that
+        the positions of beads weight only what remains. Earlier rounds have no standard deviations.
         """
         weights = "box" if last else "gaussian"
         dense = [self.between[0] @ c.astype(np.float32) @ self.between[1].T for c in known]
@@ -267,7 +278,7 @@ class _Fine:
         r = (warped - self.a) * inside
         mean = 0.5 * (warped + self.a)
         gy, gx = (_slope(mean, axis) * inside for axis in (0, 1))
-        # the common part of both pictures, without the noise of either
+        # variance that both pictures share, which excludes the noise of each
         ay, ax, by, bx = *self.slopes, _slope(warped, 0) * inside, _slope(warped, 1) * inside
         nxx, nxy, nyy = (self._summed(p, weights) for p in (ax * bx, 0.5 * (ax * by + ay * bx), ay * by))
         sx, sy = gx * r, gy * r
@@ -276,7 +287,7 @@ class _Fine:
         good = (det > 1e-4 * np.median(np.abs(nxx + nyy)) ** 2) & (nxx + nyy > 0)
         safe = np.where(good, det, 1.0)
         d = np.stack([-(nyy * qx - nxy * qy), -(nxx * qy - nxy * qx)]) / safe
-        # limit the step to the range of a linear model of a bead
+        # limit the step to the range within which a bead's image is nearly linear
         d = d * np.minimum(1.0, 2.0 / np.maximum(np.hypot(*d), 1e-9))
         before = np.stack([self._summed(c, weights) for c in dense]) if last else known
         u = before + np.where(good, d, np.nan)
@@ -298,8 +309,8 @@ class _Fine:
         return u, np.where(good, std, np.inf), alike
 
     def sought(self, known: Floats, u: Floats, alike: Floats) -> Floats:
-        """Displacements ``u`` of a round, with those of poorly correlated windows replaced by a search of the window in the picture deformed by
-        ``known``, if it is found there.
+        """Search for windows that correlate poorly, and return ``u`` with their displacements replaced where the
+        search succeeds. Each is searched for in the picture deformed by ``known``.
         """
         cv2 = opencv()
         u, half, reach = u.copy(), self.window // 2, min(FAR, self.window // 2)
@@ -318,7 +329,9 @@ class _Fine:
         return u
 
     def _warped(self, rows: Floats, columns: Floats, *, exact: bool) -> Floats:
-        """The second picture deformed by the field; OpenCV rounds places to 32nds of a pixel, which suffices for intermediate rounds."""
+        """Return the second picture deformed by the field. Without ``exact`` OpenCV does it, which rounds positions to
+        1/32 pixel; that suffices for intermediate rounds.
+        """
         if not exact:
             cv2 = opencv()
             return np.asarray(cv2.remap(self.b, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101))
@@ -328,7 +341,9 @@ class _Fine:
 
 
 def _between(grid: Floats, count: int) -> Floats:
-    """Linear interpolation from a grid to every pixel along an axis, flat beyond its ends."""
+    """Return the matrix that interpolates linearly from a grid to every pixel along an axis; beyond the ends of the
+    grid it repeats the end values.
+    """
     at = np.clip(np.interp(np.arange(count), grid, np.arange(len(grid))), 0, len(grid) - 1)
     low = np.minimum(at.astype(int), len(grid) - 2)
     out = np.zeros((count, len(grid)), dtype=np.float32)
@@ -338,7 +353,7 @@ def _between(grid: Floats, count: int) -> Floats:
 
 
 def _slope(image: Floats, axis: int) -> Floats:
-    """Derivative by five points."""
+    """Return the derivative along an axis by the five-point formula."""
     return np.asarray(
         scipy.ndimage.correlate1d(image, [1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12], axis=axis, mode="nearest")
     )

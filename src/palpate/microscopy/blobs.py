@@ -26,24 +26,26 @@ from palpate.errors import Unsupported
 __all__ = ["PROFILES", "Response", "painted", "profiled", "work_of"]
 
 CHANNELS = ("displacement_x", "displacement_y")
-#: Nodes of the table of what other gels add: of variances, distances and wavenumbers.
+#: Nodes of the table of corrections for gels other than a half-space: numbers of variances, distances and wavenumbers.
 VARIANCES, DISTANCES, WAVES = 24, 240, 4000
-#: Profiles that an adhesion may have: what a window sees of them is the same, as force and second moments are. The largest traction is not: 1/(2 pi s^2) of the force for a Gaussian,
-#: 1/(4 pi s^2) where it is even.
+#: Profiles that an adhesion may have. They have the same force and second moments, and a window cannot tell them apart;
+#: but the largest traction differs: 1/(2 pi s^2) of the force for a Gaussian, 1/(4 pi s^2) for an even one.
 PROFILES = ("Gaussian", "half ellipsoid", "even")
-#: A profile is this many small Gaussians of so much of its radius.
+#: A profile is made of this many small Gaussians, whose standard deviation is PART_SIZE times its radius.
 PARTS, PART_SIZE = 37, 0.17
-#: Blobs narrower than this part of a square have the same mean over it, whatever their profile.
+#: For blobs narrower than this fraction of a square, the mean traction over the square does not depend on the profile.
 NARROW = 0.3
 #: The error function is 1 to double precision beyond this argument.
 ERF_ONE = 6.0
-#: A gel is isotropic in its surface if its responses differ by less than this.
+#: A gel counts as isotropic in its surface if its responses along and across differ by less than this fraction.
 ISOTROPIC = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Of a gel to blobs; ``table`` holds what another gel than a half-space, or depth, adds: (log variance, asinh distance/unit, g0 and g2)."""
+    """Displacement of a gel under blobs. ``table`` holds the correction for a finite or layered gel, or for beads at
+    some depth: (log variance, asinh(distance/unit), g0 and g2).
+    """
 
     scale: float
     ratio: float
@@ -51,11 +53,11 @@ class Response:
 
     @classmethod
     def of(cls, pad: Pad, depth: float, least: float, reach: float) -> Response:
-        """For blobs of standard deviation ``least`` and more, as far as ``reach``."""
+        """Compute the response for blobs of standard deviation ``least`` [m] or more at distances up to ``reach`` [m]."""
         first = 1.0 / reach
         k = np.geomspace(1e-2 * first, 8.0 / least, WAVES)
         along, across = _responses(pad, k, 0.0)
-        # short waves depend on the top layer only
+        # short waves do not reach below the top layer
         ratio = 1.0 - float(along[-1] / across[-1])
         modulus = 2.0 * (1.0 + ratio) / float(across[-1] * k[-1])
         half = cls((1.0 + ratio) / (math.pi * modulus) * math.sqrt(math.pi / 2), ratio)
@@ -76,7 +78,7 @@ class Response:
         return cls(half.scale, ratio, (np.log(variances), places, table, unit))
 
     def __call__(self, squares: Any, variance: Any) -> tuple[Any, Any]:
-        """g0 and g2 [m/N] at squared distances from blobs of some variance."""
+        """Return g0 and g2 [m/N] at squared distances ``squares`` [m^2] from blobs of variance ``variance`` [m^2]."""
         q, a = squares / (4.0 * variance), self.scale / np.sqrt(variance)
         g0, g2 = a * (1.0 - 0.5 * self.ratio) * i0e(q), a * (0.5 * self.ratio) * i1e(q)
         if self.table is None:
@@ -93,7 +95,7 @@ class Response:
         return g0 + more[..., 0], g2 + more[..., 1]
 
     def tensor(self, x: Any, y: Any, variance: Any) -> tuple[Any, Any, Any]:
-        """u_x per F_x, u_x per F_y (which is u_y per F_x), u_y per F_y."""
+        """Return u_x per F_x, u_x per F_y (equal to u_y per F_x), and u_y per F_y [m/N]."""
         squares = x * x + y * y
         g0, g2 = self(squares, variance)
         safe = np.maximum(squares, 1e-300)
@@ -102,7 +104,7 @@ class Response:
 
 
 def _responses(pad: Pad, k: Floats, depth: float) -> tuple[Floats, Floats]:
-    """Displacement per shear along and across the wavevector."""
+    """Return the displacement per shear traction along and across the wavevector."""
     one = transfer(pad, k, 0.0 * k, depth, CHANNELS).real
     other = transfer(pad, 0.0 * k, k, depth, CHANNELS).real
     along, across = one[:, 0, 0], one[:, 1, 1]
@@ -114,7 +116,9 @@ def _responses(pad: Pad, k: Floats, depth: float) -> tuple[Floats, Floats]:
 
 
 def work_of(places: Floats, variance: Floats, forces: Floats, response: Response) -> Floats:
-    """Half the work of each blob's force on the mean displacement over it [J]: places (blob, 2), variance (blob,), forces (blob, 2)."""
+    """Return half the work [J] of each blob's force on the mean displacement over the blob. Arguments: places (blob,
+    2) [m], variance (blob,) [m^2], forces (blob, 2) [N].
+    """
     apart = places[:, None, :] - places[None, :, :]
     xx, xy, yy = response.tensor(apart[..., 0], apart[..., 1], variance[:, None] + variance[None, :])
     fx, fy = forces.T
@@ -122,12 +126,14 @@ def work_of(places: Floats, variance: Floats, forces: Floats, response: Response
 
 
 def painted(places: Floats, variance: Floats, x: Floats, y: Floats, side: float) -> tuple[Floats, Floats]:
-    """Part of each blob in the columns and rows (blob, n) of squares of a ``side`` about ``x`` and ``y``; a square holds their product."""
+    """Return the fractions of each blob in the columns and in the rows (blob, n) of squares of side ``side`` [m]
+    centred on ``x`` and ``y``; the fraction in a square is the product of both.
+    """
     wide = np.sqrt(2.0 * variance)[:, None]
 
     def parts(middle: Floats, at: Floats) -> Floats:
         ends = (np.append(at - 0.5 * side, at[-1] + 0.5 * side) - middle[:, None]) / wide
-        # 1 or -1 but near the blob: the function is dear
+        # the error function is slow: evaluate it only near the blob, elsewhere it is 1 or -1
         near = np.abs(ends) < ERF_ONE
         sums = np.sign(ends)
         sums[near] = erf(ends[near])
@@ -139,9 +145,10 @@ def painted(places: Floats, variance: Floats, x: Floats, y: Floats, side: float)
 def profiled(
     places: Floats, variance: Floats, profiles: npt.NDArray[np.intp], side: float
 ) -> tuple[Floats, Floats, Floats, npt.NDArray[np.intp]]:
-    """Small Gaussians that make up blobs of some profile (numbers of `PROFILES`) with the same force and second moments: places, variances, part of the force, and the blob of each.
+    """Replace blobs by small Gaussians that form their profiles (indices of `PROFILES`) with the same force and second
+    moments. Return the places, the variances, the fraction of the force, and the index of the blob of each.
 
-    Those of a profile lie on a sunflower's spiral, which fills a disc evenly (H. Vogel, Math. Biosci. 44, 1979, 179-189).
+    The Gaussians lie on a sunflower spiral, which fills a disc evenly (H. Vogel, Math. Biosci. 44, 1979, 179-189).
     """
     plain = (profiles == 0) | (variance < (NARROW * side) ** 2)
     number = np.flatnonzero(~plain)

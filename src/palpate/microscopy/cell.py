@@ -1,4 +1,4 @@
-"""The effect of a cell on its gel: the numbers that papers report, each with its error."""
+"""The mechanical effect of a cell on its gel: the numbers that papers report, each with its error."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Quantity:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end at 95 %.
+        """Return the lower and upper end of the 95 % interval.
 
         Examples
         --------
@@ -80,7 +80,7 @@ class Quantity:
         return self.ends or (self.value - SIDE * self.std, self.value + SIDE * self.std)
 
     def scaled(self) -> tuple[str, str, str]:
-        """Value, standard deviation and unit as they are written.
+        """Return value, standard deviation and unit as text, with a suitable prefix of the unit.
 
         Examples
         --------
@@ -121,7 +121,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class CellForces:
-    """Traction of a cell and derived quantities.
+    """Traction of a cell and the quantities derived from it.
 
     Attributes
     ----------
@@ -172,11 +172,11 @@ class CellForces:
         found = self.done.normal
         if found is None:
             return None
-        common = self.touch.common_std
+        common = self.touch._scale_std
         return found.traction, np.hypot(np.std(found.draws, axis=0, ddof=1), common * found.traction)
 
     def within(self, mask: Any, *, size: tuple[int, int] | None = None) -> CellForces:
-        """The same traction with the numbers of another cell of the field.
+        """Return the same traction with the numbers of another cell in the field of view.
 
         Examples
         --------
@@ -196,7 +196,7 @@ class CellForces:
         return self.quantities[name]
 
     def summary(self) -> str:
-        """The numbers in words, one to a line.
+        """Return the numbers as text, one to a line.
 
         Examples
         --------
@@ -212,7 +212,7 @@ class CellForces:
         return "\n".join(lines)
 
     def plot(self, *, title: str | None = None) -> Figure:
-        """Traction over the picture of the cell, with a scale arrow and a scale bar.
+        """Plot the traction over the picture of the cell, with a scale arrow and a scale bar.
 
         Examples
         --------
@@ -234,7 +234,7 @@ class CellForces:
         write_report(self, path, title=title, source=source, command=command)
 
     def write_table(self, path: str | Path) -> None:
-        """The numbers as CSV: name, value, standard deviation, ends of the 95 % interval, unit.
+        """Write the numbers as CSV: name, value, standard deviation, ends of the 95 % interval, unit.
 
         Examples
         --------
@@ -245,7 +245,8 @@ class CellForces:
         write_table(self, path)
 
     def write_vectors(self, path: str | Path) -> None:
-        """Every vector as CSV: position and displacement in pixels, which `read_field` reads again, traction with its standard deviation [Pa], and whether it is in the cell.
+        """Write every vector as CSV: position and displacement in pixels (`read_field` reads these again), traction
+        with its standard deviation [Pa], and whether the vector lies in the cell.
 
         Examples
         --------
@@ -256,7 +257,8 @@ class CellForces:
         write_vectors(self, path)
 
     def write_tiff(self, path: str | Path) -> None:
-        """Traction as a TIFF stack of 32-bit floats that ImageJ opens with its unit: along x and along y, and the standard deviation of both; one pixel is one vector.
+        """Write the traction as a TIFF stack of 32-bit floats, which ImageJ opens with units: traction along x and
+        along y, then the standard deviation of both. One pixel is one vector.
 
         Examples
         --------
@@ -267,9 +269,10 @@ class CellForces:
         write_tiff(self, path)
 
     def write_netcdf(self, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
-        """The whole result as netCDF, as `palpate.recordings.write_touch` writes it, with displacement, traction at the vectors and the mask beside it.
+        """Write the whole result as netCDF, as `palpate.recordings.write_touch` does, and add the displacement, the
+        traction at the vectors and the mask.
 
-        ``provenance``: how to make it again; each entry becomes an attribute.
+        ``provenance`` says how to reproduce the file; each entry becomes an attribute.
 
         Examples
         --------
@@ -312,7 +315,7 @@ def cell_forces(
     picture : array (row, column), optional
         The cell, to be drawn beneath.
     depth : float
-        Of the beads below the surface [m].
+        Depth of the beads below the surface [m].
     noise : float, optional
         Standard deviation of the displacements [m]; by default that of the field (`Field.noise`), or else an estimate.
     method : str
@@ -421,7 +424,7 @@ def cell_forces(
         *doubts(numbers, principal, field, inside, corners is not None, done),
     ]
     return CellForces(
-        seen, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch.common_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
+        seen, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch._scale_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
         done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done.response, done, known,
     )  # fmt: skip
 
@@ -429,7 +432,7 @@ def cell_forces(
 def _numbers(
     done: Inverted, field: Field, inside: npt.NDArray[np.bool_], masked: bool, known: Uncertainty
 ) -> tuple[dict[str, Quantity], tuple[float, float, float]]:
-    """Every number from the estimate and from each sample."""
+    """Compute every quantity from the estimate and from each sample."""
     sampled = done.samples is not None
     cell, rows, columns = field.pitch**2, *field.shape
     x, y = np.meshgrid(
@@ -453,9 +456,9 @@ def _numbers(
     ) -> None:
         found[key] = (label, unit, np.asarray(values), expected, sized, why)
 
-    # one map after the other: together they fill the memory
+    # evaluate one map at a time: all of them together would fill the memory
     maps = [*(() if sampled else [done.traction]), *done.draws]
-    # each draw has a centre of its own
+    # each draw has its own force centre
     center = None if sampled else _force_center(done.traction, x[inside], y[inside], inside)
     each = [_sums(t, x, y, inside, out, center) for t in maps]
     sums = {key: np.array([one[key] for one in each]) for key in each[0]}
@@ -565,16 +568,17 @@ def _numbers(
                 cell * sums["net_view"][:, i],
                 0.0,
             )
+    scores = np.array([s.score for s in done.samples]) if done.samples is not None else None
     plain = set()
     if done.normal is not None:
         found |= done.normal.quantities(inside, cell)
         plain = set(done.normal.NUMBERS)
     quantities = {}
     for key, (label, unit, values, expected, sized, why) in found.items():
-        # traction follows modulus and displacement, the energy the square of this
+        # traction is proportional to modulus and displacement, the energy to modulus and squared displacement
         common = math.hypot(known.modulus, (2.0 if key.startswith("strain_energy") else 1.0) * known.scale)
         if sampled and key not in plain:
-            value, std, ends = read(key, values, common)
+            value, std, ends = read(key, values, common, scores)
             quantities[key] = Quantity(label, unit, value, std, expected, why, ends)
             continue
         value, samples = float(values[0]), values[1:]
@@ -599,7 +603,9 @@ def _sums(
     out: npt.NDArray[np.bool_],
     center: tuple[float, float] | None,
 ) -> dict[str, Any]:
-    """Sums over the vectors of one traction (2, row, column), in and out of the cell; contractility is to a ``center``, or to the traction's own."""
+    """Sum one traction (2, row, column) over the vectors inside and outside the cell. Contractility is measured
+    towards ``center``, or towards the traction's own force centre.
+    """
     size = np.hypot(*t)
     tx, ty = t[0][inside], t[1][inside]
     x, y = x[inside], y[inside]
@@ -621,9 +627,11 @@ def _sums(
 
 
 def _work(done: Inverted, field: Field, where: npt.NDArray[np.bool_]) -> Floats:
-    """Half the work (draw,) [J] of the traction in a part of the field of view; of the estimate first where that is not the samples' mean."""
+    """Return half the work (draw,) [J] of the traction in the part ``where`` of the field of view. The work of the
+    estimate comes first unless the estimate is the mean of the samples.
+    """
     if done.samples is not None and done.work is not None:
-        # what adhesions do that are finer than the vectors is in the work of the blobs alone
+        # only the work of the blobs includes adhesions that are finer than the spacing of vectors
         y, x = (field.pitch * np.arange(n) for n in field.shape)
         shares = [s.share(x, y, field.pitch, where) for s in done.samples]
         return np.array([float(share @ w) for share, w in zip(shares, done.work)])
@@ -635,7 +643,7 @@ def _work(done: Inverted, field: Field, where: npt.NDArray[np.bool_]) -> Floats:
 
 
 def _force_center(t: Floats, x: Floats, y: Floats, inside: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """The point with the least sum of squares of distances to the lines of force, weighted by the squares of the forces."""
+    """Return the point with the least sum of squared distances to the lines of force, weighted by the squared forces."""
     tx, ty = t[0][inside], t[1][inside]
     lever = tx * y - ty * x  # t x position; distance of a line from a point c: |t_x (y - c_y) - t_y (x - c_x)|/|t|
     matrix = np.array([[(ty**2).sum(), -(tx * ty).sum()], [-(tx * ty).sum(), (tx**2).sum()]])
@@ -644,12 +652,14 @@ def _force_center(t: Floats, x: Floats, y: Floats, inside: npt.NDArray[np.bool_]
         return 0.0, 0.0
     center = np.linalg.solve(matrix, right)
     if not (x.min() <= center[0] <= x.max() and y.min() <= center[1] <= y.max()):
-        return 0.0, 0.0  # lines that are nearly parallel meet anywhere
+        return 0.0, 0.0  # nearly parallel lines define no point
     return float(center[0]), float(center[1])
 
 
 def _at_peak(t: Floats, inside: npt.NDArray[np.bool_]) -> Floats:
-    """Traction along the estimate's own direction at its largest vector."""
+    """Return the traction of the estimate and of each draw at the vector where the estimate is largest, along the
+    direction that the estimate has there.
+    """
     size = np.where(inside, np.hypot(*t[0]), -1.0)
     at = np.unravel_index(int(size.argmax()), size.shape)
     direction = t[0][:, at[0], at[1]] / max(float(size[at]), 1e-300)

@@ -1,4 +1,4 @@
-"""Reasons to doubt the traction of a cell, each with what to check."""
+"""Find reasons to doubt the traction of a cell, and say what to check for each."""
 
 from __future__ import annotations
 
@@ -18,27 +18,30 @@ from palpate.microscopy.orientation import suspected
 
 __all__ = ["doubts", "reworded"]
 
-#: Net force or torque is questioned from so many standard deviations on; the two principal moments of a cell that pulls have one sign.
+#: A net force or torque of at least this many standard deviations is questioned, and so are principal moments of
+#: opposite signs: those of a cell that pulls have the same sign.
 QUESTIONED = 3.0
 OPPOSED = 0.3
-#: What to check if the field concentrates traction better with other axes (`suspected`).
+#: What the user should check if the field concentrates traction better with other axes (`suspected`).
 AXES = {
     "v's sign": "with v of the other sign it does not: is v's sign right? Where v alone grows upwards, say v_up=True (--v-up); where y does too, up=True (--up)",
     "u for v": "with u and v exchanged it does not: are u and v the right way round, and are rows and columns those of the picture?",
     "u for v and a sign": "with u and v exchanged, and one of them turned, it does not: are u and v and their signs right, and are rows and columns those of the picture?",
 }
-#: Residuals this many times the noise are questioned.
+#: Residuals of at least this many times the noise are questioned.
 MISFIT = 2.0
-#: Larger strains are beyond linear elasticity; smaller displacements [px] are beyond any picture.
+#: Strains above STRAINED are beyond linear elasticity. Displacements below SMALLEST [px] are smaller than any picture
+#: can show.
 STRAINED, SMALLEST = 0.3, 0.02
-#: The energy depends on the window if it is less than this part without it; with the number of samples to test it, and the smallest width of blobs as
-#: a part of their own.
+#: The energy is said to depend on the window if it falls below RESTS of its value when the window is taken as zero.
+#: SOME samples are used to test this, and blobs keep at least NARROWEST of their variance.
 RESTS, SOME, NARROWEST = 0.8, 12, 0.1
-#: A mask is doubtful if it contains less than this part of the traction, and would contain more than the second number elsewhere.
+#: A mask is doubtful if it contains less than HELD of the traction, and would contain more than FOUND of it at another
+#: position.
 HELD, FOUND = 0.5, 0.8
-#: Traction of at least this many standard deviations counts there.
+#: That test of the mask uses traction of at least this many standard deviations.
 SIGNIFICANT_TRACTION = 1.5
-#: Remedies of the inversion in the words of microscopy.
+#: Advice in the notes of the inversion, and the same advice in words of microscopy.
 REMEDIES = {
     "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
     "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
@@ -49,7 +52,7 @@ REMEDIES = {
 
 
 def reworded(note: str) -> str:
-    """A note with the remedy in the words of microscopy."""
+    """Return a note with its advice in words of microscopy."""
     for theirs, ours in REMEDIES.items():
         note = note.replace(theirs, ours)
     return note
@@ -63,12 +66,12 @@ def doubts(
     masked: bool,
     done: Inverted,
 ) -> list[str]:
-    """Reasons to doubt a result."""
+    """Return the reasons to doubt a result, as sentences."""
     said = []
 
     def own(q: Any) -> float:
         """The error but that of modulus and scale, which change no sign."""
-        return math.sqrt(max(q.std**2 - (done.touch.common_std * q.value) ** 2, 0.0))
+        return math.sqrt(max(q.std**2 - (done.touch._scale_std * q.value) ** 2, 0.0))
 
     moment = numbers["contractile_moment"]
     large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
@@ -152,7 +155,7 @@ def doubts(
             f"{unlike} of {field.valid.size} vectors differ from all about them, and make traction of their own: if they are bad ones, leave them out with without_outliers() "
             "(--drop-outliers)"
         )
-    # the fit notes excluded vectors itself
+    # the fit has its own note on excluded vectors
     lost = int((~field.valid).sum()) - field.left_out
     if lost > 0:
         said.append(
@@ -164,7 +167,9 @@ def doubts(
 
 
 def _with_window(done: Inverted, window: float, was: float) -> float | None:
-    """The energy with another window [m], as a part of that with the one that ``was`` said: blobs keep the second moments that the vectors show, less those of the window."""
+    """Return the energy if windows had the side ``window`` [m] instead of ``was``, relative to the energy found. Blobs
+    keep the second moments that the vectors show, and lose those of the window.
+    """
     if done.samples is None or done.response is None:
         return None
     before = after = 0.0
@@ -176,7 +181,9 @@ def _with_window(done: Inverted, window: float, was: float) -> float | None:
 
 
 def _largest_patch(done: Inverted) -> float | None:
-    """Side [m] of the even square of the same second moments as the blob of the largest traction: median over the samples."""
+    """Return the side [m] of the square of even traction that has the second moments of the blob with the largest
+    traction; median over the samples.
+    """
     sides = [
         math.sqrt(12.0 * float(s.variance[int((np.hypot(*s.forces.T) / s.variance).argmax())]))
         for s in done.samples or ()
@@ -186,9 +193,9 @@ def _largest_patch(done: Inverted) -> float | None:
 
 
 def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], field: Field) -> list[str]:
-    """Whether the mask would contain the traction at another position."""
+    """Return a sentence if the mask would contain most of the traction at another position."""
     size = np.hypot(*traction)
-    # only significant traction
+    # keep only significant traction
     size = np.where(size > SIGNIFICANT_TRACTION * np.hypot(*std), size, 0.0)
     if not size.any():
         return []
@@ -197,7 +204,7 @@ def _misplaced(traction: Floats, std: Floats, inside: npt.NDArray[np.bool_], fie
     if share > HELD:
         return []
     room = [2 * n for n in size.shape]
-    # the sum of the traction in the mask, by its shift
+    # sum of the traction inside the mask for every shift of the mask
     sums = (
         scipy.fft.irfft2(scipy.fft.rfft2(size, room) * np.conj(scipy.fft.rfft2(inside.astype(float), room)), room)
         / whole

@@ -17,19 +17,22 @@ from palpate.units import is_number
 
 __all__ = ["Field", "mended"]
 
-#: Displacements larger than this part of the field of view, or gradients larger than the next number, are those of a wrong unit.
+#: A field is refused as having the wrong unit if displacements exceed LARGEST of the field of view, or if gradients
+#: exceed STEEPEST.
 LARGEST, STEEPEST = 0.25, 1.0
-#: Of this part of the vectors: some may be outliers.
+#: That test leaves out the most extreme vectors, which may be outliers, and uses this fraction.
 COMMON = 0.95
-#: Steps between vectors may differ by this part of a step: coordinates are often rounded.
+#: Steps between vectors may differ by this fraction of a step, because coordinates are often rounded.
 EVEN = 0.02
-#: Neighbours' median test: how far off in units of the neighbours' own spread, and the spread that is always there [px].
+#: Median test of neighbours: the largest allowed deviation in units of the spread of the neighbours, and a spread that
+#: is always added [px].
 OFF, SPREAD = 3.0, 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Field:
-    """Displacements of a gel's surface on a regular grid, with the picture's own axes: x to the right, y down, row 0 at the top.
+    """Displacements of a gel's surface on a regular grid, with the axes of the picture: x to the right, y down, row 0
+    at the top.
 
     Parameters
     ----------
@@ -48,11 +51,11 @@ class Field:
     aperture : float
         Side [m] of the square over which each vector is a mean, such as a window; 0: a point.
     notes : tuple of str
-        What was assumed.
+        Assumptions that were made.
     normal : array (row, column), optional
         Displacement of the surface out of the gel [m], towards the cell; NaN where there is none.
     left_out : int
-        How many vectors were excluded (now NaN); ``notes`` say why.
+        Number of vectors that were excluded (now NaN); ``notes`` say why.
 
     Raises
     ------
@@ -119,9 +122,9 @@ class Field:
         self._sensible()
 
     def _sensible(self) -> None:
-        """Refuse values that a wrong unit produces."""
+        """Raise an error for values that only a wrong unit explains."""
         u = self.displacement - np.nanmedian(self.displacement, axis=(1, 2), keepdims=True)
-        # single outliers are no wrong unit
+        # single outliers do not mean a wrong unit
         largest = float(np.nanquantile(np.hypot(*u), COMMON))
         width = self.pitch * max(self.shape)
         said = (
@@ -146,7 +149,7 @@ class Field:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of vectors.
+        """Number of rows and columns of vectors.
 
         Examples
         --------
@@ -159,7 +162,7 @@ class Field:
 
     @property
     def pitch(self) -> float:
-        """Metres between vectors.
+        """Distance between vectors [m].
 
         Examples
         --------
@@ -172,7 +175,8 @@ class Field:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Pixels (columns, rows) of a picture from (0, 0) that the field covers as far as its far edge.
+        """Size (columns, rows) [px] of the smallest picture, starting at (0, 0), that covers the field to its far
+        edge.
 
         Examples
         --------
@@ -202,7 +206,7 @@ class Field:
 
     @property
     def center(self) -> tuple[float, float]:
-        """(x, y) of the middle of the grid [m], from the middle of the picture's first pixel.
+        """Position (x, y) [m] of the middle of the grid, from the middle of the picture's first pixel.
 
         Examples
         --------
@@ -218,8 +222,9 @@ class Field:
 
     @property
     def unlike(self) -> npt.NDArray[np.bool_]:
-        """Vectors (row, column) that differ from all about them, as bad ones of a PIV program do: the normalised median test, with 0.1 px that always may be
-        (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100).
+        """Vectors (row, column) that differ from all their neighbours, like those a PIV program marks as bad. It uses
+        the normalised median test with 0.1 px added to the spread (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005,
+        1096-1100).
 
         Examples
         --------
@@ -233,7 +238,7 @@ class Field:
         return mended(self.displacement / self.pixel)[1]
 
     def without_outliers(self) -> Field:
-        """The field without the vectors that are `unlike` those about them; ``notes`` say how many.
+        """Return the field without the vectors marked by `unlike`; ``notes`` say how many were removed.
 
         Examples
         --------
@@ -256,9 +261,11 @@ class Field:
         )
 
     def without_drift(self) -> Field:
-        """The field without the shift of the whole: the median of the vectors along its border, where a cell moves least; ``drift`` says how much.
+        """Subtract the shift of the whole picture: the median of the vectors along the border, where a cell moves the
+        gel least. ``drift`` says how much was subtracted.
 
-        What a cell moves at the border goes with it: the inversion fits a shift besides, and its error bars allow for it.
+        This also removes displacement that the cell causes at the border. The inversion therefore fits a shift as
+        well, and its error bars include it.
 
         Examples
         --------
@@ -290,8 +297,10 @@ class Field:
     def noise(self) -> float | None:
         """Standard deviation of a typical vector [m]: the root mean square of ``std``; None if unknown.
 
-        It is what ``method="tikhonov"`` takes for all vectors, each with its own: with an even penalty, noise that neighbouring windows share makes traction finer and noisier (error
-        of 0.39 for 0.34). ``method="adhesions"`` takes ``std`` of each vector, and what windows share (`palpate.microscopy.noise`).
+        ``method="tikhonov"`` uses this value for all vectors and treats their noise as independent: with an even
+        penalty, a model of noise that neighbouring windows share makes traction finer but noisier (error of 0.39
+        instead of 0.34). ``method="adhesions"`` uses ``std`` of each vector and the noise that windows share
+        (`palpate.microscopy.noise`).
 
         Examples
         --------
@@ -307,7 +316,8 @@ class Field:
         return noise if noise > 0 else None
 
     def array(self, *, depth: float = 0.0, noise: float | None = None) -> AreaArray:
-        """Return the array of this field: displacements along x and y, ``depth`` metres below the surface. Missing vectors are masked.
+        """Return the array of this field for the inversion: displacements along x and y, ``depth`` metres below the
+        surface. Missing vectors are masked.
 
         Examples
         --------
@@ -329,7 +339,8 @@ class Field:
         )
 
     def recording(self) -> Recording:
-        """One frame for `palpate reconstruct` and other programs: ``meta`` states the position of the first vector and the pitch [m].
+        """Return the field as a recording of one frame, for `palpate reconstruct` and other programs. ``meta`` states
+        the position of the first vector and the pitch [m].
 
         Examples
         --------
@@ -348,8 +359,8 @@ class Field:
 
 
 def mended(u: Any) -> tuple[Any, npt.NDArray[np.bool_]]:
-    """Displacements (2, row, column) [px] with vectors that differ from their neighbours, or are missing, replaced by the neighbours' median; and which
-    differ.
+    """Replace vectors that are missing, or that differ from their neighbours, by the median of the neighbours. Return
+    the displacements (2, row, column) [px] and a mask of the vectors that differ.
     """
     padded = np.pad(u, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
     rows, columns = u.shape[1:]
@@ -365,7 +376,7 @@ def mended(u: Any) -> tuple[Any, npt.NDArray[np.bool_]]:
     missing = np.isnan(u).any(axis=0)
     out = np.where(off | missing, middle, u)
     alone = none.any(axis=0) & missing
-    if alone.any():  # holes without a neighbour
+    if alone.any():  # missing vectors without any neighbour
         known = np.nanmedian(np.where(alone, np.nan, out), axis=(1, 2))
         out = np.where(alone, np.nan_to_num(known)[:, None, None], out)
     return out, off

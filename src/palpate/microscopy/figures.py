@@ -20,17 +20,18 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_error", "plot_field", "plot_traction", "scale_bar", "square_ends"]
 
-#: Arrows along the longer side of a picture; vectors smaller than this part of the largest get none.
+#: Number of arrows along the longer side of a picture. Vectors smaller than SMALLEST times the largest get no arrow.
 ARROWS, SMALLEST = 36, 0.08
 WIDTH = 6.4
-#: A cell that fills less than this part of the view is drawn closer, with so much of its length about it, and all traction above this part of the largest.
+#: If a cell fills less than CLOSER of the view, the plot zooms in to the cell with a margin of ROOM times its length,
+#: and to all traction above FAINT times the largest.
 CLOSER, ROOM, FAINT = 0.5, 0.25, 0.05
-#: An arrow is drawn where the traction is this many standard deviations from zero: at 95 %.
+#: An arrow is drawn where the traction is at least this many standard deviations from zero (95 %).
 SURE = 1.96
 
 
 def _round(value: float) -> float:
-    """1, 2 or 5 times a power of ten, at most ``value``."""
+    """Return the largest number of the form 1, 2 or 5 times a power of ten that is at most ``value``."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(m * power for m in (5.0, 2.0, 1.0) if m * power <= value * (1 + 1e-9))
 
@@ -41,7 +42,7 @@ def _value_text(value: float, unit: str) -> str:
 
 
 def square_ends(field: Field) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top of the vectors' squares [px], rows downwards."""
+    """Return left, right, bottom and top [px] of the area that the vectors' squares cover; rows count downwards."""
     rows, columns = field.shape
     half = 0.5 * field.step
     left, top = field.start[0] - half, field.start[1] - half
@@ -51,8 +52,8 @@ def square_ends(field: Field) -> tuple[float, float, float, float]:
 def _canvas(
     field: Field, picture: Any, near: npt.NDArray[np.bool_] | None = None
 ) -> tuple[Any, Any, tuple[float, float, float, float]]:
-    """Figure and axes in pixels of the picture, rows downwards, with the view: all, or only the squares ``near`` (row, column) if these are much
-    smaller.
+    """Return a figure, its axes in pixels of the picture (rows downwards), and the view: all of it, or only the
+    squares ``near`` (row, column) if these cover a much smaller part.
     """
     from matplotlib.figure import Figure
 
@@ -94,16 +95,16 @@ def _closer(
 def _arrows(
     axes: Any, field: Field, vectors: Floats, unit: str, ends: tuple[float, float, float, float], color: str, show: Any
 ) -> None:
-    """Arrows of a field, and one that says how long they are."""
+    """Draw the arrows of a field and a scale arrow."""
     rows, columns = field.shape
     size = np.hypot(*vectors)
     shown = size[np.isfinite(size)]
     if not shown.size or shown.max() <= 0:
         return
-    # in a sparse map a few squares hold all traction
+    # in a sparse map all traction lies on a few squares
     largest = max(float(np.percentile(shown, 99.8)), 0.7 * float(shown.max()))
     stride = max(1, round(max(rows, columns) / ARROWS))
-    # the strongest first, so that no adhesion falls between arrows
+    # start at the strongest, so that no adhesion falls between two arrows
     i, j = arrow_cells(np.where(show, np.nan_to_num(size), 0.0), (stride, stride), SMALLEST * largest)
     length = 0.085 * (ends[1] - ends[0]) / largest
     style: dict[str, Any] = {
@@ -136,7 +137,7 @@ def _arrows(
 
 
 def scale_bar(axes: Any, field: Field, ends: tuple[float, float, float, float]) -> None:
-    """The scale bar."""
+    """Draw the scale bar."""
     wide, high = ends[1] - ends[0], ends[2] - ends[3]
     scale = _round(0.22 * wide * field.pixel)
     length = scale / field.pixel
@@ -173,12 +174,14 @@ def _outline(axes: Any, forces: CellForces) -> None:
 
 
 def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
-    """Size of the traction in colour over the picture, its largest vectors as arrows, with a scale arrow and a scale bar."""
+    """Plot the magnitude of the traction in colour over the picture, its largest vectors as arrows, a scale arrow and
+    a scale bar.
+    """
     require("figures", "matplotlib")
     field = forces.field
     size = np.hypot(*forces.traction)
     peak = forces.quantities.get("traction_peak")
-    # the largest traction that is written beside the ring is on the scale too
+    # extend the colour scale to the largest traction, which is written beside the ring
     top = max(float(size.max()), 0.0 if peak is None else peak.value, 1e-12)
     factor, unit = scaled(top, "Pa")
     figure, axes, ends = _canvas(field, forces.picture, forces.inside | (size > FAINT * top) if forces.masked else None)
@@ -214,18 +217,18 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
 
 
 def _along(forces: CellForces) -> Floats:
-    """Standard deviation (row, column) [Pa] of the traction along its own direction."""
+    """Return the standard deviation (row, column) [Pa] of the traction along its own direction."""
     size = np.maximum(np.hypot(*forces.traction), 1e-300)
     return np.asarray(np.sqrt(((forces.std * forces.traction / size) ** 2).sum(axis=0)))
 
 
 def _two(value: float) -> str:
-    """Two digits, and all before the point."""
+    """Return a number with two digits, or with all digits before the decimal point."""
     return f"{value:#.2g}".rstrip(".") if abs(value) < 99.5 else f"{value:.0f}"
 
 
 def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float, float, float]) -> None:
-    """A ring round the largest traction, with its interval."""
+    """Draw a ring round the largest traction, and write its interval beside it."""
     q, field = forces.quantities.get("traction_peak"), forces.field
     if q is None or not size.max() > 0:
         return
@@ -236,7 +239,7 @@ def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float,
     low, top = (max(e, 0.0) * factor for e in q.interval)
     said = f"largest {_two(q.value * factor)} {unit}\n95 %: {_two(low)} to {_two(top)}"
     axes.plot(x, y, marker="o", ms=13, mfc="none", mec="white", mew=1.2, zorder=5)
-    # in the upper corner that is nearer, unless the ring is in it
+    # write in the nearer upper corner, unless the ring is there
     left = bool(x < 0.5 * (ends[0] + ends[1]))
     if abs(x - ends[0 if left else 1]) < 0.3 * wide and y - ends[3] < 0.15 * high:
         left = not left
@@ -249,7 +252,7 @@ def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float,
 
 
 def _assumed(forces: CellForces) -> str:
-    """The assumptions of the picture, in two lines."""
+    """Return two lines of text with the assumptions of the result."""
     field, pad = forces.field, forces.pad
     layers = getattr(pad, "layers", None)
     top = pad if layers is None else layers[-1]
@@ -270,14 +273,14 @@ def _assumed(forces: CellForces) -> str:
     return f"{gel}; {window}, one every {1e6 * field.pitch:.3g} µm; pixel {1e6 * field.pixel:.4g} µm\ntraction: {method}, along the surface; arrows: traction that differs from zero at 95 %; {mask}"
 
 
-def plot_field(field: Field, *, picture: Any = None) -> Figure:
-    """Size of the displacements in colour and their arrows."""
+def plot_field(field: Field) -> Figure:
+    """Plot the magnitude of the displacements in colour, and arrows."""
     require("figures", "matplotlib")
     size = np.hypot(*field.displacement)
     top = float(max(np.nanpercentile(size, 99.9), 1e-15))
     factor, unit = scaled(top, "m")
-    figure, axes, ends = _canvas(field, picture)
-    image = axes.imshow(size * factor, extent=square_ends(field), cmap="viridis", vmin=0.0, vmax=top * factor, alpha=0.85 if picture is not None else None, interpolation="nearest", zorder=1)  # fmt: skip
+    figure, axes, ends = _canvas(field, None)
+    image = axes.imshow(size * factor, extent=square_ends(field), cmap="viridis", vmin=0.0, vmax=top * factor, interpolation="nearest", zorder=1)  # fmt: skip
     axes.set_xlim(ends[0], ends[1])
     axes.set_ylim(ends[2], ends[3])
     _arrows(axes, field, field.displacement, "m", ends, "white", np.ones(field.shape, dtype=bool))
@@ -287,7 +290,7 @@ def plot_field(field: Field, *, picture: Any = None) -> Figure:
 
 
 def plot_error(forces: CellForces) -> Figure:
-    """Standard deviation of the traction."""
+    """Plot the standard deviation of the traction."""
     require("figures", "matplotlib")
     field = forces.field
     size = np.sqrt((forces.std**2).sum(axis=0))

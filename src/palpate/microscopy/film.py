@@ -1,4 +1,6 @@
-"""Films: the same cells from frame to frame, one row for each frame and cell, by all cores, and resumed where it was stopped."""
+"""Evaluate films: the same cells in every frame. The result has one row for each frame and cell; all cores are used,
+and an interrupted film is resumed.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["Film", "Job"]
 
-#: Numbers of a row, with their intervals.
+#: Quantities in a row, each with its interval.
 NUMBERS = (
     "strain_energy",
     "contractile_moment",
@@ -43,14 +45,16 @@ NUMBERS = (
     "force_inside",
 )
 
-#: And of normal traction, and of a sheet and its cells.
+#: Further quantities of normal traction, and of a sheet and its cells.
 NORMAL = Normal.NUMBERS
 TENSIONS = ("average_tension", "largest_tension")
 
 
 @dataclass(frozen=True)
 class Job:
-    """One frame: a file, which of its pictures, its number in the film, and the name of its field in a file of several."""
+    """One frame: its file, the index of the picture in the file, its number in the film, and the name of its field if
+    the file holds several.
+    """
 
     file: str
     frame: int
@@ -60,7 +64,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Film:
-    """What is the same for all frames.
+    """Settings that all frames share.
 
     Parameters
     ----------
@@ -71,7 +75,7 @@ class Film:
     pad, pixel, window, step, depth, noise, method, uncertainty, drift
         As for `bead_displacements`, `read_field` and `cell_forces`.
     unit, up, v_up, start, name : optional
-        Of displacement fields, as for `read_field`; ``name`` says which film of a file of several.
+        Options for displacement fields, as for `read_field`; ``name`` selects one of several films in a file.
     channel : int, optional
         Which channel shows the beads, from 1, of pictures of several.
     cells, labels : path, optional
@@ -130,7 +134,7 @@ class Film:
             raise InvalidInput("pictures of a film need one of the beads at rest: give it first (rest=).")
 
     def jobs(self) -> list[Job]:
-        """The frames in order.
+        """Return the frames in order.
 
         Examples
         --------
@@ -146,7 +150,7 @@ class Film:
         return found
 
     def key(self) -> str:
-        """What results depend on, so that a film is not resumed with other settings.
+        """Return a hash of everything that results depend on, so that a film is not resumed with other settings.
 
         Examples
         --------
@@ -161,7 +165,7 @@ class Film:
         return hashlib.sha256(repr(said).encode()).hexdigest()
 
     def solved(self, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """Rows of the cells and of the labels of a frame.
+        """Evaluate a frame; return the rows of its cells and the rows of its labels.
 
         Examples
         --------
@@ -212,7 +216,7 @@ class Film:
             tensions = {} if region is None else dict(zip(TENSIONS, (region.average, region.largest)))
             try:
                 part = forces if len(cells or {}) == 1 else forces.within(one, size=size)
-            except InvalidInput as error:  # a label of few pixels does not cost the frame
+            except InvalidInput as error:  # a label with too few pixels is skipped; the frame is kept
                 rows.append(_unsolved(job, name, f"cell {name}: {error}"))
             else:
                 put(name, part, tensions)
@@ -226,7 +230,9 @@ class Film:
         return rows, labelled
 
     def _labels(self, path: str | Path, job: Job, size: tuple[int, int]) -> dict[str, Any]:
-        """The labels of a frame: those of its page where there are as many pages as frames, else those of all."""
+        """Return the labels of a frame: those of its own page if the file has one page for each frame, otherwise those
+        that all frames share.
+        """
         if Path(path).suffix.lower() not in (".tif", ".tiff"):
             return read_labels(path, size=size, pixel=self.pixel)
         pages = _pictures(*_stamp(path), None)
@@ -246,9 +252,10 @@ class Film:
         processes: int | None = None,
         shown: Callable[[float], None] | None = None,
     ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """All frames: rows of cells and of labels, in order. Each frame is written to ``partial`` as it is done, and not done again when the film is run again.
+        """Evaluate all frames and return the rows of cells and of labels in order. Each frame is written to
+        ``partial`` when it is done, and read from there when the film is run again.
 
-        A frame that cannot be solved has a row that says why.
+        A frame that cannot be evaluated has a row that says why.
 
         Examples
         --------
@@ -259,7 +266,7 @@ class Film:
         left = [j for j in jobs if j.number not in done]
         if shown is not None:
             shown(len(done))
-        # again, so that a line that was cut off does not spoil the next one
+        # write the file anew, so that a line that was cut off does not spoil the next one
         lines = [{"key": self.key()}, *({"number": n, "found": found} for n, found in done.items())]
         text = "".join(json.dumps(line) + "\n" for line in lines)
         atomically(path, lambda at: _write(at, text))
@@ -290,14 +297,14 @@ class Film:
         return [r for cells, _ in ordered for r in cells], [r for _, labels in ordered for r in labels]
 
     def _kept(self, path: Path) -> dict[int, Any]:
-        """Frames that were done before, with the same settings."""
+        """Return the frames that an earlier run evaluated with the same settings."""
         out: dict[int, Any] = {}
         with contextlib.suppress(OSError):
             lines = path.read_text(encoding="utf-8").splitlines()
             for number, line in enumerate(lines):
                 try:
                     held = json.loads(line)
-                except ValueError:  # cut off while it was written
+                except ValueError:  # the line was cut off while it was written
                     break
                 if number == 0:
                     if held.get("key") != self.key():
@@ -310,7 +317,7 @@ class Film:
 
 
 def _columns(key: str, q: Quantity) -> dict[str, str]:
-    """A number of a row, with the ends of its interval."""
+    """Return a quantity and the ends of its interval as columns of a row."""
     low, high = q.interval
     return {
         f"{key}_{q.unit.replace(' ', '')}": f"{q.value:.6g}",
@@ -320,13 +327,13 @@ def _columns(key: str, q: Quantity) -> dict[str, str]:
 
 
 def _stamp(file: str | Path) -> tuple[str, float]:
-    """A file, and when it was changed."""
+    """Return the name of a file and the time of its last change."""
     return str(file), os.path.getmtime(file)
 
 
 @functools.lru_cache(maxsize=3)
 def _pictures(file: str, changed: float, channel: int | None) -> list[Any]:
-    """The pictures of a file, which a process reads once for all of its frames."""
+    """Return the pictures of a file. Each process reads them once for all of its frames."""
     return read_all(Path(file), channel=channel)
 
 
@@ -335,7 +342,7 @@ def _write(at: str, text: str) -> None:
 
 
 def _limit_threads() -> None:
-    """A process is for one core."""
+    """Limit a worker process to one core."""
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(1)

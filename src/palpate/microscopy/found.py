@@ -1,4 +1,4 @@
-"""The contents of a file before the size of a pixel is known."""
+"""The contents of a file of displacements, before the size of a pixel is known."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ __all__ = ["Found", "beside", "chosen", "list_names", "normal_beside", "stacked_
 
 @dataclass(kw_only=True, eq=False)
 class Found:
-    """Vectors of one field: ``u``, ``v`` (row, column), or (n,) at positions ``x``, ``y``; ``unit`` of the vectors and ``place`` of the
-    positions where the file says it, and the metres in a ``pixel``."""
+    """Vectors of one field: ``u``, ``v`` (row, column), or (n,) at positions ``x``, ``y``. If the file states them,
+    ``unit`` is the unit of the vectors, ``place`` that of the positions, and ``pixel`` the size of a pixel [m].
+    """
 
     u: Any
     v: Any
     x: Any = None
     y: Any = None
     std: tuple[Any, Any] | None = None
-    #: displacement out of the plane, of the shape and unit of u
+    #: displacement out of the plane, with the shape and unit of u
     w: Any = None
     bad: Any = None
     unit: str | None = None
     place: str | None = None
     pixel: float | None = None
-    #: a file of a program that always writes pixels
+    #: whether the file comes from a program that always writes pixels
     pixels: bool = False
     notes: list[str] = field(default_factory=list)
 
 
 def stacked_pair(path: Any, values: Any) -> Found:
-    """Both components in one array: (2, row, column) or (row, column, 2)."""
+    """Split one array that holds both components, (2, row, column) or (row, column, 2)."""
     values = np.asarray(values)
     if values.dtype.kind not in "fiu":
         raise InvalidInput(f"{path}: holds {values.dtype}, no real numbers.")
@@ -57,9 +58,10 @@ def stacked_pair(path: Any, values: Any) -> Found:
 def beside(
     held: dict[str, Any], shape: tuple[int, ...]
 ) -> tuple[tuple[Any, Any] | None, tuple[Any, Any] | None, list[str]]:
-    """Positions and standard deviations of vectors of a shape, among arrays by their names in lower case; and what is to be said of them.
+    """Find positions and standard deviations of the vectors among the other arrays of the file, whose names are keys
+    in lower case. Also return the notes to give.
 
-    Positions may be those of columns and rows alone, as MATLAB's ``xvec`` and ``yvec`` are.
+    Positions may be given for columns and rows only, like ``xvec`` and ``yvec`` of MATLAB.
     """
     places: tuple[Any, Any] | None = None
     notes: list[str] = []
@@ -97,7 +99,9 @@ def beside(
 
 
 def normal_beside(held: dict[str, Any], shape: tuple[int, ...]) -> Any:
-    """The displacement out of the plane of vectors of a shape, among arrays by their names in lower case; None where there is none, or only zeros."""
+    """Find the displacement out of the plane among the other arrays of the file, whose names are keys in lower case;
+    None if there is none, or if it is zero everywhere.
+    """
     for name in OUT_OF_PLANE:
         w = np.asarray(held.get(name))
         if w.dtype.kind in "fiu" and w.shape == shape and np.nanmax(np.abs(w), initial=0.0) > 0:
@@ -106,14 +110,16 @@ def normal_beside(held: dict[str, Any], shape: tuple[int, ...]) -> Any:
 
 
 def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = "fields") -> Any:
-    """The one field, or that of a name, or of the number of a frame; `InvalidInput` lists those that are there."""
+    """Return the candidate with the given name or frame number, or the only one; otherwise `InvalidInput` lists the
+    candidates.
+    """
     if name is not None:
         matching = [key for key in candidates if key == name] or [key for key in candidates if name in key.split(", ")]
         if len(matching) == 1:
             return candidates[matching[0]]
         numbered = [key for key in candidates if key.endswith(f"({name})")]
         if name.isdigit() and numbered:
-            # the filtered output of a program comes before its input: in the order of the names
+            # prefer the filtered output of a program to its input, by the order of the names
             best = min(numbered, key=lambda key: _rank(key))
             if len([key for key in numbered if _rank(key) == _rank(best)]) == 1:
                 return _noted(candidates[best], f"frame {name} is {best}")
@@ -132,7 +138,7 @@ def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = 
 
 
 def _rank(key: str) -> int:
-    """The place of a field's names in `VECTORS`."""
+    """Return the position of a field's names in `VECTORS`."""
     first = key.rpartition("(")[0].split(", ")[0].rpartition(".")[2].lower()
     return next((k for k, pair in enumerate(VECTORS) if pair[0] == first), len(VECTORS))
 
@@ -144,6 +150,6 @@ def _noted(found: Any, note: str) -> Any:
 
 
 def list_names(names: Any) -> str:
-    """The names for a message."""
+    """Join names for a message."""
     listed = list(names)
     return ", ".join(map(repr, listed[:8])) + (f" and {len(listed) - 8} more" if len(listed) > 8 else "")

@@ -1,4 +1,4 @@
-"""From displacements to traction, with samples of its posterior."""
+"""Invert displacements to traction, and draw samples of its posterior."""
 
 from __future__ import annotations
 
@@ -28,13 +28,15 @@ from palpate.touch import Touch
 __all__ = ["Inverted", "inverted", "of_adhesions"]
 
 COMPONENTS = ("x", "y")
-#: Average the displacement of the field of view over this many rows and columns.
+#: The mean displacement of the field of view is computed from this many rows and columns.
 MEAN_SAMPLES = 12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Iterated(Tikhonov):
-    """Tikhonov's method without a decomposition at any size: a picture is solved once, and its posterior is sampled."""
+    """Tikhonov's method without a matrix decomposition, whatever the size: a picture is solved only once, and its
+    posterior is sampled.
+    """
 
     name: ClassVar[str] = "tikhonov"
 
@@ -53,7 +55,7 @@ class Iterated(Tikhonov):
 
 @dataclass(frozen=True, eq=False)
 class Inverted:
-    """A traction on the field's own grid, and what it does there.
+    """A traction on the grid of the field, and the quantities that derive from it.
 
     Attributes
     ----------
@@ -71,12 +73,12 @@ class Inverted:
     moved: Floats
     draws: Floats
     moved_by_draws: Floats
-    #: The samples of adhesions, and the work of each blob [J]; None from a linear method.
+    #: The samples of adhesions, and the work of each blob [J]; None if a linear method was used.
     samples: tuple[Sample, ...] | None = None
     work: tuple[Floats, ...] | None = None
     notes: tuple[str, ...] = ()
     response: Response | None = None
-    #: Normal traction, where displacements out of the plane tell it.
+    #: Normal traction, if the field has displacements out of the plane.
     normal: Any = None
 
 
@@ -92,7 +94,9 @@ def of_adhesions(
     draws: int,
     seed: int,
 ) -> Inverted:
-    """Traction of a field as adhesions make it, sampled; ``likely`` (row, column) is where they are expected."""
+    """Estimate the traction of a field as adhesions, by sampling. ``likely`` (row, column) marks where adhesions are
+    expected.
+    """
     found = sampled(field, pad, depth=depth, noise=noise, likely=likely, drift=drift, draws=draws, seed=seed)
     skin = Skin(pad, field.array(depth=depth, noise=field.noise if noise is None else noise), uncertainty=uncertainty)
     maps = Maps.of(found, field, skin.surface)
@@ -134,16 +138,16 @@ def inverted(
     draws: int,
     seed: int,
 ) -> Inverted:
-    """Traction of a field, with samples of its posterior."""
+    """Estimate the traction of a field by Tikhonov's method, and draw samples of its posterior."""
     array = field.array(depth=depth, noise=noise)
     skin = Skin(pad, array, nuisance=nuisance, uncertainty=uncertainty)
     readings = np.nan_to_num(field.displacement)
     touch = skin.reconstruct(readings, method=Iterated(order=order, rule=rule), components=COMPONENTS)
-    errors = touch.errors
+    errors = None if touch._errors is None else touch._errors.posterior
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]
-    # the surface itself moves, at any depth of the beads
+    # work is done by the displacement of the surface, however deep the beads lie
     grid: Any = skin.surface
     top = AreaArray(shape=grid.shape, pitch=grid.spacings[0], depth=0.0, channels=array.channels, center=grid.center)
     whole = Skin(pad, top, surface=grid)

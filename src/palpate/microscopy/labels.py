@@ -1,4 +1,6 @@
-"""Adhesions or cells that somebody outlined: a label picture or ImageJ's regions of interest, and the force of each."""
+"""Forces in regions that a user outlined (adhesions or cells), given as a label picture or as ImageJ's regions of
+interest.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +27,19 @@ if TYPE_CHECKING:
 
 __all__ = ["LabelForce", "forces_of_labels", "read_labels", "write_labels_table"]
 
-#: Divide the square of each vector into this many parts along each side to measure how much of it a label covers.
+#: Each vector's square is divided into this many parts along each side to measure how much of it a label covers.
 SUBDIVISIONS = 4
-#: Vectors within so many pitches of an outline determine its force; and half of the loads of so many standard deviations stay undetected.
+#: Vectors within NEAR pitches of an outline determine its force. A load of UNSEEN standard deviations goes undetected
+#: in half of the cases.
 NEAR, UNSEEN = 3.0, 2.0
-#: A picture with more labels is a photograph.
+#: A picture with more labels than this is taken for a photograph and refused.
 MAX_LABELS = 20_000
 REGIONS = (".roi", ".zip")
 
 
 @dataclass(frozen=True)
 class LabelForce:
-    """The force in one outline.
+    """The force within one outline.
 
     Attributes
     ----------
@@ -64,7 +67,7 @@ class LabelForce:
 
     @property
     def mean_traction(self) -> float:
-        """Size of the force over the area [Pa].
+        """Magnitude of the force divided by the area [Pa].
 
         Examples
         --------
@@ -78,9 +81,12 @@ class LabelForce:
 def read_labels(
     source: str | Path | npt.ArrayLike, *, size: tuple[int, int] | None = None, pixel: float | None = None
 ) -> dict[str, npt.NDArray[np.bool_]]:
-    """Masks (row, column) by label, from a picture of whole numbers (0: none; TIFF, PNG, .npy, _seg.npy of Cellpose), ImageJ's regions (.roi, RoiSet.zip), or outlines as `read_mask` reads them (.csv, .txt, .json), labelled by their place from 1.
+    """Read masks (row, column) by label. The source is a picture of whole numbers (0: no label; TIFF, PNG, .npy,
+    _seg.npy of Cellpose), ImageJ's regions (.roi, RoiSet.zip), or outlines as `read_mask` reads them (.csv, .txt,
+    .json), which are numbered from 1.
 
-    ``size``: columns and rows of the picture that regions and outlines belong to; ``pixel``: metres in a pixel, for outlines in units of length.
+    ``size``: columns and rows of the picture that regions and outlines belong to; ``pixel``: size of a pixel [m], for
+    outlines in units of length.
 
     Raises
     ------
@@ -140,7 +146,7 @@ def _of_picture(values: npt.NDArray[Any], name: str) -> dict[str, npt.NDArray[np
 
 
 def _of_outlines(path: Path, size: tuple[int, int] | None, pixel: float | None) -> dict[str, npt.NDArray[np.bool_]]:
-    """Outlines of corners in pixels."""
+    """Return the masks of outlines given as corners."""
     if size is None:
         raise InvalidInput(
             f"{path}: outlines do not tell the size of their picture: give a label picture of its size (TIFF, PNG), or the size: --image of tfm, size= in Python."
@@ -151,7 +157,7 @@ def _of_outlines(path: Path, size: tuple[int, int] | None, pixel: float | None) 
 
 
 def _of_regions(path: Path, size: tuple[int, int] | None) -> dict[str, npt.NDArray[np.bool_]]:
-    """ImageJ's regions of interest."""
+    """Return the masks of ImageJ's regions of interest."""
     try:
         import roifile
     except ImportError as error:
@@ -162,7 +168,7 @@ def _of_regions(path: Path, size: tuple[int, int] | None) -> dict[str, npt.NDArr
         )
     try:
         held = roifile.roiread(path)
-    except Exception as error:  # of any kind that a damaged file makes
+    except Exception as error:  # a damaged file may raise any kind of error
         raise InvalidInput(
             f"{path}: cannot be read as ImageJ's regions ({type(error).__name__}: {str(error)[:80]})."
         ) from error
@@ -182,7 +188,7 @@ def _of_regions(path: Path, size: tuple[int, int] | None) -> dict[str, npt.NDArr
 
 
 def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] | None = None) -> list[LabelForce]:
-    """The force in each label's area, with its error: the sum of the traction over it.
+    """Return the force in each label's area, with its error: the sum of the traction over the area.
 
     Parameters
     ----------
@@ -233,11 +239,11 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
             continue
         each = sums[:, :, i - 1]
         hidden = _hidden(forces, mask, area, each)
-        (fx, sx, _), (fy, sy, _) = (read("force", each[:, c], forces.touch.common_std) for c in (0, 1))
+        (fx, sx, _), (fy, sy, _) = (read("force", each[:, c], forces.touch._scale_std) for c in (0, 1))
         along = np.array([fx, fy]) / max(math.hypot(fx, fy), 1e-300)
         length = math.hypot(fx, fy)
         sx, sy = math.hypot(sx, hidden), math.hypot(sy, hidden)
-        std = math.hypot(read("force", each @ along, forces.touch.common_std)[1], hidden)
+        std = math.hypot(read("force", each @ along, forces.touch._scale_std)[1], hidden)
         middle = tuple(float(np.mean(m)) for m in np.nonzero(mask)[::-1])
         out.append(
             LabelForce(
@@ -258,9 +264,11 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
 
 
 def _hidden(forces: CellForces, mask: npt.NDArray[np.bool_], area: float, sums: Floats) -> float:
-    """Standard deviation [N] of a force that may be there unseen, in the share of the samples that have none: an adhesion that somebody outlined is not there by chance.
+    """Return the standard deviation [N] of a force that may be present but undetected, for the fraction of samples
+    without a blob in the outline. It is added because a user would not outline an adhesion by chance.
 
-    With vectors near it as all that tells it, their mean apart, a force is known to noise/|response|; samples take a blob in from some four of these on.
+    If only the vectors near it, relative to their mean, determine a force, its standard deviation is noise/|response|;
+    the samples contain a blob for forces from about four of these on.
     """
     if forces.samples is None or forces.response is None or forces.touch.noise_std is None:
         return 0.0
@@ -273,7 +281,7 @@ def _hidden(forces: CellForces, mask: npt.NDArray[np.bool_], area: float, sums: 
     near = (np.hypot(gx, gy) < NEAR * field.pitch + math.sqrt(area)) & field.valid
     if near.sum() < 3:
         return 0.0
-    # an outline is wider than the adhesion in it
+    # users draw outlines wider than the adhesion
     variance = area / 36 + field.aperture**2 / 12
     seen = forces.response.tensor(gx[near], gy[near], variance)[0]
     known = float(np.mean(forces.touch.noise_std)) / max(float(np.linalg.norm(seen - seen.mean())), 1e-300)
@@ -281,12 +289,12 @@ def _hidden(forces: CellForces, mask: npt.NDArray[np.bool_], area: float, sums: 
 
 
 def _parts(count: int) -> Floats:
-    """Middles of the parts of ``count`` squares, in steps from the first vector."""
+    """Return the middles of the parts of ``count`` squares, in steps from the first vector."""
     return (np.arange(count * SUBDIVISIONS) + 0.5) / SUBDIVISIONS - 0.5
 
 
 def _tractions(forces: CellForces, x: Floats, y: Floats, side: float) -> Any:
-    """The draws of the traction (2, y, x), one after the other."""
+    """Iterate over the draws of the traction (2, y, x)."""
     if forces.samples is not None:
         for sample in forces.samples:
             yield sample.on(x, y, side)
@@ -300,7 +308,7 @@ def _sums(traction: Floats, number: npt.NDArray[Any], count: int) -> Floats:
 
 
 def write_labels_table(rows: list[dict[str, Any]], path: str | Path) -> None:
-    """Rows as CSV, in the order of their first row's names.
+    """Write rows as CSV; the names in the first row give the columns.
 
     Examples
     --------
@@ -318,7 +326,7 @@ def write_labels_table(rows: list[dict[str, Any]], path: str | Path) -> None:
 
 
 def rows_of(labelled: list[LabelForce], *, file: str, frame: int) -> list[dict[str, Any]]:
-    """Rows of a table: the origin and the size of each label's force."""
+    """Return rows of a table: the file, the frame and the force of each label."""
     return [
         {
             "file": file,

@@ -37,9 +37,10 @@ def layer_reader(path: Any) -> Callable[[Any], list[Layer]] | None:
 
 
 def cell_layers(path: Any) -> list[Layer]:
-    """Layers (data, options, kind) of the .nc file that `palpate tfm` and `CellForces.write_netcdf` write.
+    """Return layers (data, options, kind) of the .nc file that `palpate tfm` and `CellForces.write_netcdf` write.
 
-    Size of the traction and of its standard deviation [Pa] as images, traction and displacement as arrows, the cell as labels; places in micrometres from the middle of the picture's first pixel.
+    Magnitudes of the traction and of its standard deviation [Pa] become images, traction and displacement become
+    arrows, and the cell becomes labels. Positions are in micrometres from the middle of the picture's first pixel.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where the cell is: a picture that is zero outside, or an outline."""
+"""Read where the cell is: a picture that is zero outside the cell, or an outline."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ __all__ = ["inside_outline", "on_grid", "read_mask"]
 
 Bools = npt.NDArray[np.bool_]
 
-#: A picture of more grey levels than this is no mask, unless so many of the pixels side by side have one value: it then holds labels.
+#: A picture with more grey levels than LEVELS is not a mask, unless at least EQUAL of the adjacent pixels have equal
+#: values: then it holds labels.
 LEVELS, EQUAL = 16, 0.9
 #: Column names of the coordinates of an outline: x, and y below.
 X_NAMES = ("x", "px", "pos_x", "xpos", "col", "column", "columns", "axis-1", "axis_1")
@@ -91,7 +92,7 @@ def read_outlines(path: Path, *, pixel: float | None) -> list[Floats]:
 
 
 def array_or_masks(path: Path) -> tuple[npt.NDArray[Any], bool]:
-    """The array in a .npy file, or the ``masks`` of Cellpose, and whether it was the latter."""
+    """Return the array in a .npy file, or the ``masks`` of a Cellpose file, and whether it was a Cellpose file."""
     try:
         return np.load(path, allow_pickle=False), False
     except (ValueError, OSError, EOFError):
@@ -116,7 +117,7 @@ def read_mask_array(path: Path, cell: int | None) -> npt.NDArray[Any]:
 
 
 def _select_outline(outlines: Sequence[Any], cell: int | None, name: str) -> Any:
-    """The outline of one cell, by its place from 1."""
+    """Return the outline of one cell, by its number from 1."""
     if cell is None and len(outlines) > 1:
         raise InvalidInput(
             f"{name}: holds the outlines of {len(outlines)} cells: say which with cell=1 to cell={len(outlines)} (--cell 1)."
@@ -184,7 +185,7 @@ def _area(corners: Floats) -> float:
 
 
 def _corners(path: Path, ending: str, pixel: float | None) -> list[Any]:
-    """The outlines of a file, each a list of corners."""
+    """Return the outlines in a file, each a list of corners."""
     if ending == ".roi":
         raise InvalidInput(
             f"{path}: .roi files are not read: in ImageJ, File > Save As > XY Coordinates writes the outline as text."
@@ -200,7 +201,7 @@ def _corners(path: Path, ending: str, pixel: float | None) -> list[Any]:
 
 
 def _ring(path: Path, held: Any) -> Any:
-    """Corners of a GeoJSON feature or geometry, or of a list."""
+    """Return the corners of a GeoJSON feature or geometry, or of a list."""
     for _ in range(4):
         if not isinstance(held, dict):
             break
@@ -213,7 +214,7 @@ def _ring(path: Path, held: Any) -> Any:
 
 
 def _text_corners(path: Path, pixel: float | None) -> list[Any]:
-    """Outlines of a text file: one corner in a line, or one cell in a line (Cellpose)."""
+    """Return the outlines in a text file that has either one corner or one cell (Cellpose) to a line."""
     rows = [split(line.strip()) for line in text_of(path)[0] if line.strip()]
     at = next((k for k, row in enumerate(rows) if all(map(is_number, row))), None)
     named = next((row for row in rows[:at] if any(_side(cell) for cell in row)), None)
@@ -242,13 +243,13 @@ def _text_corners(path: Path, pixel: float | None) -> list[Any]:
 
 
 def _side(name: str) -> str:
-    """ "x" or "y" if a column holds that coordinate of an outline, else ""."""
+    """Return "x" or "y" if a column of this name holds that coordinate of an outline, else ""."""
     short = re.sub(r"[_ ](px|pixels?|[uµμnm]?m)$", "", plain(name.lstrip("#% ")))
     return "x" if short in X_NAMES else "y" if short in Y_NAMES else ""
 
 
 def _named_corners(path: Path, names: list[str], rows: list[list[str]], pixel: float | None) -> list[Any]:
-    """Corners in columns that a header names, in the order and unit that it says."""
+    """Return the corners in columns that a header names, using the order and unit that it states."""
     sides = [_side(name) for name in names]
     if sides.count("x") != 1 or sides.count("y") != 1:
         raise InvalidInput(
@@ -284,9 +285,10 @@ def _named_corners(path: Path, names: list[str], rows: list[list[str]], pixel: f
 def on_grid(
     mask: npt.NDArray[Any], field: Field, *, size: tuple[int, int] | None = None, name: str = "the mask"
 ) -> Bools:
-    """Where the vectors of a field lie in a mask (row, column); ``size``: columns and rows of the picture.
+    """Return which vectors of a field lie in a mask (row, column); ``size``: columns and rows of the picture.
 
-    A picture's mask has the picture's size (or that of the grid of vectors); a vector is inside where the most of its square of one step is.
+    A mask that is a picture must have the size of the microscope's picture, or of the grid of vectors. A vector is
+    inside if more than half of its square (side: one step) is.
 
     Raises
     ------
@@ -332,7 +334,9 @@ def on_grid(
 
 
 def _shares(mask: Bools, x: Floats, y: Floats, step: float) -> Floats:
-    """The part of each vector's square that is inside, by sums from the corner."""
+    """Return the fraction of each vector's square that is inside, from sums over rectangles that begin at the corner
+    of the mask.
+    """
     table = np.zeros((mask.shape[0] + 1, mask.shape[1] + 1))
     table[1:, 1:] = np.cumsum(np.cumsum(mask, axis=0, dtype=np.float64), axis=1)
 
@@ -351,7 +355,7 @@ def _shares(mask: Bools, x: Floats, y: Floats, step: float) -> Floats:
 
 
 def inside_outline(corners: Floats, x: Floats, y: Floats) -> Bools:
-    """Points of a grid inside an outline, by the even-odd rule."""
+    """Return which points of a grid lie inside an outline, by the even-odd rule."""
     xx, yy = np.meshgrid(x, y)
     inside = np.zeros(xx.shape, dtype=bool)
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0)):

@@ -1,4 +1,6 @@
-"""Displacement fields in .mat files: v5 by SciPy, v7.3 (which is HDF5) by h5py, structs and cells inside each other; and in plain HDF5."""
+"""Read displacement fields from .mat files and plain HDF5: v5 by SciPy, v7.3 (which is HDF5) by h5py, including nested
+structs and cells.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +20,19 @@ from palpate.units import UNITS
 __all__ = ["fields_of", "read_mat"]
 
 _DAMAGED = "{path}: cannot be read as .mat or HDF5 ({error}); it is truncated, damaged or of another format. Save it again from the program that made it."
-#: Structs within structs that are looked into.
+#: Depth of nested structs that is searched.
 DEEPEST = 12
 
 
 def read_mat(path: Path, name: str | None) -> Found:
-    """The field of a .mat file, or of an HDF5 file that MATLAB did not write, whose matrices are as they stand."""
+    """Read the field in a .mat file, or in an HDF5 file that MATLAB did not write. Matrices of the latter are not
+    transposed.
+    """
     return chosen(path, fields_of(path), name)
 
 
 def fields_of(path: Path) -> dict[str, Found]:
-    """Every field of a .mat or HDF5 file, by its name."""
+    """Return every field of a .mat or HDF5 file by name."""
     if path.suffix.lower() != ".mat":
         return _all(path, _version_73(path, turned=False))
     with path.open("rb") as file:
@@ -41,7 +45,7 @@ def fields_of(path: Path) -> dict[str, Found]:
 def _all(path: Path, tree: dict[str, Any]) -> dict[str, Found]:
     candidates = dict(_fields(tree, ""))
     for found in candidates.values():
-        # those of the file, if the struct of the field has none
+        # use units of the whole file if the struct of the field states none
         place, unit, pixel = _stated(tree)
         found.place, found.unit, found.pixel = found.place or place, found.unit or unit, found.pixel or pixel
         for key in ("place", "unit"):
@@ -85,7 +89,7 @@ def _version_5(path: Path) -> dict[str, Any]:
 
 
 def _check_sizes(path: Path) -> None:
-    """Refuse packed variables that claim more than a field can be: each begins with its size."""
+    """Raise an error for compressed variables whose stated size is larger than a field can be."""
     import struct
     import zlib
 
@@ -95,18 +99,18 @@ def _check_sizes(path: Path) -> None:
         while len(tag := file.read(8)) == 8:
             kind, count = struct.unpack(order + "II", tag)
             start = file.tell()
-            if kind == 15:  # deflated
+            if kind == 15:  # 15 means compressed
                 try:
                     inner = zlib.decompressobj().decompress(file.read(min(count, 256)), 8)
                 except zlib.error:
-                    return  # the reader reports it
+                    return  # the reader reports the error
                 if len(inner) == 8:
                     check_size(struct.unpack(order + "II", inner)[1], f"{path}: a variable")
             file.seek(start + count)
 
 
 def _unpacked(value: Any, depth: int) -> Any:
-    """Structs as dictionaries, arrays of structs and cells as lists."""
+    """Convert structs to dictionaries, and arrays of structs and cells to lists."""
     if depth > DEEPEST or not isinstance(value, np.ndarray):
         return value
     if value.dtype.names:
@@ -122,7 +126,8 @@ def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
     require("MATLAB 7.3 and HDF5 files", "h5py")
     import h5py
 
-    from palpate.recordings.netcdf import DAMAGE, guard, opened
+    from palpate.recordings.damage import DAMAGE
+    from palpate.recordings.netcdf import guard, opened
 
     try:
         with opened(path) as file:
@@ -137,7 +142,7 @@ def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
 
 
 def _attributes(group: Any, parts: dict[str, Any]) -> dict[str, Any]:
-    """The parts of a group, with the units that HDF5 and netCDF store beside a matrix."""
+    """Return the parts of a group, with units that HDF5 and netCDF store as attributes of a matrix."""
     for key in list(parts):
         for name in UNIT_NAMES:
             unit = group[key].attrs.get(name) if isinstance(parts[key], np.ndarray) else None
@@ -147,17 +152,19 @@ def _attributes(group: Any, parts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _followed(file: Any, held: Any, h5py: Any, depth: int, turned: bool) -> Any:
-    """MATLAB keeps matrices by columns, so that HDF5 sees them transposed; structs are groups, cells and arrays of structs are references."""
+    """Follow references in a MATLAB v7.3 file. MATLAB stores matrices by columns, so that HDF5 sees them transposed;
+    structs are groups; cells and arrays of structs are references.
+    """
     if depth > DEEPEST:
         return None
     if isinstance(held, h5py.Group):
         parts = _attributes(held, {key: _followed(file, held[key], h5py, depth + 1, turned) for key in held})
-        if list(held) == ["0"]:  # one frame of several
+        if list(held) == ["0"]:  # a single frame of a series
             return parts["0"]
         lists = {key: part for key, part in parts.items() if isinstance(part, list)}
         if (
             parts and len(lists) == len(parts) and len({len(part) for part in lists.values()}) == 1
-        ):  # an array of structs
+        ):  # this is an array of structs
             return [dict(zip(lists, each)) for each in zip(*lists.values())]
         return parts
     if held.dtype == h5py.ref_dtype:
@@ -173,14 +180,16 @@ def _followed(file: Any, held: Any, h5py: Any, depth: int, turned: bool) -> Any:
 
 
 def _words(value: Any) -> str:
-    """A text of MATLAB or HDF5; "" of anything else."""
+    """Return a text of MATLAB or HDF5; "" if the value is anything else."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.size:
         return " ".join(map(str, value.ravel()))
     return value if isinstance(value, str) else ""
 
 
 def _stated(tree: dict[str, Any]) -> tuple[str | None, str | None, float | None]:
-    """Units of positions and displacements, and the metres in a pixel of PIVlab's calibration, as a struct says them."""
+    """Return the units of positions and displacements, and the size of a pixel [m] from PIVlab's calibration, as far
+    as a struct states them.
+    """
     lower = {key.lower(): value for key, value in tree.items()}
     place = unit = None
     for key in UNIT_NAMES:
@@ -196,7 +205,7 @@ def _numbers(value: Any) -> bool:
 
 
 def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
-    """Every field of a tree, with its place."""
+    """Iterate over every field of a tree, with its path."""
     if isinstance(tree, list):
         for i, each in enumerate(tree):
             yield from _fields(each, f"{where}({i + 1})")

@@ -1,4 +1,4 @@
-"""What the files of others call displacements along x and y, positions, and marks of bad vectors."""
+"""Names that other programs give to displacements along x and y, to positions, and to marks of bad vectors."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ __all__ = [
     "which",
 ]
 
-#: Names of displacements along x and y that belong together, in lower case.
+#: Pairs of names of displacements along x and y, in lower case.
 VECTORS = (
-    ("u", "v"), ("ux", "uy"), ("u_x", "u_y"), ("dx", "dy"), ("displacement_x", "displacement_y"), ("disp_x", "disp_y"), ("u_filtered", "v_filtered"),
+    ("upost", "vpost"), ("u", "v"), ("ux", "uy"), ("u_x", "u_y"), ("dx", "dy"), ("displacement_x", "displacement_y"), ("disp_x", "disp_y"), ("u_filtered", "v_filtered"),
     ("u_original", "v_original"), ("u_smoothed", "v_smoothed"), ("u_component", "v_component"), ("ux1", "uy1"), ("vx", "vy"), ("umat", "vmat"),
 )  # fmt: skip
-#: And of positions, standard deviations, and columns that mark bad vectors.
+#: Names of positions, of standard deviations, and of columns that mark bad vectors.
 POSITIONS = (
     ("x", "y"), ("xw", "yw"), ("pos_x", "pos_y"), ("px", "py"), ("column", "row"), ("ref_x", "ref_y"), ("xvec", "yvec"), ("x_vec", "y_vec"),
     ("xpos", "ypos"), ("x_pos", "y_pos"), ("xgrid", "ygrid"), ("gridx", "gridy"), ("x0", "y0"),
@@ -37,13 +37,13 @@ STDS = (
     ("ex", "ey"), ("su", "sv"), ("std_u", "std_v"), ("u_std", "v_std"), ("ustd", "vstd"), ("stdu", "stdv"), ("uxstd", "uystd"), ("ux_std", "uy_std"), ("std_ux", "std_uy"),
     ("uncertainty_u", "uncertainty_v"), ("sigma_u", "sigma_v"), ("u_sigma", "v_sigma"), ("u_err", "v_err"), ("err_u", "err_v"),
 )  # fmt: skip
-#: And of one standard deviation for both.
+#: Names of one standard deviation for both components.
 BOTH_STDS = ("std", "ustd", "u_std", "sigma")
-#: And of the displacement out of the plane.
+#: Names of the displacement out of the plane.
 OUT_OF_PLANE = ("w", "uz", "u_z", "dz", "displacement_z", "disp_z")
-#: And of the number of a frame, in tables of several.
+#: Names of the number of the frame, in tables with several frames.
 FRAMES = ("frame", "frames", "frame_number", "frame number", "timepoint")
-#: And of words for the units of positions and displacements.
+#: Names of entries that state the units of positions and displacements.
 UNIT_NAMES = ("units", "unit")
 FLAGS = ("flags", "flag", "mask", "vector type", "typevector", "type", "chc")
 
@@ -60,7 +60,7 @@ def plain(name: str) -> str:
 
 
 def unit_in(name: str) -> str | None:
-    """The unit in brackets of a name, or None: 'u [px/frame]' gives "px", 'u (um)' gives "um"."""
+    """Return the unit in brackets of a name, or None: 'u [px/frame]' gives "px", 'u (um)' gives "um"."""
     found = _UNIT.search(name)
     if found is None:
         return None
@@ -68,18 +68,20 @@ def unit_in(name: str) -> str | None:
 
 
 def unit_of(text: str) -> str | None:
-    """The canonical name of a unit: "px" for "pixels/frame", "um" for "microns"; None for no unit."""
+    """Return the canonical name of a unit: "px" for "pixels/frame", "um" for "microns"; None if it is not a unit."""
     unit = re.sub(r"/\s*(frame|fr|pair)s?$", "", text.strip().strip("[]").strip(), flags=re.IGNORECASE)
     return _WRITTEN.get(unit.lower(), plain_unit(unit)) or None
 
 
 def units_of(text: str) -> tuple[str | None, str | None]:
-    """Of positions and of displacements, in the words of a file: "[px] respectively [px/frame]" (PIVlab), or one for both."""
+    """Return the units of positions and of displacements from the text of a file: "[px] respectively [px/frame]"
+    (PIVlab), or one unit for both.
+    """
     parts = re.split(r"\s+respectively\s+|\s*;\s*|\s*,\s*", text.strip())
     return (unit_of(parts[0]), unit_of(parts[1])) if len(parts) == 2 else (unit_of(text), unit_of(text))
 
 
 def which(names: Iterable[str], pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """The pairs whose names are both there."""
+    """Return the pairs of which both names are present."""
     there = set(names)
     return [pair for pair in pairs if pair[0] in there and pair[1] in there]

@@ -1,11 +1,13 @@
-"""Noise of displacements that windows make: it differs from vector to vector, and windows that overlap share it.
+"""Noise of displacements that windows measure: it differs from vector to vector, and overlapping windows share it.
 
-A window's displacement is a weighted mean over its beads. Where the gel is stretched within the window, which beads happen to lie there decides, so that the standard deviation
-is many times larger at an adhesion than beside it. Two windows of side w whose middles are dx and dy apart share the part
+The displacement of a window is a weighted mean over its beads. Where the gel is stretched within the window, the
+result depends on which beads happen to lie there, so that the standard deviation is many times larger at an adhesion
+than beside it. Two windows of side w whose middles are dx and dy apart have the fraction
 
     c = (1 - |dx|/w) (1 - |dy|/w)
 
-of their beads, and that is the correlation of their errors; a small part of the variance (interpolation, pixels) is each vector's own.
+of their beads in common, and c is the correlation of their errors. A small fraction of the variance (interpolation,
+pixels) is independent for each vector.
 """
 
 from __future__ import annotations
@@ -20,33 +22,40 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Noise", "Whitener", "shared_variance", "whitener"]
 
-#: Part of the variance that no other window shares. Of rendered beads neighbours at half a window correlate by 0.44 to 0.5 (0.5 by the formula) and by 0.73 at a quarter (0.75); a
-#: part of 0.1 keeps the model from taking the finest differences between overlapping windows as known.
+#: Fraction of the variance that a vector shares with no other window. In rendered pictures neighbours at half a window
+#: correlate by 0.44 to 0.5 (formula: 0.5), and by 0.73 at a quarter (0.75). A fraction of 0.1 keeps the model from
+#: trusting the finest differences between overlapping windows.
 INDEPENDENT_SHARE = 0.1
-#: A vector's error given the others follows from so many that come before it (A. V. Vecchia, J. R. Stat. Soc. B 50, 1988, 297-312).
+#: The error of a vector is conditioned on this many of the vectors before it (A. V. Vecchia, J. R. Stat. Soc. B 50,
+#: 1988, 297-312).
 BEFORE = 40
-#: Covariances of more vectors are not stored as a whole.
+#: Covariance matrices of more vectors than this are stored sparse.
 DENSE = 3000
-#: Smallest standard deviation of a vector over the typical one: those of residuals are themselves uncertain.
+#: Smallest standard deviation of a vector relative to the typical one, because standard deviations that derive from
+#: residuals are themselves uncertain.
 MIN_RELATIVE_STD = 0.3
 
 Flags = npt.NDArray[np.bool_]
 
 
 class Noise:
-    """Standard deviation of each vector relative to the typical one, ``relative`` (row, column), and the side [m] of the windows that share it; 0: each has its own."""
+    """Standard deviation of each vector relative to the typical one, ``relative`` (row, column), and the ``side`` [m]
+    of the windows that share noise; 0 if noise is independent.
+    """
 
     def __init__(self, relative: Floats, side: float) -> None:
         self.relative, self.side = relative, side
 
     @classmethod
     def even(cls, shape: tuple[int, int]) -> Noise:
-        """The same everywhere, each vector with its own."""
+        """Return noise that is equal for all vectors and independent."""
         return cls(np.ones(shape), 0.0)
 
     @classmethod
     def of(cls, std: Floats, side: float) -> tuple[Noise, float]:
-        """From standard deviations (2, row, column) [m], and the typical one, by which the others are divided."""
+        """Return the noise for standard deviations ``std`` (2, row, column) [m], and the typical standard deviation
+        [m] by which they are divided.
+        """
         each = np.sqrt((std**2).mean(axis=0))
         typical = float(np.nanmedian(each))
         filled = np.where(np.isfinite(each), each, typical)
@@ -54,35 +63,39 @@ class Noise:
 
     @property
     def plain(self) -> bool:
-        """Whether all vectors have one noise of their own."""
+        """Whether all vectors have equal and independent noise."""
         return self.side == 0 and bool((self.relative == 1.0).all())
 
 
 def shared_variance(dx: Floats, dy: Floats, side: float) -> Floats:
-    """Correlation of the errors of windows (dx, dy) apart."""
+    """Return the correlation of the errors of windows that are (dx, dy) [m] apart."""
     if side <= 0:
         return np.asarray(((dx == 0) & (dy == 0)) * 1.0)
     return np.asarray(np.clip(1.0 - np.abs(dx) / side, 0.0, None) * np.clip(1.0 - np.abs(dy) / side, 0.0, None))
 
 
 class Whitener:
-    """Sparse W with W K W^T = 1 for the covariance K of some vectors and means of vectors; ``@`` applies it to the last axis."""
+    """Sparse matrix W with W K W^T = 1, where K is the covariance of vectors and of means of vectors; ``@`` applies W
+    to the last axis.
+    """
 
     def __init__(self, matrix: scipy.sparse.csr_array) -> None:
         self._matrix = matrix
 
     def __call__(self, values: Floats) -> Floats:
-        """W applied to (..., n)."""
+        """Apply W to values (..., n)."""
         flat = values.reshape(-1, values.shape[-1])
         return np.ascontiguousarray((self._matrix @ flat.T).T).reshape(values.shape)
 
 
 def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], places: Floats) -> Whitener:
-    """For means over ``members`` (flat numbers of the vectors in each) at ``places`` (n, 2) [m], in units of the typical noise."""
+    """Return the whitener for means over ``members`` (flat indices of the vectors in each mean) at ``places`` (n, 2)
+    [m], in units of the typical noise.
+    """
     rows, columns = noise.relative.shape
     count = rows * columns
     s = noise.relative.ravel()
-    # covariance of the vectors, as far as windows overlap
+    # covariance of vectors whose windows overlap
     reach = 0 if noise.side <= 0 else math.ceil(noise.side / pitch) - 1
     number = np.arange(count).reshape(rows, columns)
     parts = []
@@ -117,7 +130,7 @@ def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], pl
     for k in range(len(order)):
         near = np.arange(k)
         if k > BEFORE:
-            # independent errors of two vectors still correlate through those between
+            # vectors whose windows do not overlap are still dependent, through the vectors between them
             far = np.abs(at[:k] - at[k]).max(axis=1)
             near = np.argpartition(far, BEFORE)[:BEFORE]
         block = among(np.append(near, k), np.append(near, k))

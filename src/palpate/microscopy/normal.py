@@ -1,4 +1,6 @@
-"""Normal traction of a cell, from displacements out of the plane (2.5-D traction force microscopy; H. Delanoë-Ayari et al., Phys. Rev. Lett. 105, 2010, 248103)."""
+"""Estimate the normal traction of a cell from displacements out of the plane (2.5-D traction force microscopy; H.
+Delanoë-Ayari et al., Phys. Rev. Lett. 105, 2010, 248103).
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,9 @@ CHANNELS = ("displacement_x", "displacement_y", "displacement_z")
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal traction [Pa], positive where it pulls the gel up: ``traction`` (row, column), ``draws`` (draw, row, column); ``work`` and ``work_of_draws`` [J] on each vector's square, which
-    it adds to that of the traction along the surface; and ``sideways`` (2, row, column) [m], what it moves along the surface.
+    """Normal traction [Pa], positive where it pulls the gel up: ``traction`` (row, column) and ``draws`` (draw, row,
+    column). ``work`` and ``work_of_draws`` [J] are the energies that it adds to those of the tangential traction on
+    each vector's square. ``sideways`` (2, row, column) [m] is the displacement along the surface that it causes.
     """
 
     NUMBERS: ClassVar[tuple[str, ...]] = ("net_force_z", "force_normal", "normal_peak", "strain_energy_normal")
@@ -40,7 +43,9 @@ class Normal:
     def quantities(
         self, inside: npt.NDArray[np.bool_], cell: float
     ) -> dict[str, tuple[str, str, Floats, float | None, bool, str]]:
-        """Numbers of a cell as `cell_forces` collects them: label, unit, values of the estimate and of the draws, what is expected, whether noise adds to them, and why."""
+        """Return the quantities of a cell in the form that `cell_forces` collects: label, unit, values of the estimate
+        and of the draws, expected value, whether noise adds to them, and the reason.
+        """
         each = np.stack([self.traction, *self.draws])[:, inside]
         work = np.stack([self.work, *self.work_of_draws])[:, inside]
         at = int(np.abs(each[0]).argmax())
@@ -63,9 +68,11 @@ def normal_of(
     draws: int,
     seed: int,
 ) -> Normal:
-    """Normal traction of a field that has displacements out of the plane, by Tikhonov's method on all three.
+    """Estimate the normal traction of a field that has displacements out of the plane, by Tikhonov's method on all
+    three components.
 
-    Each of the three has the noise that its neighbours tell, as depth is measured less well than places in a picture.
+    The noise of each component is estimated from differences between its neighbouring vectors, because depth is
+    measured less accurately than position in a picture.
     """
     # z points into the gel
     u = np.concatenate([field.displacement, -field.normal[None]])
@@ -83,7 +90,7 @@ def normal_of(
     )
     skin = Skin(pad, array, nuisance="auto" if drift else (), uncertainty=uncertainty)
     touch = skin.reconstruct(np.nan_to_num(u), method=Iterated(order=1, rule="evidence"), components=("x", "y", "z"))
-    errors = touch.errors
+    errors = None if touch._errors is None else touch._errors.posterior
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]
@@ -100,19 +107,21 @@ def normal_of(
         moved = moved - moved.mean(axis=(1, 2), keepdims=True)
         mine = t[view]
         tractions.append(-mine[2])
-        # half its own work, and that of the shear on what it moves: energies of the two are not a sum
+        # half of its own work, plus the work of the shear on the displacement it causes: the two energies do not simply add
         works.append(cell * (0.5 * mine[2] * moved[2] + mine[0] * moved[0] + mine[1] * moved[1]))
         sideways = moved[:2] if sideways is None else sideways
     return Normal(tractions[0], np.stack(tractions[1:]), works[0], np.stack(works[1:]), np.asarray(sideways))
 
 
 def without_sideways(field: Field, normal: Normal) -> Field:
-    """The field less what normal traction moves along the surface."""
+    """Subtract from the field the displacement along the surface that normal traction causes."""
     return replace(field, displacement=field.displacement - normal.sideways)
 
 
 def _noise(u: Floats, field: Field) -> float:
-    """Standard deviation of one component's noise; windows that overlap share it, so that second differences show less of it."""
+    """Return the standard deviation [m] of the noise of one component. Overlapping windows share noise, so that second
+    differences contain less of it; the result is corrected for this.
+    """
     filter_ = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]).ravel()
     at = field.pitch * np.stack(np.meshgrid(np.arange(3), np.arange(3)), axis=-1).reshape(-1, 2)
     apart = at[:, None] - at[None]

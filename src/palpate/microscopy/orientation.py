@@ -1,12 +1,20 @@
-"""Whether a displacement field has its axes right: traction of a cell acts at its adhesions, and a wrong sign of v or exchanged components spread it over the gel.
+"""Test whether the axes of a displacement field are right. The traction of a cell acts at its adhesions; a wrong sign
+of v, or exchanged components, spread it over the gel.
 
-A point force on a gel moves it along and across the force by the law of the pad. With v of the wrong sign, or u for v, no point force does so: the traction that explains
-the field then reaches far from the adhesions, as 1 / distance^2. So the field is inverted as it is and as it might have been meant, each wavevector by itself,
+A point force moves a gel along and across the force as the pad's response says. If v has the wrong sign, or u and v
+are exchanged, no point force explains the field: the traction that explains it then reaches far from the adhesions and
+decays as 1 / distance^2. So the field is inverted as given, and as it may have been meant. Each wavevector is inverted
+on its own by
 
     t = sum_i  v_i s_i S / (s_i^2 S + sigma^2) (w_i . u),      S = q / k^2,
 
-with the singular values s_i and vectors w_i, v_i of the pad's response, q of the largest evidence, and the noise sigma of the displacements; and the spreads
-sum |t| / sqrt(sum |t|^2) are compared, each with the error that the noise makes. Of a slender cell u for v is nearly as concentrated, but turns: a cell in balance has no torque.
+with singular values s_i and vectors w_i, v_i of the pad's response, the scale q of the largest evidence, and the noise
+sigma of the displacements. The spreads
+
+    sum |t| / sqrt(sum |t|^2)
+
+are compared, each with the error due to noise. For a slender cell, exchanged components give nearly as concentrated a
+traction, but with a torque, which a cell in balance does not have.
 """
 
 from __future__ import annotations
@@ -22,25 +30,28 @@ from palpate.microscopy.fields import Field, mended
 
 __all__ = ["suspected"]
 
-#: Possible errors of the axes: the question to the user, and the components that each makes of u, v.
+#: Possible errors of the axes: the question to ask the user, and a function that undoes the error.
 AXES_TRIED: tuple[tuple[str, Callable[[Any], Any]], ...] = (
     ("", lambda u: u),
     ("v's sign", lambda u: np.stack([u[0], -u[1]])),
     ("u for v", lambda u: u[::-1]),
     ("u for v and a sign", lambda u: np.stack([u[1], -u[0]])),
 )
-#: Repetitions with more noise to estimate the error of the spread.
+#: Number of repetitions with added noise that estimate the error of the spread.
 REPEATS = 8
-#: Spreads of traction [log] that differ by less are equal: a pad that differs a little from the gel, or an interpolated field, changes them as much.
+#: Spreads [log] that differ by less than this count as equal: a pad that differs a little from the gel, or an
+#: interpolated field, changes them as much.
 SAME_SPREAD = 0.01
-#: Axes are not the right ones where the torque, as a part of the first moments, is larger by so much than as the field is.
+#: Axes are rejected if they give a torque, as a fraction of the first moments, that exceeds the one of the field as
+#: given by more than this.
 TURNS = 0.1
-#: Sizes of q that are tried, as the square of displacement over response, least and largest.
+#: Values of q that are tried, as multiples of (displacement / response)^2.
 SIZES = np.logspace(-6.0, 2.0, 25)
 
 
 def suspected(field: Field, pad: Pad, *, depth: float, noise: float) -> str:
-    """Which of the axes looks wrong: "v's sign", "u for v", "u for v and a sign"; "" if the field concentrates traction best as it is.
+    """Return which of the axes looks wrong: "v's sign", "u for v", "u for v and a sign"; "" if traction is most
+    concentrated with the axes as given.
 
     Examples
     --------
@@ -78,13 +89,13 @@ def suspected(field: Field, pad: Pad, *, depth: float, noise: float) -> str:
 
 
 def _spread(t: Floats) -> float:
-    """Sum of the sizes of traction over the root of the sum of their squares."""
+    """Return the sum of the magnitudes of traction, divided by the root of the sum of their squares."""
     force = np.hypot(*t)
     return float(force.sum() / max(np.sqrt((force**2).sum()), 1e-300))
 
 
 def _torque(t: Floats) -> float:
-    """The part of the first moments, about the middle of the forces, that turns: 0 to 1."""
+    """Return the fraction (0 to 1) of the first moments about the middle of the forces that is torque."""
     weight = (t**2).sum(axis=0)
     places = [(g - (g * weight).sum() / max(weight.sum(), 1e-300)) for g in np.indices(t.shape[1:])[::-1]]
     moments = np.array([[(force * place).sum() for place in places] for force in t])
@@ -92,7 +103,7 @@ def _torque(t: Floats) -> float:
 
 
 class _Response:
-    """Of the displacements to traction along x and y, for each wavevector of a field."""
+    """Response of the displacements to traction along x and y, for each wavevector of a field."""
 
     def __init__(self, field: Field, pad: Pad, depth: float) -> None:
         kx, ky = np.meshgrid(*(2.0 * np.pi * np.fft.fftfreq(n, field.pitch) for n in field.shape[::-1]), indexing="xy")
@@ -111,7 +122,7 @@ class _Response:
         return np.einsum("...ji,j...->...i", self.left.conj(), spectrum)
 
     def size(self, u: Floats, noise: float) -> float:
-        """q of the largest evidence."""
+        """Return the q of the largest evidence."""
         power = np.abs(self._parts(u)) ** 2
         gain = self.sizes**2 * self.prior
         unit = float(power.sum() / gain.sum())

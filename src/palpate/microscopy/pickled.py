@@ -1,4 +1,6 @@
-"""Python objects in .npy files, as Cellpose writes them: arrays, numbers and words are built, and nothing that they name is run."""
+"""Read Python objects in .npy files, such as Cellpose writes, safely: only arrays, numbers and text are built, and no
+function named in the file is run.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,11 @@ __all__ = ["read_objects"]
 
 
 class _Array:
-    """Stands for the class of arrays in a pickle, which cannot be called there."""
+    """Stands for the class of arrays in a pickle, which must not be called there."""
 
 
 def _rebuilt(kind: Any, shape: Any, code: Any) -> Any:
-    """An empty array, which its state then fills."""
+    """Return an empty array; the unpickler then sets its contents."""
     return np.ndarray((0,), dtype=np.int8)
 
 
@@ -38,7 +40,7 @@ def _encoded(text: Any, code: Any = "latin1") -> bytes:
     return str(text).encode("latin1")
 
 
-#: Allowed names, and what replaces them.
+#: Names that a pickle may refer to, and the objects that replace them.
 BUILT: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): _Array, ("numpy", "dtype"): np.dtype, ("_codecs", "encode"): _encoded, ("collections", "OrderedDict"): dict,
     **{(f"numpy.{core}.{module}", name): made for core in ("core", "_core") for module, name, made in (
@@ -55,7 +57,7 @@ class _Builder(pickle.Unpickler):
 
 
 def read_objects(path: Path) -> Any:
-    """The contents of a .npy file of Python objects: dictionaries and lists of arrays, numbers and words.
+    """Return the contents of a .npy file of Python objects: dictionaries and lists of arrays, numbers and text.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Pictures of a microscope: one, or a pair."""
+"""Read pictures of a microscope: a single one, or a pair."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ __all__ = ["read_all", "read_pair", "read_picture"]
 
 
 def read_all(path: Path, most: int = 10_000, *, channel: int | None = None) -> list[npt.NDArray[Any]]:
-    """All pictures of a file or folder as grey levels (row, column); of several channels that of a number, from 1."""
+    """Read all pictures of a file or folder as grey levels (row, column). ``channel`` selects one of several channels,
+    counted from 1.
+    """
     if not path.is_dir() and ordinary(path).stat().st_size == 0:
         raise InvalidInput(f"{path} is empty.")
     if not is_pictures(path):
@@ -43,7 +45,7 @@ def read_all(path: Path, most: int = 10_000, *, channel: int | None = None) -> l
 
 
 def _of_channel(path: Path, channel: int) -> list[npt.NDArray[Any]]:
-    """The pictures of one channel of a TIFF file, in the order of time, then depth."""
+    """Return the pictures of one channel of a TIFF file, ordered by time, then by depth."""
     try:
         import tifffile
     except ImportError as error:
@@ -84,7 +86,7 @@ def _of_channel(path: Path, channel: int) -> list[npt.NDArray[Any]]:
 
 
 def _check_stack(path: Path) -> None:
-    """Refuse a TIFF file of several channels, or that would take more memory than there is."""
+    """Raise an error for a TIFF file of several channels, or for one that needs more memory than there is."""
     try:
         import tifffile
     except ImportError as error:
@@ -110,14 +112,15 @@ def _check_stack(path: Path) -> None:
 
 
 def _plain(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """8 or 16 bits or single precision, grey."""
+    """Return the picture as grey levels of 8 or 16 bits or single precision."""
     if (image.dtype.kind in "iu" and image.dtype.itemsize > 2) or image.dtype.kind == "f" or image.dtype == np.int16:
         image = image.astype(np.float32)
     return grey(image)
 
 
 def read_picture(path: str | Path, *, channel: int | None = None) -> npt.NDArray[Any]:
-    """One picture as grey levels (row, column); of a stack there must be one page. ``channel``: which of several, from 1.
+    """Read one picture as grey levels (row, column); a stack must have a single page. ``channel`` selects one of
+    several channels, counted from 1.
 
     Raises
     ------
@@ -139,7 +142,8 @@ def read_picture(path: str | Path, *, channel: int | None = None) -> npt.NDArray
 def read_pair(
     paths: Sequence[str | Path], *, frames: tuple[int, int] | None = None, channel: int | None = None
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Beads at rest and beads that are pulled: two files, or two pictures of one stack or folder.
+    """Read the pictures of the beads at rest and while the cell pulls: from two files, or as two pictures of one stack
+    or folder.
 
     Parameters
     ----------

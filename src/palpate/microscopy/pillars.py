@@ -29,11 +29,13 @@ from palpate.units import UNITS, is_number
 
 __all__ = ["Pillar", "PillarForces", "pillar_forces", "read_pillars"]
 
-#: Schoen's constant: a base under a bending moment tilts by so much more than under the mean of the beam's stress, by their finite elements.
+#: Schoen's constant from finite elements: a base under a bending moment tilts by this factor more than under the mean
+#: stress of the beam.
 TILT = 1.3
-#: Small deflections: a beam is linear within 1 % to about this part of its length, and its slenderness counts down to this ratio.
+#: A beam is linear within 1 % for deflections up to BENT of its length. Its formula holds for ratios of length to
+#: diameter of at least STOUT.
 BENT, STOUT = 0.2, 1.0
-#: Beyond this part of the length a deflection is a wrong unit.
+#: A deflection of more than this fraction of the length means a wrong unit.
 WRONG = 1.0
 
 
@@ -90,7 +92,7 @@ class Pillar:
 
     @property
     def compliances(self) -> dict[str, float]:
-        """Deflection per force [m/N] by bending, shear and tilt.
+        """Return the deflection per force [m/N] due to bending, shear and tilt.
 
         Examples
         --------
@@ -110,7 +112,7 @@ class Pillar:
 
     @property
     def bending_alone(self) -> float:
-        """Stiffness [N/m] of bending alone, 3 pi E D^4/(64 L^3), as many papers have it.
+        """Stiffness [N/m] due to bending alone, 3 pi E D^4/(64 L^3), which many papers use.
 
         Examples
         --------
@@ -122,7 +124,7 @@ class Pillar:
 
     @property
     def stiffness(self) -> Quantity:
-        """Force per deflection [N/m], with the error that modulus, diameter and height bring.
+        """Force per deflection [N/m], with the error due to those of modulus, diameter and height.
 
         Examples
         --------
@@ -131,7 +133,7 @@ class Pillar:
         True
         """
         value = 1.0 / sum(self.compliances.values())
-        shares = [self.modulus_error]  # proportional
+        shares = [self.modulus_error]  # stiffness is proportional to the modulus
         for name, error in (("diameter", self.diameter_error), ("height", self.height_error)):
             step = 1e-4
             ends = [
@@ -144,7 +146,7 @@ class Pillar:
 
 @dataclass(frozen=True, eq=False)
 class PillarForces:
-    """Force on each post.
+    """Forces on all posts.
 
     Attributes
     ----------
@@ -175,7 +177,7 @@ class PillarForces:
         return self.quantities[name]
 
     def summary(self) -> str:
-        """The numbers in words, one to a line.
+        """Return the numbers as text, one to a line.
 
         Examples
         --------
@@ -184,7 +186,8 @@ class PillarForces:
         return "\n".join(str(q) for q in self.quantities.values())
 
     def write_table(self, path: str | Path) -> None:
-        """One row for each post: position, deflection, force and its errors, the size of the force with its 95 % interval.
+        """Write one row for each post: position, deflection, force and its errors, and the magnitude of the force with
+        its 95 % interval.
 
         Examples
         --------
@@ -235,7 +238,7 @@ def read_pillars(
     Raises
     ------
     InvalidInput
-        No table, columns that are not named, a unit that neither the file nor the caller says, another than the file's.
+        No table, missing columns, a unit that neither the file nor the caller states, or one that contradicts the file.
 
     Examples
     --------
@@ -285,7 +288,7 @@ def read_pillars(
 def pillar_forces(
     positions: Any, deflections: Any, pillar: Pillar, *, noise: float | Any | None = None
 ) -> PillarForces:
-    """Force of each post from its deflection: F = k d.
+    """Return the force on each post from its deflection: F = k d.
 
     Parameters
     ----------
@@ -334,7 +337,7 @@ def pillar_forces(
     std = np.hypot(own, common * np.abs(forces))
     f, s, e = forces[there], np.hypot(*forces[there].T), own[there]
     count = len(f)
-    # of the size: noise adds its square to it
+    # correct the magnitude for noise, which adds its square
     true = np.sqrt(np.maximum(s**2 - (e**2).sum(axis=1), 0.0))
     along = np.sqrt(((e * f) ** 2).sum(axis=1)) / np.maximum(s, 1e-300)
     top = int(s.argmax())

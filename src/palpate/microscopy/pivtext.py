@@ -1,4 +1,6 @@
-"""PIV tables as text: columns x y u v and what follows, as OpenPIV, JPIV, PIVlab, Tecplot and ImageJ's PIV write them; and bare matrices."""
+"""Read PIV results as text: tables with columns x y u v and more, as OpenPIV, JPIV, PIVlab, Tecplot and ImageJ's PIV
+write them; and plain matrices.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,17 @@ _COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d{1,4})?", re.ASCII)
 
 
 def split(line: str) -> list[str]:
-    """Cells of a line: by ; or tab or comma where there is one, else by spaces. Where ; or tab divides, or spaces do and each number has
-    one, a comma is that of a number."""
+    """Split a line into cells: at semicolons, tabs or commas if it has any, otherwise at spaces.
+
+    A comma is a decimal comma if semicolons or tabs separate cells, or if spaces do and each number has one.
+    """
     for mark in (";", "\t", ","):
         if mark in line:
             parts = [p.strip() for p in line.split(mark)]
             if mark != ",":
                 parts = [p.replace(",", ".") if _COMMA.fullmatch(p) else p for p in parts]
             if mark == "," and len(spaced := line.split()) > 1 and all(_COMMA.fullmatch(p) for p in spaced):
-                return [p.replace(",", ".") for p in spaced]  # spaces divide numbers with decimal commas
+                return [p.replace(",", ".") for p in spaced]  # spaces separate numbers that have decimal commas
             return parts[:-1] if parts and not parts[-1] else parts
     return line.split()
 
@@ -38,7 +42,7 @@ def is_number(cell: str) -> bool:
 
 
 def _rows(path: Path) -> tuple[list[str], Floats]:
-    """Lines before the numbers, and the numbers."""
+    """Return the lines before the numbers, and the numbers."""
     lines, ended = text_of(path)
     head: list[str] = []
     rows: list[list[float]] = []
@@ -67,7 +71,7 @@ def _rows(path: Path) -> tuple[list[str], Floats]:
 
 
 def _names(head: list[str], count: int) -> list[str] | None:
-    """The names of ``count`` columns among the lines before the numbers."""
+    """Return the names of ``count`` columns from the lines before the numbers; None if no line has as many."""
     for line in reversed(head):
         text = re.sub(r"^\s*[#%]+\s*", "", line)
         text = re.sub(r"^VARIABLES\s*=\s*", "", text, flags=re.IGNORECASE)
@@ -81,7 +85,7 @@ def _names(head: list[str], count: int) -> list[str] | None:
 
 
 def read_matrix(path: Path) -> Floats:
-    """One component as a matrix of text."""
+    """Read one component as a matrix of text."""
     head, values = _rows(path)
     names = _names(head, values.shape[1])
     if names is not None and which([plain(n) for n in names], VECTORS):
@@ -92,7 +96,7 @@ def read_matrix(path: Path) -> Floats:
 
 
 def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Floats:
-    """The rows of one frame, if a column numbers the frames."""
+    """Return the rows of one frame, if a column states the frame."""
     column = next((k for k, n in enumerate(names) if plain(n) in FRAMES), None)
     if column is None:
         if name is not None:
@@ -103,14 +107,16 @@ def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Fl
 
 
 def frames_of_text(path: Path) -> list[str]:
-    """The frames of a table that a column numbers, by their numbers; none of a table of one field."""
+    """Return the numbers of the frames of a table that has a column of them; an empty list for a table of one field."""
     head, values = _rows(path)
     column = next((k for k, n in enumerate(_names(head, values.shape[1]) or []) if plain(n) in FRAMES), None)
     return [] if column is None else [f"{number:g}" for number in np.unique(values[:, column])]
 
 
 def read_piv_text(path: Path, name: str | None = None) -> Found:
-    """A table of vectors: x, y, u, v by their names, or as the first four columns; ``name``: the number of the frame, of several."""
+    """Read a table of vectors: x, y, u, v by their names, or as the first four columns. ``name`` is the number of the
+    frame if there are several.
+    """
     head, values = _rows(path)
     columns = values.shape[1]
     names = _names(head, columns)

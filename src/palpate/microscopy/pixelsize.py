@@ -1,4 +1,6 @@
-"""The size of a pixel that a picture's own file states: OME, ImageJ, Zeiss LSM, MetaMorph, Micro-Manager, and the resolution of plain TIFF."""
+"""Read the size of a pixel from the file of a picture: OME, ImageJ, Zeiss LSM, MetaMorph, Micro-Manager, and the
+resolution of plain TIFF.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +21,16 @@ LENGTHS = {
     "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "\\u00b5m": 1e-6, "micron": 1e-6, "microns": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6, "nm": 1e-9,
     "nanometer": 1e-9, "å": 1e-10, "pm": 1e-12, "inch": 0.0254, "in": 0.0254,
 }  # fmt: skip
-#: Sizes that differ by less are one.
+#: Sizes that differ by less than this fraction count as equal.
 SAME = 0.02
-#: Pixels that are larger [m], by the resolution of plain TIFF, are those of a printer or a screen (72 to 600 dpi).
+#: A plain TIFF whose resolution means pixels larger than this [m] states the resolution of a printer or a screen (72 to
+#: 600 dpi), not of a microscope.
 PRINTED = 20e-6
 
 
 @dataclass(frozen=True)
 class PixelSize:
-    """Width and height of a pixel [m], and their source."""
+    """Width and height of a pixel [m], and where the numbers come from."""
 
     x: float
     y: float
@@ -69,12 +72,12 @@ def pixel_size(path: str | Path) -> PixelSize | None:
         AttributeError,
         ZeroDivisionError,
     ):
-        return None  # errors appear when the picture is read
+        return None  # the error is reported when the picture is read
     return None
 
 
 def pixel_size_of_all(paths: Iterable[str | Path]) -> PixelSize | None:
-    """The size of a pixel that pictures of one field of view state.
+    """Return the size of a pixel that the pictures of one field of view state.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def pixel_size_of_all(paths: Iterable[str | Path]) -> PixelSize | None:
 
 
 def differing(path: str | Path, pixel: float, said: PixelSize | None = None) -> str:
-    """A sentence if a picture's own file states another size of a pixel than ``pixel`` [m], else ""."""
+    """Return a sentence if the file of a picture states another size of a pixel than ``pixel`` [m], else ""."""
     stated = said or pixel_size(path)
     if stated is None or all(math.isclose(v, pixel, rel_tol=SAME) for v in (stated.x, stated.y)):
         return ""

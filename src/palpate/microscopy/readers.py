@@ -1,4 +1,4 @@
-"""Displacement fields of other programs: NumPy, MATLAB, text, TIFF."""
+"""Read displacement fields of other programs: NumPy, MATLAB, text, TIFF."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
 
-#: The error if y grows upwards without a size of the picture.
+#: Note for fields with y upwards, if the size of the picture is unknown.
 TURNED = "y is flipped about the middle of the vectors, because no picture shows where its top is: a mask is misplaced if they do not lie in its middle (size=, --image)"
-#: Where a displacement out of the plane points that is positive.
+#: Which direction of a displacement out of the plane is positive.
 NORMALS = ("up", "down", "ignore")
-#: Vectors at no regular positions are put on a grid of about as many points.
+#: Note for vectors at irregular positions, which are interpolated to a grid with about as many points.
 _SCATTERED = "the {count} vectors lie at no regular positions: they are interpolated to a grid of {step:.3g} px (cubic, Clough-Tocher)"
 
 
@@ -50,7 +50,7 @@ def read_field(
     position_unit: str | None = None,
     normal: str = "up",
 ) -> Field:
-    """A displacement field that another program made.
+    """Read a displacement field that another program made.
 
     Parameters
     ----------
@@ -133,7 +133,8 @@ def read_field(
 
 
 def is_field(paths: Sequence[str | Path]) -> bool:
-    """Whether file names are those of displacement fields rather than of pictures; TIFF is looked into: fields are floats, some below zero.
+    """Return whether file names are those of displacement fields rather than of pictures. TIFF files are opened: pages
+    of floats with values below zero are fields.
 
     Examples
     --------
@@ -174,7 +175,7 @@ def _npz(path: Path, name: str | None) -> Found:
     import zlib
 
     try:
-        # opened here, as the library leaves a file open that it cannot read
+        # open the file here: the library leaves a file open if it cannot read it
         with zipfile.ZipFile(path) as archive:
             for info in archive.infolist():
                 check_size(info.file_size, f"{path}: {info.filename}")
@@ -257,7 +258,7 @@ def _pages(path: Path) -> list[Any]:
 
 
 def _floats(path: Path) -> bool:
-    """Whether the pages of a TIFF file hold floats, without unpacking them."""
+    """Return whether the pages of a TIFF file hold floats, without decompressing them."""
     try:
         import tifffile
     except ImportError as error:
@@ -306,7 +307,7 @@ READERS: dict[str, Callable[[Path, str | None], Found]] = {
 
 
 def _pair(paths: list[Path], name: str | None) -> Found:
-    """Two files with one component each."""
+    """Read two files with one component each."""
     if name is not None:
         raise InvalidInput("name= picks a field of one file that holds several; two files hold one component each.")
     parts = []
@@ -440,7 +441,9 @@ def _field(
 
 
 def _unit(path: Path, what: str, stated: str | None, given: str | None, option: str) -> str | None:
-    """The unit of displacements or positions, by the file or by the caller, who may not contradict it."""
+    """Return the unit of displacements or positions, from the file or from the caller; they must not contradict each
+    other.
+    """
     if stated is not None and stated != "px" and stated not in UNITS["length"]:
         if "/" in stated:
             raise InvalidInput(
@@ -462,7 +465,7 @@ def _grid(
     size: tuple[int, int] | None,
     notes: list[str],
 ) -> tuple[float, tuple[float, float]]:
-    """Step and first pixel of a matrix without positions."""
+    """Return the step and the first pixel of a matrix that has no positions."""
     rows, columns = shape
     if step is None:
         if size is None:
@@ -494,7 +497,7 @@ def _grid(
 def _placed(
     values: Floats, std: Floats | None, x: Floats, y: Floats, notes: list[str]
 ) -> tuple[Floats, Floats | None, tuple[float, float], float]:
-    """Vectors at positions (pixels) as a grid, row 0 at the top."""
+    """Put vectors at given positions [px] on a grid with row 0 at the top."""
     flat = [np.ravel(p) for p in (x, y)]
     if not all(np.isfinite(p).all() for p in flat):
         raise InvalidInput("the positions hold values that are not finite.")
@@ -544,7 +547,7 @@ def _placed(
 
 
 def _levels(values: Floats) -> tuple[float, float]:
-    """The least coordinate and the distance between neighbouring ones; 0 if they are not even."""
+    """Return the least coordinate and the distance between neighbouring ones; 0 if the distances differ."""
     levels = np.unique(np.round(values, 6))
     gaps = np.diff(levels)
     if not len(gaps):
@@ -553,5 +556,5 @@ def _levels(values: Floats) -> tuple[float, float]:
     whole = np.rint(gaps / step)
     if (whole < 1).any() or np.abs(gaps - whole * step).max() > EVEN * step + 1e-6 * np.abs(levels).max():
         return float(levels[0]), 0.0
-    # the mean step, as coordinates may be rounded
+    # use the mean step, because coordinates may be rounded
     return float(levels[0]), float((levels[-1] - levels[0]) / whole.sum())

@@ -1,4 +1,4 @@
-"""A report in one file: numbers, pictures, assumptions."""
+"""Write a report as one HTML file: numbers, pictures, assumptions."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Adhesions sampled from what they may be, given the vectors: how many, where, how wide; their forces follow in closed form.
+"""Sample adhesions given the vectors: how many there are, where, and how wide. Their forces follow in closed form.
 
     vectors = sum of responses to forces of blobs + drift + noise
 
-Forces are Gaussian given the blobs' scales, so that they are integrated out, and a Markov chain walks over the rest: blobs are born and die (P. J. Green,
-Biometrika 82, 1995, 711-732), move, and change in size and scale. Traction is of one order over a cell: the scale of a blob's force goes with its area, within a factor.
+Given the scales of the blobs, forces are Gaussian and are integrated out. A Markov chain samples the rest: blobs are
+born and die (P. J. Green, Biometrika 82, 1995, 711-732), move, and change in size and scale. Traction has a similar
+magnitude across a cell, so that the prior of a blob's force is proportional to its area, within a factor.
 """
 
 from __future__ import annotations
@@ -22,25 +23,33 @@ from palpate.microscopy.vectors import Vectors
 
 __all__ = ["Chain", "Places"]
 
-#: Expected count of blobs, and the most.
+#: Expected number of blobs, and the largest.
 COUNT, MOST = 15.0, 60
-#: Standard deviation of log traction from blob to blob, and of log size about its middle: adhesions of 0.4 to 3 um are blobs of 0.1 to 0.8 um.
+#: Prior standard deviations: of log traction from blob to blob, and of log size about the middle size. Adhesions of 0.4
+#: to 3 um are blobs of 0.1 to 0.8 um.
 TRACTION, SIZE = 0.8, 0.5
-#: Prior standard deviation of a drift, in root mean squares of the vectors.
+#: Prior standard deviation of a drift, as a multiple of the root mean square of the vectors.
 DRIFT = 10.0
-#: Part of doubtful vectors that are outliers, standard deviation of their offsets in the largest displacement, and one is tried in so many steps.
-WRONG, OUTLYING, DOUBT = 0.05, 2.0, 3
-#: Log evidence that a blob must add to enter or stay in a start.
+#: Standard deviation of outliers' offsets as a multiple of the largest displacement of the other vectors, and number of
+#: steps after which a switch is tried.
+OUTLYING, DOUBT = 2.0, 3
+#: Distance of a blob from the vector whose offset it replaces: standard deviation in pitches.
+NEAR = 0.5
+#: Increase of the log evidence from which a blob is added or kept when a chain starts.
 WORTH = 3.0
-#: Of each kind of step, this part: birth, death, move, size, scale; the rest moves by a pitch.
+#: Probability of each kind of step: birth, death, move, change of size, change of scale. Otherwise the step moves a
+#: blob by about a pitch.
 BIRTH, DEATH, MOVE, RESIZE, RESCALE = 0.15, 0.15, 0.32, 0.18, 0.10
-#: Standard deviations of steps: of log size, of log scale, and of log noise, which is tried once in so many steps.
+#: Standard deviations of steps: of log size, of log scale and of log noise. A step of the noise is tried every EVERY
+#: steps.
 SIZE_STEP, SCALE_STEP, NOISE_STEP, EVERY = 0.4, 0.6, 0.03, 10
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where blobs may be: densities [1/m^2] on squares of a ``pitch``, ``margin`` of them before the first vector; ``prior``, and ``proposal`` for births."""
+    """Where blobs may be: densities [1/m^2] on squares of side ``pitch`` [m], ``margin`` of them before the first
+    vector. ``prior`` is the prior density, ``proposal`` the one from which births draw.
+    """
 
     prior: Floats
     proposal: Floats
@@ -52,14 +61,14 @@ class Places:
         object.__setattr__(self, "_sums", sums / sums[-1])
 
     def drawn(self, rng: np.random.Generator) -> tuple[float, float]:
-        """A place by the proposal."""
+        """Draw a place from the proposal."""
         sums: Any = self._sums  # type: ignore[attr-defined]
         row, column = divmod(int(np.searchsorted(sums, rng.random())), self.prior.shape[1])
         x, y = (n - m + rng.random() - 0.5 for n, m in ((column, self.margin[1]), (row, self.margin[0])))
         return self.pitch * x, self.pitch * y
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """Densities of prior and proposal; 0 outside."""
+        """Return the densities of prior and proposal at a place; 0 outside."""
         row, column = round(y / self.pitch) + self.margin[0], round(x / self.pitch) + self.margin[1]
         if not (0 <= row < self.prior.shape[0] and 0 <= column < self.prior.shape[1]):
             return 0.0, 0.0
@@ -67,7 +76,7 @@ class Places:
 
 
 class Chain:
-    """One chain. ``blobs`` (blob, 4): x, y [m], log of size [m], log of the force's scale [N]."""
+    """One Markov chain. ``blobs`` (blob, 4): x, y [m], log of size [m], log of the scale of the force [N]."""
 
     def __init__(
         self,
@@ -80,6 +89,7 @@ class Chain:
         known: bool,
         least_noise: float = 0.0,
         drift: bool = True,
+        odds: float = 0.0,
         rng: np.random.Generator,
     ) -> None:
         self.vectors, self.response, self.places, self.rng = vectors, response, places, rng
@@ -96,11 +106,14 @@ class Chain:
         self.count = q
         self.power = float(vectors.y @ vectors.y)
         size = math.sqrt(self.power / max(len(vectors.y), 1))
-        #: Prior standard deviation of drift, and of offsets of the doubtful vectors that are outliers just now.
+        #: Prior standard deviation of drift, and of offsets of the doubtful vectors that are currently outliers.
         self.scales = np.zeros(q)
         self.scales[:3] = float(drift) * DRIFT * size
         self.wrong = np.zeros(len(vectors.doubtful), dtype=bool)
-        self.offset = OUTLYING * float(np.abs(vectors.values).max())
+        #: Log prior odds that a doubtful vector is an outlier.
+        self.odds = odds
+        normal = np.delete(vectors.values, np.array(vectors.doubtful, dtype=int), axis=1)
+        self.offset = OUTLYING * float(np.abs(normal).max(initial=0.0))
         self.blobs: Floats = np.zeros((0, 4))
         self.evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
 
@@ -109,18 +122,30 @@ class Chain:
     def _factor(
         self, gram: Floats, linear: Floats, blobs: Floats, noise: float
     ) -> tuple[Floats, Floats, Floats] | None:
-        """Cholesky factor of the posterior's precision of unknowns of variance one, what it makes of the right side, and their scales."""
+        """Return the Cholesky factor of the posterior precision of the used unknowns (scaled to unit variance), the
+        solution of the factor for the right side, and the scales.
+        """
         count = self.fixed + 2 * len(blobs)
         scale = np.concatenate([self.scales, np.repeat(np.exp(blobs[:, 3]), 2)])
-        precision = gram[:count, :count] * (scale[:, None] * scale / noise**2)
-        precision[np.diag_indices(count)] += 1.0
+        gram, linear = gram[:count, :count], linear[:count]
+        if not self.wrong.all():  # offsets of normal vectors are zero
+            used = self._used(count)
+            gram, linear, scale = gram[np.ix_(used, used)], linear[used], scale[used]
+        precision = gram * (scale[:, None] * scale / noise**2)
+        precision[np.diag_indices(len(scale))] += 1.0
         lower, failed = scipy.linalg.lapack.dpotrf(precision, lower=1, overwrite_a=1, clean=1)
         if failed:
             return None
-        return lower, scipy.linalg.blas.dtrsv(lower, scale * linear[:count], lower=1), scale
+        return lower, scipy.linalg.blas.dtrsv(lower, scale * linear, lower=1), scale
+
+    def _used(self, count: int) -> npt.NDArray[np.intp]:
+        """Return the indices of those of ``count`` unknowns that are not fixed at zero."""
+        used = np.ones(count, dtype=bool)
+        used[3 : self.fixed] = np.repeat(self.wrong, 2)
+        return np.flatnonzero(used)
 
     def _evidence(self, gram: Floats, linear: Floats, blobs: Floats, noise: float) -> float:
-        """Log evidence of blobs, their forces integrated out."""
+        """Return the log evidence of blobs, with their forces integrated out."""
         found = self._factor(gram, linear, blobs, noise)
         if found is None:
             return -math.inf
@@ -130,7 +155,7 @@ class Chain:
         return -0.5 * (squares + spread)
 
     def _prior(self, blob: Floats) -> float:
-        """Log prior of a blob."""
+        """Return the log prior of a blob."""
         x, y, size, scale = blob
         density = self.places.at(x, y)[0]
         if not self.least <= size <= self.largest or not density > 0:
@@ -140,7 +165,9 @@ class Chain:
         )
 
     def _traction(self, scale: Any, size: Any) -> Any:
-        """Log of the traction that a blob's scale means, over the typical one: a blob of size s is as wide as a disc of radius 2 s."""
+        """Return the log of the traction that a blob's scale implies, relative to the typical one. A blob of size s
+        counts as a disc of radius 2 s.
+        """
         return scale - self.level - math.log(4 * math.pi) - 2 * size
 
     # -- steps
@@ -149,7 +176,7 @@ class Chain:
         return self.vectors.rows(self.response, float(blob[0]), float(blob[1]), math.exp(blob[2]))
 
     def _with(self, k: int, rows: Floats) -> tuple[Floats, Floats]:
-        """Normal matrix and right side with the rows of blob ``k``, which may be the next one."""
+        """Return the normal matrix and right side with the rows of blob ``k`` replaced or, for a new ``k``, appended."""
         at = self.fixed + 2 * k
         count = max(self.count, at + 2)
         gram, linear = self.gram[:count, :count].copy(), self.linear[:count].copy()
@@ -166,7 +193,7 @@ class Chain:
         self.count, self.blobs, self.evidence = count, blobs, evidence
 
     def _without(self, k: int) -> tuple[npt.NDArray[np.intp], Floats, float]:
-        """The state without blob ``k``, and its evidence."""
+        """Return, for the state without blob ``k``: the indices that remain, the blobs that remain, and the evidence."""
         at = self.fixed + 2 * k
         stay = np.concatenate([np.arange(at), np.arange(at + 2, self.count)])
         blobs = np.delete(self.blobs, k, axis=0)
@@ -182,7 +209,7 @@ class Chain:
         return math.log(1.0 - self.rng.random()) < gain
 
     def _changed(self, k: int, blob: Floats) -> None:
-        """Try another blob in the place of one."""
+        """Propose ``blob`` in place of blob ``k``, and accept or reject it."""
         prior = self._prior(blob) - self._prior(self.blobs[k])
         if not math.isfinite(prior):
             return
@@ -199,32 +226,54 @@ class Chain:
         if self._accepts(evidence - self.evidence + prior):
             self._take(k, rows, gram, linear, blobs, evidence)
 
-    def _born(self) -> None:
-        """Try one blob more."""
+    def _born(self, place: Floats | None = None, odds: float = 0.0) -> bool:
+        """Propose one more blob, anywhere or near ``place``; ``odds`` is the log prior ratio of what else changes."""
         if len(self.blobs) >= MOST:
-            return
+            return False
         rng = self.rng
-        x, y = self.places.drawn(rng)
+        x, y = self.places.drawn(rng) if place is None else place + NEAR * self.places.pitch * rng.standard_normal(2)
         size = self.middle + SIZE * rng.standard_normal()
-        density, proposed = self.places.at(x, y)
+        density = self.places.at(x, y)[0]
         if not self.least <= size <= self.largest or not density > 0:
-            return
+            return False
         scale = self.level + math.log(4 * math.pi) + 2 * size + TRACTION * rng.standard_normal()
         blob = np.array([x, y, size, scale])
         rows = self._response_of(blob)
         gram, linear = self._with(len(self.blobs), rows)
         blobs = np.vstack([self.blobs, blob])
         evidence = self._evidence(gram, linear, blobs, self.noise)
-        if self._accepts(evidence - self.evidence + math.log(COUNT * density / proposed / len(blobs))):
+        accepted = self._accepts(evidence - self.evidence + odds + self._added(blobs, -1, place))
+        if accepted:
             self._take(len(self.blobs), rows, gram, linear, blobs, evidence)
+        return accepted
 
-    def _dies(self) -> None:
-        """Try one blob less."""
-        k = int(self.rng.integers(len(self.blobs)))
+    def _dies(self, place: Floats | None = None, odds: float = 0.0) -> bool:
+        """Propose to remove one blob, any or one near ``place``."""
+        chosen = self._near(self.blobs, place)
+        total = float(chosen.sum())
+        if not total > 0:
+            return False
+        k = int(self.rng.integers(len(chosen)) if place is None else self.rng.choice(len(chosen), p=chosen / total))
         stay, blobs, evidence = self._without(k)
-        density, proposed = self.places.at(*self.blobs[k, :2])
-        if self._accepts(evidence - self.evidence - math.log(COUNT * density / proposed / len(self.blobs))):
+        accepted = self._accepts(evidence - self.evidence + odds - self._added(self.blobs, k, place))
+        if accepted:
             self._leave(stay, blobs, evidence)
+        return accepted
+
+    def _near(self, blobs: Floats, place: Floats | None) -> Floats:
+        """Return the relative probability of each blob to be removed: the density [1/m^2] of births near ``place``, or 1."""
+        if place is None:
+            return np.ones(len(blobs))
+        variance = (NEAR * self.places.pitch) ** 2
+        squares = ((blobs[:, :2] - place) ** 2).sum(axis=1)
+        return np.asarray(np.exp(-0.5 * squares / variance) / (2 * math.pi * variance))
+
+    def _added(self, blobs: Floats, k: int, place: Floats | None) -> float:
+        """Return the log of prior over proposal of blob ``k``, times the probability that it is the one to be removed."""
+        density, proposed = self.places.at(*blobs[k, :2])
+        # near a place, the density of the proposal and of the choice cancel
+        each = proposed * len(blobs) if place is None else float(self._near(blobs, place).sum())
+        return math.log(COUNT * density / each)
 
     def _hyper(self) -> None:
         """Sample the typical traction, and the noise if it is unknown."""
@@ -241,20 +290,31 @@ class Chain:
                 self.noise, self.evidence = noise, evidence
 
     def _doubts(self) -> None:
-        """Try to switch one of the doubtful vectors between an outlier, with an offset of its own, and a normal vector."""
-        k = int(self.rng.integers(len(self.wrong)))
-        before = self.scales[3 + 2 * k]
-        now = 0.0 if self.wrong[k] else self.offset
-        self.scales[3 + 2 * k : 5 + 2 * k] = now
-        evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
-        odds = math.log(WRONG / (1.0 - WRONG))
-        if self._accepts(evidence - self.evidence + (odds if now else -odds)):
-            self.wrong[k], self.evidence = bool(now), evidence
+        """Propose to switch a doubtful vector between an outlier, with an offset of its own, and a normal vector. Half of
+        the proposals replace the offset with a blob near the vector, because neither alone would explain it.
+        """
+        k, alone = int(self.rng.integers(len(self.wrong))), self.rng.random() < 0.5
+        now = not self.wrong[k]
+        self._switch(k, now)
+        odds = self.odds if now else -self.odds
+        place = self.vectors.places[self.vectors.doubtful[k]]
+        if alone:
+            evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
+            accepted = self._accepts(evidence - self.evidence + odds)
+            if accepted:
+                self.evidence = evidence
         else:
-            self.scales[3 + 2 * k : 5 + 2 * k] = before
+            accepted = self._dies(place, odds) if now else self._born(place, odds)
+        if not accepted:
+            self._switch(k, not now)
+
+    def _switch(self, k: int, wrong: bool) -> None:
+        """Let a doubtful vector have an offset, or none."""
+        self.wrong[k] = wrong
+        self.scales[3 + 2 * k : 5 + 2 * k] = self.offset if wrong else 0.0
 
     def walk(self, steps: int, *, count: bool = True) -> None:
-        """Do so many steps; without ``count`` no blob is born or dies."""
+        """Do ``steps`` steps. With ``count=False`` the number of blobs does not change."""
         rng, pitch = self.rng, self.places.pitch
         for step in range(steps):
             kind = rng.random()
@@ -267,7 +327,9 @@ class Chain:
                 blob = self.blobs[k].copy()
                 kind = kind - BIRTH - DEATH if count else kind * (1.0 - BIRTH - DEATH)
                 if kind < MOVE:
-                    reach = 0.3 * math.hypot(math.exp(blob[2]), 0.3 * pitch)  # of the size, which stays
+                    reach = 0.3 * math.hypot(
+                        math.exp(blob[2]), 0.3 * pitch
+                    )  # a fraction of the size of the blob, which this step does not change
                     blob[:2] += reach * math.exp(rng.uniform(-2.0, 0.5)) * rng.standard_normal(2)
                 elif kind < MOVE + RESIZE:
                     blob[2] += SIZE_STEP * math.exp(rng.uniform(-1.5, 0.5)) * rng.standard_normal()
@@ -285,7 +347,7 @@ class Chain:
     # -- start
 
     def put(self, blob: Floats) -> None:
-        """Add blobs that raise the evidence."""
+        """Add a blob if it raises the evidence."""
         if len(self.blobs) >= MOST or not math.isfinite(self._prior(blob)):
             return
         rows = self._response_of(blob)
@@ -303,24 +365,29 @@ class Chain:
                 self._leave(stay, blobs, evidence)
 
     def forces(self) -> tuple[Floats, Floats]:
-        """Mean sizes of drift and forces (drift and blob * 2,), and the forces (blob, 2) of one draw."""
+        """Return the posterior mean of drift and forces (drift and blob * 2,), and the forces (blob, 2) [N] of one
+        draw.
+        """
         found = self._factor(self.gram, self.linear, self.blobs, self.noise)
         if found is None:
             raise RuntimeError("an accepted state has a factor")
         lower, right, scale = found
+        used = self._used(self.count)
 
         def back(values: Floats) -> Floats:
-            return np.asarray(scale * scipy.linalg.solve_triangular(lower, values, lower=True, trans=1))
+            out = np.zeros(self.count)
+            out[used] = scale * scipy.linalg.solve_triangular(lower, values, lower=True, trans=1)
+            return out
 
         mean = back(right) / self.noise**2
         drawn = mean + back(self.rng.standard_normal(len(right)))
         return mean, drawn[self.fixed :].reshape(-1, 2)
 
     def modelled(self, vectors: Vectors, mean: Floats) -> Floats:
-        """Displacement of other vectors (2, n) by the mean."""
+        """Return the displacement (2, n) [m] that the mean drift and forces cause at other vectors."""
         drift = vectors.drift(vectors.places)
         middle = vectors.middle - self.vectors.middle
-        # a rotation about another middle
+        # the other vectors rotate about another middle
         drift[2] += -middle[1] * drift[0] + middle[0] * drift[1]
         out = (mean[:3] * self.vectors.units) @ drift
         for blob, force in zip(self.blobs, mean[self.fixed :].reshape(-1, 2)):

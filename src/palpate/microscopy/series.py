@@ -1,4 +1,4 @@
-"""Files that hold displacement fields of several frames: which frames they have."""
+"""Find the frames in files that hold displacement fields of several frames."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ MATLAB = (".mat", ".h5", ".hdf5")
 
 
 def frames_of_field(path: str | Path, name: str | None = None) -> list[str | None]:
-    """What ``name`` of `read_field` is for each frame of a file, in their order; [None] of a file of one field.
+    """Return, for each frame of a file in order, the ``name`` to pass to `read_field`; [None] for a file of one field.
 
-    Several frames are those of a table with a column ``frame``, of PIVlab's .mat files and others that keep u and v as cells, and of an array (frame, 2, row,
-    column). Of PIVlab's names those that were filtered are taken, unless ``name`` says others (``u_original, v_original``).
+    Files with several frames are tables with a column ``frame``, .mat files of PIVlab and others that store u and v as
+    cells, and arrays (frame, 2, row, column). Of PIVlab's fields the filtered ones are used, unless ``name`` selects
+    others (``u_original, v_original``).
 
     Raises
     ------
@@ -46,7 +47,7 @@ def frames_of_field(path: str | Path, name: str | None = None) -> list[str | Non
         try:
             shape = np.load(found, mmap_mode="r", allow_pickle=False).shape
         except (ValueError, OSError, EOFError):
-            return [None]  # the reader reports it
+            return [None]  # the reader reports the error
         return [str(k) for k in range(shape[0])] if len(shape) == 4 else [None]
     if ending in TEXT:
         return list(frames_of_text(found)) or [None]

@@ -30,14 +30,15 @@ from palpate.microscopy.sheetmesh import Elements, Shape, elements_of, triangles
 
 __all__ = ["Loads", "Sheet", "sheet_of"]
 
-#: Forces at the edge of the view are even over this part of the sheet, besides one tension all round; and sought at so many places.
+#: Forces at the edge of the view are correlated over ALONG times the size of the sheet, and one tension all round is
+#: added; they are solved for at PLACES points.
 ALONG, PLACES = 0.25, 120
 Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A sheet of finite elements, ready for loads: made once for each Poisson's ratio.
+    """A sheet of finite elements that is prepared for loads, once for each Poisson's ratio.
 
     Attributes
     ----------
@@ -57,30 +58,34 @@ class Sheet:
 
     @property
     def surface(self) -> float:
-        """Area [m^2]."""
+        """Area of the sheet [m^2]."""
         return float(self.elements.area.sum())
 
     def body(self, traction: Floats) -> Floats:
-        """Loads (dof,) of a traction on the gel (2, q) [Pa]: the gel holds the sheet by the opposite."""
+        """Return the loads (dof,) due to a traction on the gel (2, q) [Pa]; the gel acts on the sheet with the
+        opposite sign.
+        """
         e = self.elements
         return np.asarray(-sum(v.T @ (e.area * t) for v, t in zip(e.value, traction)))
 
     def own(self, tension: Floats) -> Floats:
-        """Loads of a tension (3, q) [N/m] that cells have by themselves."""
+        """Return the loads due to a tension (3, q) [N/m] that cells generate themselves."""
         e = self.elements
         return np.asarray(-sum(s.T @ (e.area * n) for s, n in zip((e.strain[0], e.strain[1], e.strain[2]), tension)))
 
     def pulled(self, line: Floats) -> Floats:
-        """Loads of forces per length (2, q) [N/m] on the edge beyond the view."""
+        """Return the loads due to forces per length (2, q) [N/m] at the edge of the view."""
         _, value, lengths, _ = self.edge
         return np.asarray(sum(v.T @ (lengths * g) for v, g in zip(value, line)))
 
     def resultant(self, loads: Floats) -> Floats:
-        """Forces along x and y [N] and torque about the middle [N m] of loads."""
+        """Return the forces along x and y [N] and the torque about the middle [N m] of loads."""
         return np.asarray(self.elements.rigid @ loads)
 
     def balance(self, traction: Floats) -> tuple[Floats, Floats]:
-        """A traction (2, q) with an even one and an even turn taken out, so that its forces and torque vanish; and those (2, q)."""
+        """Subtract a uniform traction and a uniform rotation from a traction (2, q), so that force and torque vanish.
+        Return the result and what was subtracted (2, q).
+        """
         e = self.elements
         x, y = (e.points - e.corners.mean(axis=0)).T
         one, none = np.ones_like(x), np.zeros_like(x)
@@ -91,7 +96,9 @@ class Sheet:
         return traction - extra, extra
 
     def tension(self, loads: Floats, ratio: float, own: Floats | None = None) -> Floats:
-        """Tension (3: xx, yy, xy; node) [N/m] at the corners, of loads in balance; ``own`` (3, q) adds what cells have by themselves."""
+        """Return the tension (3: xx, yy, xy; node) [N/m] at the corners under balanced loads; ``own`` (3, q) adds the
+        tension that cells generate themselves.
+        """
         e = self.elements
         solvers: dict[float, Any] = self._solvers  # type: ignore[attr-defined]
         stiff = _stiffness(ratio)
@@ -113,12 +120,16 @@ class Sheet:
 
 
 def _stiffness(ratio: float) -> Floats:
-    """Plane stress for a modulus times thickness of 1: its size does not matter where forces alone are given."""
+    """Return the plane-stress stiffness for a product of modulus and thickness of 1; its value does not matter if only
+    forces are given.
+    """
     return np.array([[1.0, ratio, 0.0], [ratio, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - ratio)]]) / (1.0 - ratio**2)
 
 
 def sheet_of(shape: Shape, spacing: float, view: tuple[float, float, float, float] | None = None) -> Sheet:
-    """A sheet on a shape, with triangles of a ``spacing`` [m]; at the sides of a ``view`` (left, right, top, bottom) [m] it continues outside."""
+    """Build a sheet on a shape, with triangles of about ``spacing`` [m]. At the sides of ``view`` (left, right, top,
+    bottom) [m] the sheet continues outside.
+    """
     points, corners = triangles(shape, spacing)
     if len(corners) < 8:
         raise InvalidInput(

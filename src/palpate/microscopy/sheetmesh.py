@@ -1,4 +1,6 @@
-"""Triangles on a sheet of cells: the outline of a mask, points within it, and quadratic elements with all that tension needs."""
+"""Triangulate a sheet of cells: the outline of a mask, points inside it, and quadratic elements with the matrices that
+the tension needs.
+"""
 
 from __future__ import annotations
 
@@ -24,17 +26,21 @@ Sparse: TypeAlias = Any
 
 #: Standard deviation, in squares of the mask, of the Gaussian that smooths its outline.
 EVEN = 0.8
-#: Points within lie at least this part of the spacing from the outline; triangles flatter than this (1: equilateral) are left out at the outline.
+#: Inner points keep at least FREE times the spacing from the outline. At the outline, triangles flatter than FLAT (1:
+#: equilateral) are left out.
 FREE, FLAT = 0.6, 0.05
-#: Rounds of moving each inner point to the middle of its neighbours.
+#: Number of rounds that move each inner point to the mean of its neighbours.
 RELAXED = 4
-#: Degree of polynomials that are integrated exactly: stiffness of straight quadratic triangles takes 2, loads 4.
+#: Degree of polynomials that are integrated exactly: the stiffness of straight quadratic triangles needs 2, loads need
+#: 4.
 DEGREE = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A part of the plane: ``mask`` (row, column) on squares of a ``side`` [m], the middle of the first at ``start`` (x, y) [m]."""
+    """A region of the plane: ``mask`` (row, column) on squares of side ``side`` [m], with the middle of the first
+    square at ``start`` (x, y) [m].
+    """
 
     mask: Flags
     start: tuple[float, float]
@@ -45,7 +51,7 @@ class Shape:
         object.__setattr__(self, "_even", even)
 
     def outlines(self) -> list[Floats]:
-        """Closed lines (n, 2) [m] round the mask and its holes."""
+        """Return closed lines (n, 2) [m] round the mask and its holes."""
         require("sheets of cells", "contourpy")
         from contourpy import contour_generator
 
@@ -54,14 +60,14 @@ class Shape:
         return [np.asarray(line) * self.side + np.array(self.start) - 3 * self.side for line in lines if len(line) > 3]
 
     def within(self, points: Floats) -> Flags:
-        """Which of points (n, 2) [m] lie in it."""
+        """Return which of the points (n, 2) [m] lie inside."""
         even: Any = self._even  # type: ignore[attr-defined]
         at = (points - np.array(self.start)) / self.side + 3
         return np.asarray(scipy.ndimage.map_coordinates(even, at[:, ::-1].T, order=1, mode="constant") > 0.5)
 
 
 def _resampled(line: Floats, spacing: float) -> Floats:
-    """Points along a closed line about ``spacing`` apart."""
+    """Return points along a closed line, about ``spacing`` apart."""
     closed = line if np.array_equal(line[0], line[-1]) else np.vstack([line, line[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     count = max(6, round(along[-1] / spacing))
@@ -70,7 +76,9 @@ def _resampled(line: Floats, spacing: float) -> Floats:
 
 
 def triangles(shape: Shape, spacing: float) -> tuple[Floats, npt.NDArray[np.int64]]:
-    """Points (n, 2) [m] and triangles (m, 3) that fill a shape: Delaunay's, of its outline and a lattice within."""
+    """Fill a shape with triangles: return points (n, 2) [m] and triangles (m, 3) of the Delaunay triangulation of its
+    outline and an inner lattice.
+    """
     lines = shape.outlines()
     if not lines:
         raise InvalidInput("the sheet has no outline: its mask is empty.")
@@ -110,7 +118,7 @@ def triangles(shape: Shape, spacing: float) -> tuple[Floats, npt.NDArray[np.int6
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Quadratic triangles as sparse matrices over their points of integration.
+    """Quadratic triangles as sparse matrices that map degrees of freedom to the integration points.
 
     Attributes
     ----------
@@ -140,7 +148,9 @@ class Elements:
     pinned: npt.NDArray[np.intp]
 
     def border(self, on: Any) -> tuple[Floats, tuple[Sparse, Sparse], Floats, Floats]:
-        """Edges at which ``on(x)`` (x: (2, edge), the middles) holds: points of integration (q, 2), the displacement there, their lengths, and normals outwards (q, 2)."""
+        """Return, for the boundary edges for which ``on(x)`` holds (x: (2, edge), their midpoints): integration points
+        (q, 2), matrices of the displacement there, lengths, and outward normals (q, 2).
+        """
         from skfem import FacetBasis
 
         facets = self.mesh.boundary_facets()
@@ -156,7 +166,7 @@ class Elements:
 
 
 def _matrix(basis: Any, of: Any) -> Sparse:
-    """(q, dof) of a number of each shape function."""
+    """Return the matrix (q, dof) of one quantity of each shape function."""
     count, shape = basis.N, basis.dx.shape
     number = np.arange(basis.dx.size).reshape(shape)
     rows, columns, data = [], [], []
@@ -175,11 +185,11 @@ def _values(basis: Any) -> tuple[Sparse, Sparse]:
 
 
 def elements_of(points: Floats, corners: npt.NDArray[np.int64]) -> Elements:
-    """Quadratic elements on triangles (m, 3) of points (n, 2) [m]."""
+    """Build quadratic elements on triangles (m, 3) of points (n, 2) [m]."""
     require("sheets of cells", "skfem")
     from skfem import Basis, ElementTriP1, ElementTriP2, ElementVector, MeshTri
 
-    # in units of the sheet, to avoid tiny numbers
+    # lengths in units of the sheet's size, to avoid tiny numbers
     mesh = MeshTri(np.ascontiguousarray(points.T), np.ascontiguousarray(corners.T))
     basis = Basis(mesh, ElementVector(ElementTriP2()), intorder=DEGREE)
     plain = Basis(mesh, ElementTriP1(), intorder=DEGREE)

@@ -1,4 +1,6 @@
-"""Tension in a monolayer, from the traction of its cells: maps, one number for each cell and border, each with its error."""
+"""Estimate the tension in a monolayer from the traction of its cells: maps, and one number for each cell and border,
+each with its error.
+"""
 
 from __future__ import annotations
 
@@ -32,26 +34,31 @@ __all__ = ["BorderTension", "RegionTension", "SheetTension", "sheet_tension"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Poisson's ratio of a plane sheet may be anything between these (1: its area does not change); and the places of Gauss's three points in it, whose weights are 5, 8 and 5.
+#: Range of Poisson's ratio of the plane sheet (1: its area does not change), and the three Gauss points in that range,
+#: with weights 5, 8 and 5.
 RATIOS, GAUSS = (0.0, 1.0), (0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6))
 CYCLE = (0, 1, 2, 1, 0, 1, 2, 1, 2)
-#: Tension of the cells over that of the sheet (root mean square). Fitted to sheets 0 to 9 of benchmarks/cells_sheet.py.
+#: Root mean square of the tension that cells generate themselves, relative to that of the sheet. Fitted to sheets 0 to
+#: 9 of benchmarks/cells_sheet.py.
 RELATIVE_TENSION = 1.0
-#: Triangles are as wide as the distance of vectors, unless the sheet would be of more than so many or fewer than so many squares of them.
+#: Triangles are as wide as the distance of vectors, unless the sheet would then have more than MOST or fewer than
+#: FEWEST squares.
 MOST, FEWEST = 5000, 150
-#: Traction this many windows (or vectors) outside the mask is the sheet's, blurred by the window; squares of which less than this part lies in the sheet pass theirs on.
+#: Traction up to OUTSIDE windows (or vectors) outside the mask is attributed to the sheet, because the window blurs it.
+#: Squares with less than PART of their area in the sheet pass their traction to the nearest points of the sheet.
 OUTSIDE, PART = 1.0, 0.3
-#: The outline of a sheet is known to this part of the distance of vectors.
+#: Standard error of the outline of a sheet, as a fraction of the distance of vectors.
 OUTLINE = 0.1
-#: Parts of the sheet of less than this of the largest are left out.
+#: Parts of the sheet smaller than this fraction of the largest part are left out.
 SMALL = 0.02
-#: Net force or torque that are this part of what they are made of are said, as is a mask of fewer vectors.
+#: A note is given if the net force or torque exceeds UNBALANCED of the sum of its parts, and if a mask has fewer than
+#: FEW vectors.
 UNBALANCED, FEW = 0.05, 30
 
 
 @dataclass(frozen=True, eq=False)
 class RegionTension:
-    """Tension in one cell of a sheet, mean over its area.
+    """Mean tension over the area of one cell of a sheet.
 
     Attributes
     ----------
@@ -61,7 +68,7 @@ class RegionTension:
     average, largest : Quantity
         Mean of both principal tensions, and the larger one [N/m].
     angle : float
-        Of the larger one, degrees from x towards y (down), 0 to 180.
+        Angle of the larger principal tension, degrees from x towards y (down), 0 to 180.
     """
 
     label: str
@@ -73,7 +80,7 @@ class RegionTension:
 
 @dataclass(frozen=True, eq=False)
 class BorderTension:
-    """The force between two neighbours.
+    """The force between two neighbouring cells.
 
     Attributes
     ----------
@@ -136,7 +143,7 @@ class SheetTension:
 
     @property
     def average(self) -> Floats:
-        """Mean of both principal tensions (row, column) [N/m].
+        """Mean of the two principal tensions (row, column) [N/m].
 
         Examples
         --------
@@ -155,7 +162,7 @@ class SheetTension:
         return _principal(self.tension)[0]
 
     def summary(self) -> str:
-        """The numbers in words, one to a line.
+        """Return the numbers as text, one to a line.
 
         Examples
         --------
@@ -166,7 +173,7 @@ class SheetTension:
         )
 
     def plot(self, *, title: str | None = None) -> Figure:
-        """Average tension with the directions of the larger one, and its standard deviation.
+        """Plot the average tension with the directions of the larger principal tension, and its standard deviation.
 
         Examples
         --------
@@ -177,7 +184,7 @@ class SheetTension:
         return plot_tension(self, title=title)
 
     def write_table(self, path: str | Path) -> None:
-        """The numbers of the sheet, of each cell and of each border as CSV.
+        """Write the numbers of the sheet, of each cell and of each border as CSV.
 
         Examples
         --------
@@ -233,7 +240,7 @@ def sheet_tension(
     size : (int, int), optional
         Columns and rows of the picture of labels; default: the area of the field.
     poissons_ratio : float, optional
-        Of the sheet; default: random from 0 to 1, at which a sheet keeps its area.
+        Poisson's ratio of the sheet; default: random from 0 to 1, at which a sheet keeps its area.
     own : float
         Balanced tensions of the cells, which leave no traction, as a part of the sheet's; a uniform elastic sheet has none (0).
     draws : int
@@ -296,7 +303,7 @@ def sheet_tension(
     number = _square(field, where)
     known = np.bincount(number[number >= 0], weight[number >= 0], rows * columns)
     good = number >= 0
-    # triangles wider than the squares leave some without a point: they take the nearest
+    # if triangles are wider than the squares, some squares contain no point: use the nearest
     empty = np.flatnonzero((known == 0) & forces.inside.ravel())
     places = np.stack(np.unravel_index(empty, field.shape)[::-1], axis=1) * field.pitch
     far, nearest = scipy.spatial.cKDTree(where).query(places + field.pixel * np.array(field.start))
@@ -312,9 +319,9 @@ def sheet_tension(
     inside = (known > 0).reshape(rows, columns)
     maps = np.stack([(mean @ t.T).T for t in tension]).reshape(len(tension), 3, rows, columns)
     maps[:, :, ~inside] = np.nan
-    # where the sheet ends is part of every mean: forces at the edge have the longest lever
+    # add the error of the outline: forces at the edge of the sheet have the longest lever
     border = sum(float(p.sheet.elements.border(_everywhere)[2].sum()) for p in parts)
-    common = math.hypot(float(forces.touch.common_std), OUTLINE * field.pitch * border / float(weight.sum()))
+    common = math.hypot(forces.touch._scale_std, OUTLINE * field.pitch * border / float(weight.sum()))
     average = 0.5 * (tension[:, 0] + tension[:, 1]) @ weight / weight.sum()
     numbers = {
         "average_tension": _quantity("average tension of the sheet", average, common, "mean of both principal tensions over the sheet"),
@@ -340,7 +347,9 @@ def _everywhere(x: Floats) -> Flags:
 
 @dataclass(eq=False)
 class _Part:
-    """One connected sheet: tension (1 + draw, 3, q) of the estimate and each draw, and the net forces and torque of its traction (1 + draw, 3)."""
+    """One connected part of the sheet: tension (1 + draw, 3, q) of the estimate and of each draw, and the net forces
+    and torque of its traction (1 + draw, 3).
+    """
 
     sheet: Sheet
     tension: Floats
@@ -395,7 +404,9 @@ def _part(
 
 
 def _spread(forces: CellForces, sheet: Sheet) -> Any:
-    """Matrix (q, vector) from the traction on the field's squares to points of integration, which keeps the force of each square; those outside pass theirs to the nearest inside."""
+    """Return the matrix (q, vector) that maps traction on the squares of the field to integration points and keeps the
+    force of each square. Squares outside pass theirs to the nearest point inside.
+    """
     field, e = forces.field, sheet.elements
     rows, columns = field.shape
     x = (e.points[:, 0] / field.pixel - field.start[0]) / field.step
@@ -424,7 +435,9 @@ def _spread(forces: CellForces, sheet: Sheet) -> Any:
 
 
 def _shapes(forces: CellForces) -> list[Shape]:
-    """The connected parts of the mask within the field of view, on squares that are finer than the vectors'."""
+    """Return the connected parts of the mask within the field of view, on squares that are finer than the spacing of
+    vectors.
+    """
     field = forces.field
     rows, columns = field.shape
     finer = max(1, min(4, round(400 / max(rows, columns))))
@@ -438,7 +451,7 @@ def _shapes(forces: CellForces) -> list[Shape]:
     elif mask.shape == forces.inside.shape:
         whole = np.repeat(np.repeat(forces.inside, finer, axis=0), finer, axis=1)
     else:
-        # the part of each fine square that is inside
+        # fraction of each fine square that is inside
         blurred = scipy.ndimage.uniform_filter(mask.astype(np.float64), max(1, round(field.step / finer)))
         places = np.meshgrid(at[1], at[0], indexing="ij")
         whole = scipy.ndimage.map_coordinates(blurred, places, order=1, mode="constant") >= 0.5
@@ -454,7 +467,7 @@ def _shapes(forces: CellForces) -> list[Shape]:
 
 
 def _view(forces: CellForces) -> tuple[float, float, float, float]:
-    """Left, right, top, bottom of the field of view [m]."""
+    """Return left, right, top and bottom of the field of view [m]."""
     field = forces.field
     rows, columns = field.shape
     left, top = ((s - 0.5 * field.step) * field.pixel for s in field.start)
@@ -462,7 +475,7 @@ def _view(forces: CellForces) -> tuple[float, float, float, float]:
 
 
 def _square(field: Any, where: Floats) -> npt.NDArray[np.intp]:
-    """Flat number of the vector's square that a point lies in; -1 beyond."""
+    """Return the flat index of the vector's square that contains each point; -1 outside."""
     rows, columns = field.shape
     j = np.rint((where[:, 0] / field.pixel - field.start[0]) / field.step).astype(int)
     i = np.rint((where[:, 1] / field.pixel - field.start[1]) / field.step).astype(int)
@@ -471,7 +484,9 @@ def _square(field: Any, where: Floats) -> npt.NDArray[np.intp]:
 
 
 def _principal(tension: Floats) -> tuple[Floats, Floats]:
-    """The larger principal tension, and its angle [degrees from x towards y], of (..., 3, row, column) or (..., 3, n)."""
+    """Return the larger principal tension and its angle [degrees from x towards y] for tensions (..., 3, row, column)
+    or (..., 3, n).
+    """
     axis = -3 if tension.ndim >= 3 and tension.shape[-3] == 3 else -2
     xx, yy, xy = np.moveaxis(tension, axis, 0)
     half = np.hypot(0.5 * (xx - yy), xy)
@@ -479,7 +494,9 @@ def _principal(tension: Floats) -> tuple[Floats, Floats]:
 
 
 def _quantity(label: str, values: Floats, common: float, why: str = "", *, extreme: bool = False) -> Quantity:
-    """Of the estimate and the draws after it; the ``extreme`` of a map is that of the draws, as the estimate is smoother than the truth."""
+    """Return the quantity of values whose first is the estimate and the others are draws. An ``extreme`` of a map is
+    taken from the draws, because the estimate is smoother than the truth.
+    """
     value = float(values[1:].mean()) if extreme else float(values[0])
     std = math.hypot(float(values[1:].std(ddof=1)), common * value)
     return Quantity(label, "N/m", value, std, None, why)
@@ -499,7 +516,7 @@ def _labels(forces: CellForces, labels: Any, size: tuple[int, int] | None) -> di
 def _cells(
     masks: dict[str, Flags], field: Any, where: Floats, weight: Floats, tension: Floats, common: float
 ) -> tuple[tuple[RegionTension, ...], tuple[BorderTension, ...]]:
-    """Means over each label, and forces across borders."""
+    """Return the mean tension of each label, and the forces across borders."""
     if not masks:
         return (), ()
     names = list(masks)
@@ -530,14 +547,16 @@ def _cells(
 def _borders(
     names: list[str], number: npt.NDArray[Any], pixel: float, where: Floats, tension: Floats, common: float
 ) -> tuple[BorderTension, ...]:
-    """Forces across the edges between pixels of two labels: the sum of N n over them, which does not depend on the steps of the border."""
+    """Return the forces across borders of two labels: the sum of N n over the edges between their pixels, which does
+    not depend on the steps of the border.
+    """
     tree = scipy.spatial.cKDTree(where)
     edges: dict[tuple[int, int], list[tuple[float, float, float, float]]] = {}
     for axis in (0, 1):
         one, other = (number[:-1], number[1:]) if axis == 0 else (number[:, :-1], number[:, 1:])
         for r, c in np.argwhere((one != other) & (one > 0) & (other > 0)):
             a, b = int(one[r, c]), int(other[r, c])
-            sign = 1.0 if a < b else -1.0  # out of the label that comes first
+            sign = 1.0 if a < b else -1.0  # the normal points out of the label that comes first
             x, y, nx, ny = (c, r + 0.5, 0.0, sign) if axis == 0 else (c + 0.5, r, sign, 0.0)
             edges.setdefault((min(a, b), max(a, b)), []).append((x * pixel, y * pixel, nx * pixel, ny * pixel))
     out = []

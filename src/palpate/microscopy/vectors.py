@@ -1,4 +1,6 @@
-"""Displacement vectors as the sampler takes them: their noise, outliers, means over tiles far from traction, and a first guess."""
+"""Prepare displacement vectors for the sampler: their noise, outliers, means over tiles far from traction, and a first
+guess.
+"""
 
 from __future__ import annotations
 
@@ -20,23 +22,31 @@ __all__ = ["Vectors", "find_doubtful", "first_guess", "noise_of", "outliers", "v
 
 Flags = npt.NDArray[np.bool_]
 
-#: An outlier differs from its neighbours' median by so many times noise and the neighbours' own spread together. Of 4,096 good vectors with noise alone none does.
+#: A vector is an outlier if it differs from the median of its neighbours by this many times the noise plus the spread
+#: of the neighbours. Of 4,096 good vectors with noise alone none does.
 OFF = 4.5
-#: A median of eight neighbours has 0.39 of their noise: with the vector's own, 1.15 is what the difference has, and more where neighbours differ.
+#: Standard deviation of the difference between a vector and the median of its eight neighbours, in units of the noise:
+#: the median has 0.39 of the noise, which with the vector's own makes 1.15.
 DIFFERENCE = 1.15
-#: Fields of more vectors than this are averaged over tiles, which begin so many vectors from strong traction: displacements are smooth there.
+#: Fields of more than FEW vectors are averaged over tiles of 4 x 4 vectors from 8 vectors on from strong traction, and
+#: of 2 x 2 from 3 on: displacements are smooth there.
 FEW, TILES = 1500, ((4, 8.0), (2, 3.0))
-#: Points along each side of a window over which the displacement near a blob is averaged.
+#: The displacement near a blob is averaged over this many points along each side of a window.
 POINTS = 4
-#: An outlier is doubtful if it moves its neighbours' median by this many times the noise; and the largest number of them.
-MOVED, DOUBTED = 2.0, 16
-#: Margin of the first guess round the field, as a part of it, and its largest number of steps: it ends when the residual is as large as the noise.
+#: A vector is doubtful if it differs from its neighbours by DOUBTED_OFF, and their median moves by MOVED times the noise.
+#: At most DOUBTED vectors are. Near traction, neighbours differ so much that one outlier in forty passes OFF; it was off
+#: by 6 to 32 times the noise and was taken for a strong narrow adhesion. 2.5 finds all outliers of 24 cells, and three
+#: normal vectors in each.
+MOVED, DOUBTED_OFF, DOUBTED = 2.0, 2.5, 32
+#: Margin round the field for the first guess, as a fraction of the field; its largest number of steps; and the ratio of
+#: residual to noise at which it stops.
 BEYOND, STEPS, NOISE = 0.15, 60, 1.02
 
 
 def noise_of(u: Floats) -> float:
-    """Standard deviation of noise that is independent from vector to vector, by the median of mixed second differences (J. Immerkaer, Comput. Vis. Image Underst. 64, 1996,
-    300-302): traction bends the field in few places.
+    """Return the standard deviation [m] of noise that is independent from vector to vector, from the median of mixed
+    second differences (J. Immerkaer, Comput. Vis. Image Underst. 64, 1996, 300-302). The median is used because
+    traction bends the field in few places.
     """
     filter_ = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6.0
     found = np.concatenate([scipy.ndimage.convolve(c, filter_, mode="constant", cval=np.nan).ravel() for c in u])
@@ -44,10 +54,8 @@ def noise_of(u: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(found))) if len(found) else float(np.nanstd(u))
 
 
-def outliers(u: Floats, noise: Any) -> Flags:
-    """Vectors (row, column) that neither noise nor the spread of their neighbours explains: the median test (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100) with the
-    noise of the field.
-    """
+def _beside(u: Floats) -> tuple[Floats, Floats]:
+    """Return the median of the eight neighbours of each vector, and their spread (2, row, column)."""
     padded = np.pad(u, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
     rows, columns = u.shape[1:]
     around = np.stack(
@@ -56,21 +64,32 @@ def outliers(u: Floats, noise: Any) -> Flags:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # vectors without neighbours
         middle = np.nanmedian(around, axis=0)
-        spread = 1.4826 * np.nanmedian(np.abs(around - middle), axis=0)
+        return middle, 1.4826 * np.nanmedian(np.abs(around - middle), axis=0)
+
+
+def _far(u: Floats, middle: Floats, spread: Floats, noise: Any) -> Floats:
+    """Return the distance of vectors (row, column) from their neighbours' median, in units of what noise and the spread
+    of the neighbours explain.
+    """
     far = np.abs(u - middle) / np.maximum(np.hypot(DIFFERENCE * noise, spread), 1e-300)
-    return np.asarray(np.nan_to_num(far).max(axis=0) > OFF)
+    return np.asarray(np.nan_to_num(far).max(axis=0))
+
+
+def outliers(u: Floats, noise: Any) -> Flags:
+    """Return the vectors (row, column) that neither noise nor the spread of their neighbours explains: the median test
+    (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005, 1096-1100) with the noise of the field.
+    """
+    return np.asarray(_far(u, *_beside(u), noise) > OFF)
 
 
 def find_doubtful(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
-    """Return the outliers (row, column) whose neighbours move too. They may be adhesions finer than the vectors, which move one vector far more than the next."""
-    around = np.where(there & ~bad, u, np.nan)
-    padded = np.pad(around, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
-    rows, columns = there.shape
-    near = np.stack([padded[:, r : r + rows, c : c + columns] for r in range(3) for c in range(3) if (r, c) != (1, 1)])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # vectors without neighbours
-        moved = np.nan_to_num(np.hypot(*np.nanmedian(near, axis=0)))
-    moved = np.where(bad & there, moved, 0.0)
+    """Return the vectors (row, column) that differ from their neighbours where these move too. They may be outliers, or
+    adhesions finer than the spacing of vectors, which move one vector far more than the next.
+    """
+    middle, spread = _beside(np.where(there & ~bad, u, np.nan))
+    moved = np.nan_to_num(np.hypot(*middle))
+    off = there & (bad | (_far(u, middle, spread, noise) > DOUBTED_OFF))
+    moved = np.where(off, moved, 0.0)
     if not (moved > 0).any():
         return np.zeros_like(bad)
     least = max(MOVED * noise, float(np.sort(moved.ravel())[::-1][:DOUBTED][-1]))
@@ -79,8 +98,9 @@ def find_doubtful(u: Floats, bad: Flags, there: Flags, noise: float) -> Flags:
 
 @dataclass(eq=False)
 class Vectors:
-    """Vectors or means of tiles: ``places`` (n, 2) [m], ``values`` (2, n), variance [m^2] of the square that each is a mean over, ``weight`` by which
-    it is multiplied so that all have one noise, or ``white`` that does this where noise differs or is shared; ``window`` is the side of the square of a single vector.
+    """Vectors, or means of vectors over tiles: ``places`` (n, 2) [m], ``values`` (2, n) [m], and the variance [m^2] of
+    the square that each is a mean over. Multiplying by ``weight`` gives all the same noise; where noise differs or is
+    shared, ``white`` does so instead. ``window`` is the side [m] of the square of a single vector.
     """
 
     places: Floats
@@ -89,7 +109,7 @@ class Vectors:
     weight: Floats
     window: float
     white: Whitener | None = None
-    #: Numbers of vectors that may be outliers: each may have an offset of its own.
+    #: Indices of vectors that may be outliers; each may have an offset of its own.
     doubtful: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -99,21 +119,21 @@ class Vectors:
         self._points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         patterns = self._whitened(self.drift(self.places).reshape(3, 2, -1)).reshape(3, -1)
         self.units = 1.0 / np.sqrt((patterns**2).mean(axis=1))
-        #: Shift along x and y, and rotation, of mean square one: (3, 2 n).
+        #: Shift along x and y, and rotation, each of mean square one: (3, 2 n).
         self.patterns = patterns * self.units[:, None]
         if self.doubtful:
             alone = np.zeros((2 * len(self.doubtful), 2, len(self.places)))
             for k, n in enumerate(self.doubtful):
                 alone[2 * k, 0, n] = alone[2 * k + 1, 1, n] = 1.0
-            #: And the effect of an offset of each doubtful vector, along x and y.
+            #: Followed by the effects of an offset of each doubtful vector, along x and y.
             self.patterns = np.concatenate([self.patterns, self._whitened(alone).reshape(len(alone), -1)])
 
     def _whitened(self, values: Floats) -> Floats:
-        """Values (..., n) so that all have one noise of their own."""
+        """Transform values (..., n) so that all have equal and independent noise."""
         return self.weight * values if self.white is None else self.white(values)
 
     def drift(self, places: Floats) -> Floats:
-        """Shifts and a rotation of a picture at some places: (3, 2 n)."""
+        """Return shifts and a rotation of the picture at some places: (3, 2 n)."""
         nothing, weight = np.zeros(len(places)), np.ones(len(places))
         x, y = (places - self.middle).T
         return np.stack(
@@ -125,7 +145,9 @@ class Vectors:
         )
 
     def rows(self, response: Response, x: float, y: float, size: float) -> Floats:
-        """What a unit force along x and along y in a blob of standard deviation ``size`` makes of the vectors: (2, 2 n)."""
+        """Return the effect on the vectors (2, 2 n) of a unit force along x and along y in a blob of standard
+        deviation ``size`` [m].
+        """
         dx, dy = self.places[:, 0] - x, self.places[:, 1] - y
         xx, xy, yy = response.tensor(dx, dy, size**2 + self.variance)
         if self.window > 0:
@@ -152,7 +174,7 @@ def vectors_of(
     noise: Noise | None = None,
     doubtful: Flags | None = None,
 ) -> Vectors:
-    """Single vectors near ``strong`` traction and where ``doubtful``, and means of tiles elsewhere."""
+    """Return single vectors near ``strong`` traction and where ``doubtful``, and means over tiles elsewhere."""
     rows, columns = there.shape
     alone = np.zeros_like(there) if doubtful is None else doubtful & there
     far = scipy.ndimage.distance_transform_edt(~strong) if strong.any() else np.full(there.shape, np.inf)
@@ -201,7 +223,9 @@ def vectors_of(
 def first_guess(
     u: Floats, there: Flags, response: Response, pitch: float, window: float, noise: float
 ) -> tuple[Floats, tuple[int, int]]:
-    """A smooth traction (2, row, column) that leaves the noise, on the field's squares and a margin (rows, columns) of them: conjugate gradients that stop early."""
+    """Return a smooth traction (2, row, column) that fits the field to within the noise, on the squares of the field
+    plus a margin, and that margin (rows, columns). It uses conjugate gradients and stops early.
+    """
     shape = there.shape
     margin = [math.ceil(max(BEYOND * n, 1.0)) for n in shape]
     cells = [n + 2 * m for n, m in zip(shape, margin)]
@@ -235,7 +259,7 @@ def first_guess(
         return still(moved[:, : shape[0], : shape[1]])
 
     def adjoint(r: Floats) -> Floats:
-        # the kernel is even
+        # the kernel is symmetric
         back = np.roll(multiplied(still(r)), margin, axis=(1, 2))
         return smoothed(back[:, : cells[0], : cells[1]])
 
@@ -255,4 +279,4 @@ def first_guess(
         gradient = adjoint(left)
         new = float(np.vdot(gradient, gradient))
         direction, power = gradient + new / power * direction, new
-    return smoothed(found) / pitch**2, (margin[0], margin[1])  # of forces
+    return smoothed(found) / pitch**2, (margin[0], margin[1])  # from forces to traction

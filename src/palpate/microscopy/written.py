@@ -1,4 +1,4 @@
-"""Results of a cell as other programs read them: tables of vectors, TIFF for ImageJ, netCDF, and layers of napari."""
+"""Write the results of a cell for other programs: tables of vectors, TIFF for ImageJ, netCDF, and layers of napari."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Frames over UDP, TCP, WebSocket or zenoh in a small binary form, for drivers in any language.
+"""Receive frames over UDP, TCP, WebSocket or zenoh in a small binary form, from drivers in any language.
 
-In: packets of any sender (`frames.py` has their form, `admission.py` decides which are taken).
-Out: frames with readings and times in order, and the few that still wait (`waiting.py`).
-Open first: `listener.py` (sockets; `zenoh.py` is the same by zenoh).
+In: packets of any sender (`frames.py` has their form, `admission.py` decides which are accepted).
+Out: frames with readings and times in order, of which few wait in a queue (`waiting.py`).
+Open first: `listener.py` (sockets; `zenoh.py` does the same over zenoh).
 """
 
 from palpate.network.admission import Admission, Limits

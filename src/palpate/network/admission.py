@@ -1,12 +1,14 @@
-"""Admission of frames: one sender at a time, its frames in order.
+"""Decide which frames to accept: those of one sender at a time, in order.
 
-A sender is an address (UDP) or a connection (TCP, WebSocket). Its frames form a session that begins with its first good frame and has a
-clock of its own. Within a session a frame is accepted if its sequence and its time are a little after those of the last one. A frame far from the
-last is damaged, or the sender restarted. It waits until `RUN` such frames follow each other, and then all of them start a new session (the rule for
-restarted sources in RFC 3550, appendix A.1). Frames a little before the last are late or copies, unless `LATE_RUN` of them follow each other with
-none of the session between: then the sender restarted soon after its start.
+A sender is an address (UDP) or a connection (TCP, WebSocket). Its frames form a session that begins with its first
+valid frame and has its own clock. Within a session a frame is accepted if its sequence number and its time are
+slightly later than those of the last one. A frame far from the last is damaged, or the sender restarted: such frames
+are held back until `RUN` of them follow each other, and then all of them start a new session (the rule for restarted
+sources in RFC 3550, appendix A.1). Frames slightly before the last are late or copies, unless `LATE_RUN` of them
+follow each other without any of the session between: then the sender restarted soon after its start.
 
-Frames of two senders never mix. A second one is refused until the first has been silent for a while, several times its own interval.
+Frames of two senders never mix. A second sender is refused until the first has been silent for several times its own
+interval.
 """
 
 from __future__ import annotations
@@ -24,19 +26,20 @@ from palpate.network.frames import HEAD, MAGIC, frame_from_bytes, is_big_endian
 
 __all__ = ["REFUSALS", "Admission", "Limits"]
 
-#: Frames out of their order that must follow each other before they are a new beginning.
+#: Number of consecutive frames out of order that start a new session.
 RUN = 3
-#: The same for frames a little before the last, several of which may arrive out of order.
+#: The same number for frames slightly before the last, because several may arrive out of order.
 LATE_RUN = 20
-#: How far the sequence may be ahead (frames lost) or behind (frames late); ahead also by `FASTEST` a second of silence.
+#: Largest jump of the sequence number ahead (lost frames) and behind (late frames); FASTEST is added to AHEAD for each
+#: second of silence.
 AHEAD, BEHIND, FASTEST = 1000, 1000, 10_000
-#: How far the time may be ahead [s], besides the silence and some of the steps before.
+#: Largest jump ahead of the time [s], in addition to the silence, and in multiples of the previous interval.
 LEAP, STEPS = 10.0, 10.0
-#: A sender is silent after this many of its intervals without a frame, or at most after so long [s].
+#: A sender counts as silent after this many of its intervals without a frame, and at the latest after LONGEST [s].
 INTERVALS, LONGEST = 5.0, 60.0
-#: Senders that were served before and are remembered, so that two slow ones do not take turns for ever.
+#: Number of earlier senders that are remembered, so that two slow ones do not alternate for ever.
 REMEMBERED = 64
-#: One kind of refusal is put into words at most so often [s].
+#: Shortest time [s] between two messages about the same kind of refusal.
 PAUSE = 10.0
 
 #: Reasons to refuse a frame or a connection.
@@ -47,11 +50,12 @@ REFUSALS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """How patient a listener is; times in seconds.
+    """Time limits of a listener [s].
 
-    ``silence``: time without frames after which another sender is served. ``hold``: time before a refused connection, while another is served,
-    gets a message and is closed. ``hello``: for the first frame of a connection. ``stall``: for a frame that has begun. ``idle``: for the next
-    frame of a connection. ``connections``: largest number at the same time; one more closes the oldest that is not served.
+    ``silence``: time without frames after which another sender is accepted. ``hold``: time after which a refused
+    connection gets a message and is closed. ``hello``: time for the first frame of a connection. ``stall``: time for a
+    frame that has begun. ``idle``: time for the next frame of a connection. ``connections``: largest number of
+    connections; if one more arrives, the oldest that is not accepted is closed.
 
     Examples
     --------
@@ -78,7 +82,7 @@ class Limits:
 
 @dataclass
 class _Run:
-    """Frames that follow each other, but not the session."""
+    """Consecutive frames that do not belong to the current session."""
 
     name: str
     sequence: int
@@ -89,7 +93,7 @@ class _Run:
 
 @dataclass
 class _Session:
-    """A sender's frames since it began."""
+    """The frames of a sender since it started."""
 
     sender: str
     number: int
@@ -103,7 +107,7 @@ class _Session:
 
 @dataclass
 class Admission:
-    """Decides frame by frame; ``now`` is the listener's own clock, which only goes forward.
+    """Decides about each frame; ``now`` is the listener's own clock, which never goes back.
 
     Parameters
     ----------
@@ -148,7 +152,7 @@ class Admission:
         self.shape = tuple(int(n) for n in self.shape)
         if len(self.shape) not in (2, 3) or min(self.shape) < 1:
             raise InvalidInput(f"shape must be (channel, taxel) or (channel, y, x); got {self.shape}.")
-        #: (channel, row, column) as a frame states them: taxels without rows are one row
+        #: (channel, row, column) as a frame states it: taxels without rows count as one row
         self.wire = self.shape if len(self.shape) == 3 else (self.shape[0], 1, self.shape[1])
         self.largest = HEAD.size + 4 * math.prod(self.wire)
         self.counts = dict.fromkeys(("frames", "sessions", *REFUSALS), 0)
@@ -158,11 +162,13 @@ class Admission:
 
     @property
     def sender(self) -> str | None:
-        """Who is served."""
+        """The sender whose frames are accepted."""
         return None if self._session is None else self._session.sender
 
     def offer(self, sender: str, data: bytes, now: float) -> tuple[str, list[tuple[int, float, Floats]]]:
-        """The outcome of a message ("frames" or one of `REFUSALS`), and the accepted frames (session, time [s], readings)."""
+        """Return the outcome of a message ("frames" or one of `REFUSALS`), and the accepted frames (session, time [s],
+        readings).
+        """
         if len(data) > self.largest:
             text = f"{len(data)} bytes came, a frame has {self.largest}{_states(data)}"
             return self.refuse("oversized", sender, now, text), []
@@ -179,7 +185,7 @@ class Admission:
     def take(
         self, sender: str, sequence: int, time: float, values: Any, now: float
     ) -> tuple[str, list[tuple[int, float, Any]]]:
-        """The same of a frame that has been read already; ``values`` are handed on as they are.
+        """Do the same as `offer` for a frame that is decoded already; ``values`` are returned unchanged.
 
         Examples
         --------
@@ -196,13 +202,13 @@ class Admission:
         return self._next(session, sequence, time, values, now)
 
     def gone(self, sender: str) -> None:
-        """A connection has ended: the next sender is served at once."""
+        """Note that a connection has ended; the next sender is then accepted at once."""
         if self._session is not None and self._session.sender == sender:
             self._session = None
             self.report(f"sender {sender} left")
 
     def refuse(self, name: str, sender: str, now: float, why: str) -> str:
-        """Count a refusal, and report it at a limited rate."""
+        """Count a refusal, and report it unless one of its kind was reported recently."""
         self.counts[name] += 1
         if now - self._reported.get(name, -math.inf) >= PAUSE:
             self._reported[name] = now
@@ -238,7 +244,7 @@ class Admission:
                 f"sequence {sequence} at {plain_time(time)} s {how} {session.sequence} at {plain_time(session.time)} s"
             )
             return self.refuse(name, session.sender, now, text), []
-        # those that are taken now were refused while they could have been damage
+        # these frames were counted as refused while they could have been damaged: they are accepted now
         self.counts[name] -= len(run.values) - 1
         return "frames", self._begin(session.sender, sequence, run.values, now)
 
@@ -273,7 +279,7 @@ def _times(shape: Sequence[int]) -> str:
 
 
 def _states(data: bytes) -> str:
-    """The shape that the header of a frame states."""
+    """Return the shape that the header of a frame states."""
     try:
         magic, _, _, *shape = HEAD.unpack_from(data)
     except struct.error:

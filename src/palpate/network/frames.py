@@ -45,7 +45,7 @@ _SWAPPED = struct.Struct(">4sIdHHH")
 
 
 def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
-    """One frame (channel, taxel) or (channel, y, x) as bytes; masked values are missing (NaN).
+    """Encode one frame (channel, taxel) or (channel, y, x); masked values are missing (NaN).
 
     Examples
     --------
@@ -68,7 +68,7 @@ def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
 
 
 def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:
-    """(sequence, time [s], readings (channel, row, column)) of a frame; `InvalidInput` if it is not one.
+    """Decode a frame to (sequence, time [s], readings (channel, row, column)); raise `InvalidInput` if it is not one.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def zero_bytes(frames: int = 10) -> bytes:
 
 
 def zero_from_bytes(data: bytes) -> int:
-    """The number of frames in a message that requests a new zero; `InvalidInput` for other messages.
+    """Return the number of frames in a message that requests a new zero; raise `InvalidInput` for other messages.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def zero_from_bytes(data: bytes) -> int:
 
 
 def is_big_endian(data: bytes) -> bool:
-    """Whether these bytes are a frame whose header is right when it is read big-endian, and only then."""
+    """Return whether the header of a frame is valid if read as big-endian, and only then."""
     if len(data) < HEAD.size or data[:4] != MAGIC:
         return False
     fits = [4 * math.prod(form.unpack_from(data)[3:]) == len(data) - HEAD.size for form in (HEAD, _SWAPPED)]

@@ -1,4 +1,4 @@
-"""The sockets: one thread with one event loop takes datagrams, connections and messages in."""
+"""Sockets: one thread with one event loop receives datagrams, connections and messages."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ __all__ = ["FrameListener"]
 
 
 def _silent_logger() -> logging.Logger:
-    """Handshakes that fail are the sender's affair."""
+    """Return a logger that writes nothing: failed handshakes are the sender's problem."""
     logger = logging.getLogger("palpate.network")
     logger.setLevel(logging.CRITICAL)
     return logger
 
 
 class FrameListener(FrameSource):
-    """Listens for frames and gives them out one by one, the newest first where too many wait.
+    """Listens for frames and returns them one by one; if too many wait, the oldest are dropped.
 
-    One sender is served at a time; `palpate.network.admission` says which frames are taken. A sender that restarts, or another in its
-    place, begins a new session, whose times may lie before those of the last.
+    One sender is accepted at a time; `palpate.network.admission` describes which frames are. A sender that restarts,
+    or another in its place, begins a new session, whose times may be earlier than those of the last.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class FrameListener(FrameSource):
         try:
             await self._end.wait()
         finally:
-            # accept no more; end those that were accepted: a closed server leaves their sockets open (Python 3.11)
+            # accept no more connections, and end the open ones: a closed server leaves their sockets open (Python 3.11)
             with contextlib.suppress(NotImplementedError):
                 self._loop.remove_reader(self._socket)
             for _ in range(20):
@@ -152,10 +152,12 @@ class FrameListener(FrameSource):
                     break
                 await asyncio.wait(others, timeout=0.1)
             server.close()
-            await asyncio.sleep(0)  # aborted ones close one turn of the loop later
+            await asyncio.sleep(0)  # aborted connections close one turn of the loop later
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Read frames from one connection until it closes or sends something that is no frame: no boundary of frames can be found after that."""
+        """Read frames from a connection until it closes or sends anything that is not a frame, after which the start
+        of the next frame cannot be found.
+        """
         sender = self._arrived(writer.transport)
         why = None
         try:
@@ -165,16 +167,16 @@ class FrameListener(FrameSource):
         finally:
             self._left(sender)
             if why is not None and not writer.is_closing():
-                # best effort: a sender that reads learns why
+                # tell the sender why, if it reads
                 writer.write(f"refused: {why}\n".encode())
             writer.close()
             with contextlib.suppress(OSError, TimeoutError):
                 async with asyncio.timeout(self._limits.hold):
                     await writer.wait_closed()
-            writer.transport.abort()  # a peer that does not read
+            writer.transport.abort()  # the sender does not read
 
     async def _listen(self, sender: str, reader: asyncio.StreamReader) -> str | None:
-        """Serve until the end; return why the connection must close, or None if the peer closed it."""
+        """Read frames until the end. Return why the connection must be closed, or None if the sender closed it."""
         wait, refuse = self._limits.hello, self._admission.refuse
         while True:
             try:
@@ -212,7 +214,7 @@ class FrameListener(FrameSource):
                 self.sender = arrived(transport)
                 super().connection_made(transport)
 
-        # pages in a browser bring an Origin; a sensor's driver does not
+        # refuse pages in a browser, which send an Origin; a sensor's driver sends none
         async with serve(
             self._hear, sock=self._socket, max_size=self._admission.largest, compression=None, origins=[None],
             open_timeout=self._limits.hello, close_timeout=self._limits.hold, create_connection=Counted, logger=_silent_logger(),
@@ -221,7 +223,7 @@ class FrameListener(FrameSource):
             self._abort_all()
 
     async def _hear(self, connection: Any) -> None:
-        """Messages of one WebSocket sender."""
+        """Read the messages of one WebSocket sender."""
         from websockets.exceptions import ConnectionClosed
 
         sender, wait = connection.sender, self._limits.hello
@@ -257,7 +259,7 @@ class FrameListener(FrameSource):
         return serve, ServerConnection
 
     def _arrived(self, transport: Any) -> str:
-        """Name of a new connection; one too many ends the oldest that is not served."""
+        """Return the name of a new connection. If there are too many, close the oldest that is not accepted."""
         peer = transport.get_extra_info("peername") or ("unknown", id(transport))
         sender = _name(peer)
         line = transport.get_extra_info("socket")
@@ -266,7 +268,7 @@ class FrameListener(FrameSource):
             for option, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
                 if hasattr(socket, option):
                     line.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
-        # those with a failed handshake have left already
+        # connections whose handshake failed have left already
         for name in [n for n, t in self._connections.items() if t.is_closing()]:
             self._left(name)
         if len(self._connections) >= self._limits.connections:
@@ -283,7 +285,7 @@ class FrameListener(FrameSource):
         self._admission.gone(sender)
 
     def _unwanted(self, sender: str, result: str) -> bool:
-        """Whether a connection has been refused for so long, because another is served, that it gets a message."""
+        """Return whether a connection has been refused long enough, because another one is accepted, to get a message."""
         if result != "busy":
             self._refused.pop(sender, None)
             return False

@@ -1,4 +1,6 @@
-"""Frames that wait between whoever receives them and whoever answers: few, the oldest making room for the newest."""
+"""Queue between the thread that receives frames and the one that processes them: it is short, and drops the oldest
+frames.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,19 @@ from palpate.network.frames import ZERO, zero_from_bytes
 
 __all__ = ["EVENTS", "WAITING", "FrameSource"]
 
-#: Frames that wait to be taken; the oldest make room for the newest.
+#: Largest number of frames that wait; the oldest are dropped.
 WAITING = 8
-#: Sentences on senders that are stored.
+#: Number of sentences about senders that are stored.
 EVENTS = 100
 
 
 class FrameSource:
-    """Frames of live senders, one sender at a time: what `FrameListener`, `ZenohListener` and the node for ROS 2 have in common.
+    """Frames of live senders, one sender at a time: the common part of `FrameListener`, `ZenohListener` and the node
+    for ROS 2.
 
-    A subclass gives the bytes that it receives to `_take`, or messages of another form to ``_admission`` and what that takes to `_put`; ``report`` and ``zero`` are as in `FrameListener`, and at most ``waiting`` frames wait.
+    A subclass passes received bytes to `_take`; or it passes messages of another form to ``_admission`` and the
+    accepted frames to `_put`. ``report`` and ``zero`` are those of `FrameListener`, and at most ``waiting`` frames
+    wait.
     """
 
     def __init__(
@@ -46,12 +51,14 @@ class FrameSource:
         self._open = True
 
     def __iter__(self) -> Iterator[tuple[float, Any]]:
-        """(time [s], readings (channel, *array)) until `close`."""
+        """Yield (time [s], readings (channel, *array)) until `close`."""
         for _, time, values in self.frames():
             yield time, values
 
     def frames(self) -> Iterator[tuple[int, float, Any]]:
-        """(session, time [s], readings (channel, *array)) until `close`; the session counts up where a sender begins (again)."""
+        """Yield (session, time [s], readings (channel, *array)) until `close`; the session number increases when a
+        sender starts or restarts.
+        """
         while True:
             with self._ready:
                 self._ready.wait_for(lambda: self._frames or not self._open)
@@ -62,17 +69,17 @@ class FrameSource:
 
     @property
     def sender(self) -> str | None:
-        """Who is being served."""
+        """The sender whose frames are accepted."""
         return self._admission.sender
 
     def close(self) -> None:
-        """No more frames come: `frames` ends."""
+        """Receive no more frames: `frames` ends."""
         with self._ready:
             self._open = False
             self._ready.notify_all()
 
     def _take(self, sender: str, data: bytes) -> str:
-        """The outcome of a message."""
+        """Process a message and return its outcome."""
         if data[:4] == ZERO and self.zero is not None:
             return self._zeroed(sender, data, self.zero)
         result, found = self._admission.offer(sender, data, clock.monotonic())
@@ -80,7 +87,7 @@ class FrameSource:
         return result
 
     def _zeroed(self, sender: str, data: bytes, zero: Callable[[int], None]) -> str:
-        """Handle a request for a new zero: only the current sender may have one."""
+        """Process a request for a new zero, which only the current sender may make."""
         now = clock.monotonic()
         if sender != self.sender:
             return self._admission.refuse("busy", sender, now, "a new zero is for the sender that is being served")

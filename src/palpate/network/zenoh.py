@@ -1,4 +1,6 @@
-"""Frames by zenoh, a publish and subscribe protocol of robots (``pip install palpate[zenoh]``): readings in, packets of touches out."""
+"""Frames over zenoh, a publish-subscribe protocol for robots (``pip install palpate[zenoh]``): readings come in,
+packets of touches go out.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,9 @@ from palpate.network.waiting import FrameSource
 
 __all__ = ["LOCAL", "ZenohListener", "zenoh_key", "zenoh_session"]
 
-#: Default address of our session: this machine alone.
+#: Default address of our session: this machine only.
 LOCAL = "tcp/127.0.0.1:7447"
-#: Names the file of zenoh's own configuration, as for its other programs.
+#: Environment variable that names the file of zenoh's own configuration, as for other zenoh programs.
 CONFIG = "ZENOH_CONFIG"
 
 
@@ -75,7 +77,7 @@ def zenoh_session(*, listen: str | None = None, connect: str | None = None) -> A
 
 
 def zenoh_key(key: str) -> str:
-    """The key, if zenoh can publish to it.
+    """Return the key; raise an error if zenoh cannot publish to it.
 
     Raises
     ------
@@ -96,10 +98,10 @@ def zenoh_key(key: str) -> str:
 
 
 class ZenohListener(FrameSource):
-    """Takes in the frames that are published on a key; the rules are those of `FrameListener`.
+    """Receives the frames that are published on a key, with the rules of `FrameListener`.
 
-    A frame is what `palpate.network.frame_bytes` makes. Publishers are separated where they say who they are (``source_info`` of zenoh);
-    those that do not are one sender, so that a key must have one of them.
+    Frames are encoded by `palpate.network.frame_bytes`. Publishers are distinguished if they identify themselves
+    (``source_info`` of zenoh). Those that do not count as one sender, so that a key must have only one of them.
 
     Parameters
     ----------
@@ -150,7 +152,7 @@ class ZenohListener(FrameSource):
         self.close()
 
     def close(self) -> None:
-        """Accept no more; the queue is still delivered."""
+        """Accept no more frames; those in the queue are still delivered."""
         with contextlib.suppress(self._zenoh.ZError):  # it has ended already
             self._subscriber.undeclare()
         super().close()

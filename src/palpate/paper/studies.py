@@ -120,10 +120,11 @@ def friction_table() -> list[Row]:
 
 
 def friction_readings() -> list[Row]:
-    """How near each reading of the friction algorithm comes to the printed strain errors, 1.15e-3 and 1.45e-3.
+    """Compare each interpretation of the friction algorithm with the printed strain errors, 1.15e-3 and 1.45e-3.
 
-    A reading: by how many samples M is wrong in the strain case, and whether the contact counts as 2M periods (as equation 22 has
-    it) or as its 2M + 1 samples. The friction coefficient is the one that gives the printed tangential error.
+    An interpretation states by how many samples M is wrong in the strain case, and whether the contact counts as 2M
+    periods (as in equation 22) or as its 2M + 1 samples. The friction coefficient is the one that gives the printed
+    tangential error.
     """
     target = float(PAPER_ERRORS["punch with friction", "tangential", "strain_zz"])
     pressure = punch(array(["strain_zz"]).grid.x)

@@ -1,4 +1,4 @@
-"""Contacts as a simulator states them."""
+"""Contacts as a simulator reports them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Contacts"]
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts of bodies with a pad, one entry each, in the pad's axes: x and y on its surface, z into it.
+    """Contacts of bodies with a pad, one entry for each, in the axes of the pad: x and y on its surface, z into it.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Contacts:
     disc : array (contact, 3)
         x, y of the middle and the radius [m] of a flat disc that presses; radius 0 without a disc.
     length : array (contact,)
-        Of the straight line along which a cylinder or a capsule presses [m], or 0.
+        Length of the straight line along which a cylinder or a capsule presses [m], or 0.
 
     Raises
     ------
@@ -72,7 +72,7 @@ class Contacts:
 
     def __post_init__(self) -> None:
         n = len(np.asarray(self.position))
-        # what is not given: no torque, all in one world, each contact a body of its own
+        # defaults: no torque, one world, and each contact belongs to a body of its own
         given: dict[str, tuple[tuple[int, ...], type, object]] = {
             "position": ((3,), float, None),
             "force": ((3,), float, None),
@@ -106,7 +106,9 @@ class Contacts:
         return self._count
 
     def wrench(self, worlds: int) -> Floats:
-        """Net force and moment about the middle of the surface (world, 6) [N, N m] of all contacts of each world."""
+        """Return the net force and moment about the middle of the surface (world, 6) [N, N m] of all contacts in each
+        world.
+        """
         out = np.zeros((worlds, 6))
         position, force = np.asarray(self.position), np.asarray(self.force)
         moment = np.cross(position, force) + np.asarray(self.torque)
@@ -114,5 +116,5 @@ class Contacts:
         return out
 
     def some(self, which: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> Contacts:
-        """Some of the contacts."""
+        """Return a selection of the contacts."""
         return Contacts(**{f.name: np.asarray(getattr(self, f.name))[which] for f in fields(self) if f.init})

@@ -1,7 +1,7 @@
-"""Where contacts press, as points with a part of the force each.
+"""Footprints: the area that a contact presses, as points that each carry a fraction of the force.
 
-Every footprint is a set of points (contact, point, 2) [m] with weights (contact, point) that are not negative and add up to 1. Points carry
-the force of the area about them; `palpate.pressing.spread` puts them on cells.
+Every footprint is a set of points (contact, point, 2) [m] with non-negative weights (contact, point) that add up to 1.
+A point carries the force of the area around it; `palpate.pressing.spread` distributes points over cells.
 """
 
 from __future__ import annotations
@@ -12,18 +12,21 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["disc_points", "ellipse_points", "hull_points", "strip_points", "tilted"]
 
-#: Smallest number of points along the radius of an ellipse: 8 give an error of 1e-3 of the largest reading, 12 a third of that.
+#: Smallest number of points along the radius of an ellipse: 8 give an error of 1e-3 of the largest reading, 12 a third
+#: of that.
 MIN_POINTS = 12
-#: Newton steps of `tilted`; six settle an ordinary press.
+#: Largest number of Newton steps of `tilted`; an ordinary press needs six.
 STEPS = 30
-#: Largest tilt: the pressure changes by exp(12) over a standard deviation of the footprint, all of it at one edge.
+#: Largest tilt: the pressure changes by a factor exp(12) over a standard deviation of the footprint, so that
+#: practically all of it is at one edge.
 STEEPEST = 12.0
 
 
 def ellipse_points(count: int) -> tuple[Floats, Floats]:
-    """Hertz's pressure on the unit circle: points (point, 2) and weights, exact for its moments.
+    """Return points (point, 2) and weights of Hertz's pressure on the unit circle, with exact moments.
 
-    With u = sqrt(1 - r^2) the part of the force within dr is 3 u^2 du: Gauss-Legendre in u, even in angle.
+    With u = sqrt(1 - r^2) the fraction of the force within dr is 3 u^2 du: Gauss-Legendre quadrature in u, equal
+    angles.
     """
     count = max(MIN_POINTS, count)
     t, w = np.polynomial.legendre.leggauss(count)
@@ -36,7 +39,9 @@ def ellipse_points(count: int) -> tuple[Floats, Floats]:
 
 
 def disc_points(count: int) -> tuple[Floats, Floats]:
-    """An even pressure on the unit circle: points (point, 2) and weights, by Gauss-Legendre in r^2."""
+    """Return points (point, 2) and weights of a uniform pressure on the unit circle, by Gauss-Legendre quadrature in
+    r^2.
+    """
     count = max(MIN_POINTS, count)
     t, w = np.polynomial.legendre.leggauss(count)
     radius, angles = np.sqrt(0.5 * (t + 1.0)), 3 * count
@@ -46,9 +51,10 @@ def disc_points(count: int) -> tuple[Floats, Floats]:
 
 
 def strip_points(count: int) -> tuple[Floats, Floats]:
-    """Hertz's line pressure, sqrt(1 - v^2) across, even along: points (point, 2) on |u|, |v| < 1 and weights.
+    """Return points (point, 2) on |u|, |v| < 1 and weights of Hertz's line pressure: sqrt(1 - v^2) across, uniform
+    along.
 
-    Across by Gauss-Chebyshev of the second kind, along by the midpoint rule.
+    Across by Gauss-Chebyshev quadrature of the second kind, along by the midpoint rule.
     """
     along = (np.arange(max(MIN_POINTS, count)) + 0.5) * 2.0 / max(MIN_POINTS, count) - 1.0
     angle = np.pi * np.arange(1, MIN_POINTS + 1) / (MIN_POINTS + 1)
@@ -58,7 +64,7 @@ def strip_points(count: int) -> tuple[Floats, Floats]:
 
 
 def hull_points(vertices: Floats, count: int) -> tuple[Floats, Floats]:
-    """An even pressure on polygons about their middles.
+    """Return points and weights of a uniform pressure on polygons, relative to their middles.
 
     Parameters
     ----------
@@ -78,7 +84,7 @@ def hull_points(vertices: Floats, count: int) -> tuple[Floats, Floats]:
     after = np.roll(ring, -1, axis=1)
     first, second = ring - middle, after - middle
     areas = 0.5 * np.abs(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
-    # middles of the small triangles, which have one area: those that point as the large one does, and those turned round
+    # middles of the small triangles, which have equal areas: those oriented like the large one, and the inverted ones
     i, j = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
     up, down = i + j < count, i + j < count - 1
     s = np.concatenate([(i[up] + 1 / 3) / count, (i[down] + 2 / 3) / count])
@@ -91,10 +97,12 @@ def hull_points(vertices: Floats, count: int) -> tuple[Floats, Floats]:
 
 
 def tilted(points: Floats, weights: Floats, center: Floats) -> tuple[Floats, Floats]:
-    """The footprint with its centre of pressure moved to ``center`` (contact, 2): weights times exp(c . x), which stay positive.
+    """Return the footprint with its centre of pressure moved to ``center`` (contact, 2): weights are multiplied by
+    exp(c . x), so that they stay positive.
 
-    Of all pressures with that centre it is the one nearest to the even one (in relative entropy). The exponent is the minimum of a convex function, by
-    Newton's method. Where ``center`` lies outside the footprint the pressure is at its edge, and the footprint moves by the rest.
+    Of all pressures with that centre this one is nearest to the original (in relative entropy). c minimises a convex
+    function and is found by Newton's method. If ``center`` lies outside the footprint, the pressure moves to its edge,
+    and the footprint is shifted by the rest.
     """
     middle = (weights[..., None] * points).sum(axis=1, keepdims=True)
     size = np.sqrt((weights * ((points - middle) ** 2).sum(axis=-1)).sum(axis=1))

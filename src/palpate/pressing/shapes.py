@@ -14,13 +14,14 @@ from palpate.errors import InvalidInput
 
 __all__ = ["SHAPES", "Local", "local_shape"]
 
-#: A place so near to an edge, as a part of the body's least size, is at the edge: simulators put a contact half its depth inside.
+#: A place closer to an edge than this fraction of the body's smallest size counts as at the edge, because simulators
+#: put a contact half its depth inside.
 AT_EDGE = 0.02
 
 
 @dataclass(frozen=True)
 class Local:
-    """A body about a place where it is touched, in its own axes.
+    """The shape of a body around the place where it is touched, in the body's axes.
 
     Attributes
     ----------
@@ -35,7 +36,7 @@ class Local:
     center : array (3,)
         Middle of that disc.
     length : float
-        Of the straight line along which a cylinder or capsule touches [m], 0 if there is none.
+        Length of the straight line along which a cylinder or capsule touches [m], 0 if there is none.
 
     Examples
     --------
@@ -53,7 +54,7 @@ class Local:
 
 
 def local_shape(kind: str, size: Sequence[float], point: npt.ArrayLike) -> Local:
-    """The shape of a body about a place on it.
+    """Return the shape of a body around a place on it.
 
     Parameters
     ----------
@@ -99,14 +100,14 @@ def _sphere(size: Floats, at: Floats) -> Local:
 
 
 def _round(direction: Floats) -> Floats:
-    """The identity in the plane across a direction."""
+    """Return the identity in the plane normal to a direction."""
     length = float(np.linalg.norm(direction))
     unit = direction / length if length > 0 else np.array([0.0, 0.0, 1.0])
     return np.asarray(np.eye(3) - np.outer(unit, unit))
 
 
 def _around(at: Floats, radius: float) -> Floats:
-    """Curvature round the axis z."""
+    """Return the curvature of a cylinder around the axis z."""
     across = np.array([-at[1], at[0], 0.0])
     across /= max(float(np.linalg.norm(across)), 1e-300)
     return np.asarray(np.outer(across, across) / radius)
@@ -132,7 +133,9 @@ def _cylinder(size: Floats, at: Floats) -> Local:
 
 
 def _ellipsoid(size: Floats, at: Floats) -> Local:
-    """The shape operator of sum (x/a)^2 = 1: its Hessian across the normal over the size of its gradient."""
+    """Return the shape operator of sum (x/a)^2 = 1: its Hessian in the tangent plane, divided by the length of its
+    gradient.
+    """
     hessian = np.diag(2.0 / size[:3] ** 2)
     gradient = hessian @ at
     plane = _round(gradient)
@@ -144,7 +147,7 @@ def _box(size: Floats, at: Floats) -> Local:
     return Local(sharp=bool(near.sum() > 1))
 
 
-#: Properties of each kind of body, by its name in MuJoCo.
+#: Curvature function of each kind of body, by its name in MuJoCo.
 SHAPES: dict[str, Callable[[Floats, Floats], Local]] = {
     "plane": _plane,
     "sphere": _sphere,

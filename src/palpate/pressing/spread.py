@@ -1,4 +1,4 @@
-"""Traction and readings of contacts that a simulator tells as points and forces.
+"""Compute traction and readings from contacts that a simulator reports as points and forces.
 
 The geometry decides how a load is spread:
 
@@ -36,20 +36,21 @@ from palpate.units import is_number
 __all__ = ["Pressed", "Surface"]
 
 Index = npt.NDArray[np.intp]
-#: Cells are at least this many times finer than the depth of the taxels: a load on cells of depth/5 reads within 0.5 % of its exact readings
-#: (tests/pressing/test_pressing.py); and at most this many times finer than the skin's own.
+#: Cells are at least FINER times finer than the depth of the taxels: a load on cells of depth/5 gives readings within
+#: 0.5 % of exact ones (tests/pressing/test_pressing.py). They are at most FINEST times finer than the cells of the
+#: skin.
 FINER, FINEST = 5.0, 9
-#: Forces that lean further from the normal than acos(this) press from the side.
+#: Forces that lean further from the normal than acos(LEANING) press from the side.
 LEANING = 0.25
-#: Points that are nearer to a line than this part of its length lie on it.
+#: Points closer to a line than this fraction of its length lie on it.
 STRAIGHT = 0.05
-#: Friction force from this part of the limit on slides.
+#: A contact slides if the friction force reaches this fraction of the limit.
 SLIDES = 1.0 - 1e-9
-#: Worlds whose forces are put on cells together: what they are added to stays near the processor.
+#: Number of worlds whose forces are added to cells together, so that the sums stay in the processor's cache.
 BLOCK = 64
-#: Points along a footprint, so that they lie closer than cells; each contact takes the first that is enough.
+#: Candidate numbers of points along a footprint. Each contact uses the smallest for which points lie closer than cells.
 COUNTS = np.array([12, 18, 27, 40, 60])
-#: Vertices of a polygon that is flat; simulators give eight points of a pair at most.
+#: Number of vertices of a flat polygon; simulators report at most eight points for a pair.
 VERTICES = 8
 
 
@@ -69,9 +70,10 @@ class Pressed:
     Attributes
     ----------
     wrench : array (world, 6)
-        Net force and moment about the middle of the surface [N, N m], as the simulator says.
+        Net force and moment about the middle of the surface [N, N m] according to the simulator.
     felt : array (world, 6)
-        The same of the traction: it lacks what presses from the side, pulls, or lies beyond the skin's surface.
+        Net force and moment of the traction, which excludes contacts from the side, pulls, and loads beyond the skin's
+        surface.
     missed : array (world,) of int
         Contacts that are not, or not wholly, in the traction.
 
@@ -96,7 +98,7 @@ class Pressed:
     _fine: Skin
 
     def readings(self, *, rng: np.random.Generator | None = None) -> Any:
-        """Readings (world, channel, *array) as `palpate.Skin.sense` makes them; ``rng`` adds the arrays' noise."""
+        """Return readings (world, channel, *array) as `palpate.Skin.sense` does; ``rng`` adds the noise of the arrays."""
         return self._fine.sense(self._traction, rng=rng)
 
     @property
@@ -111,12 +113,15 @@ def _axes(grid: Any) -> list[tuple[Floats, float]]:
 
 
 class Surface:
-    """A skin as a simulator presses it.
+    """The surface of a skin that a simulator presses.
+
+    Bodies are rigid, and the pad has the modulus of its surface. The size of a contact is that on a half-space, which
+    is too large if a layer is thinner than the contact is wide.
 
     Parameters
     ----------
     skin : Skin
-        Of area contact, free boundary and no creep.
+        A skin for area contact with a free boundary and without creep.
     least : float, optional
         Radius [m] over which edges, corners and shapes that are not known press. Default: half a cell of the surface.
 
@@ -170,7 +175,7 @@ class Surface:
         self.modulus = youngs_modulus / (1.0 - ratio**2)
 
     def press(self, contacts: Contacts, *, worlds: int = 1) -> Pressed:
-        """Traction of contacts in so many ``worlds``.
+        """Return the traction of contacts in ``worlds`` worlds.
 
         Raises
         ------
@@ -196,7 +201,7 @@ class Surface:
     # -- footprints ----------------------------------------------------------------------------------------------------
 
     def _points(self, contacts: Contacts) -> _Points:
-        """All forces at points."""
+        """Distribute all contact forces over points."""
         if not len(contacts):
             return _Points(np.zeros(0, dtype=np.intp), np.zeros((0, 2)), np.zeros((0, 3)))
         group = _groups(contacts)
@@ -215,7 +220,7 @@ class Surface:
             (np.ones(count, dtype=bool), np.full(count, self.least), self._on_little),
         ]
         for these, size, how in kinds:
-            # as many points as each needs, independent of the others
+            # choose the number of points for each contact independently
             many = np.searchsorted(COUNTS[:-1], 1.5 * size / self._cell)
             for step, points in enumerate(COUNTS):
                 chosen = np.flatnonzero(these & ~done & (many == step))
@@ -249,7 +254,7 @@ class Surface:
         across = np.einsum("ni,nij,nj->n", g.across, g.curvature, g.across)
         smooth = g.known & ~g.sharp & (across > 0)
         width = np.sqrt(4.0 * g.force[:, 2] / (np.pi * self.modulus * 2.0 * half * np.where(smooth, across, 1.0)))
-        # wider than long is no line
+        # a contact wider than long is not a line
         width = np.where(smooth, np.clip(width, 0.25 * self._cell, half), np.minimum(self.least, half))
         unit, weights = strip_points(count)
         along = np.stack([-g.across[:, 1], g.across[:, 0]], axis=-1)
@@ -269,7 +274,9 @@ class Surface:
     # -- cells ---------------------------------------------------------------------------------------------------------
 
     def _deposit(self, points: _Points, worlds: int) -> tuple[Floats, Floats]:
-        """Traction (world, component, *fine surface), and how much normal force of each world lies beyond it."""
+        """Return the traction (world, component, *fine surface), and the normal force of each world that lies beyond
+        the surface.
+        """
         grid = self._fine.surface
         cells = math.prod(grid.shape)
         out = np.empty((worlds, 3, cells))
@@ -287,7 +294,7 @@ class Surface:
                 t = s - index
                 inside &= (index >= 1) & (index < len(x) - 1)
                 near.append(index)
-                # sum 1, mean t, and with the width of a cell (1/12) mean square t^2
+                # weights have the sum 1, the mean t, and (including the width of a cell, 1/12) the mean square t^2
                 spread = t * t - 1.0 / 12.0
                 weights.append((0.5 * (spread - t), 1.0 - spread, 0.5 * (spread + t)))
             if not inside.all():
@@ -307,7 +314,7 @@ class Surface:
 
 
 def _felt(traction: Floats, grid: Any) -> Floats:
-    """Net force and moment (world, 6) of a traction."""
+    """Return the net force and moment (world, 6) of a traction."""
     y, x = (axis for axis, _ in _axes(grid))
     force = traction.sum(axis=(-2, -1)) * grid.cell
     along_x, along_y = (
@@ -319,7 +326,9 @@ def _felt(traction: Floats, grid: Any) -> Floats:
 
 
 def _groups(contacts: Contacts) -> Index:
-    """The number of the pair of bodies of each contact. Smooth contacts that are curved in every direction are pairs of their own."""
+    """Return the index of the pair of bodies of each contact. Each smooth contact that is curved in both directions is
+    a pair of its own.
+    """
     curvature = np.asarray(contacts.curvature)
     least = np.linalg.eigvalsh(curvature)[:, 0]
     alone = np.asarray(contacts.known) & ~np.asarray(contacts.sharp) & (least > 0)
@@ -345,7 +354,7 @@ class _Pairs:
     sharp: npt.NDArray[np.bool_]
     disc: Floats
     wide: npt.NDArray[np.bool_]  # the points span an area
-    straight: npt.NDArray[np.bool_]  # they span a line
+    straight: npt.NDArray[np.bool_]  # the points span a line
     middle: Floats
     extent: Floats  # along it
     across: Floats  # unit vector across it
@@ -393,7 +402,7 @@ class _Pairs:
         wide = (number >= 3) & (2.0 * side > STRAIGHT * extent) & (extent > 0)
         straight = ~wide & (number >= 2) & (extent > 0)
         middle = np.where(straight[:, None], middle + (0.5 * (low + high))[:, None] * along, middle)
-        # a single point on a line that is straight: all of the line, about where the force acts
+        # a single point on a straight line: use the whole line, centred where the force acts
         lying = (number == 1) & known & ~sharp & (length > 0) & (principal[:, 0] == 0) & (principal[:, 1] > 0)
         extent = np.where(lying, length, extent)
         across = np.where(lying[:, None], axes[:, :, 1], across)
@@ -430,11 +439,13 @@ class _Pairs:
         return _Pairs(**{name: value[chosen] for name, value in vars(self).items()})
 
     def forces(self, away: Floats, weights: Floats, *, slips: bool = False) -> _Points:
-        """Forces of a footprint ``away`` (pair, point, 2) from the centre of pressure."""
+        """Return the forces of a footprint whose points are ``away`` (pair, point, 2) from the centre of pressure."""
         return self.on(self.center[:, None] + away, weights, slips=slips)
 
     def on(self, points: Floats, weights: Floats, *, slips: bool = False) -> _Points:
-        """Forces at points (pair, point, 2): pressure by the weights, shear as the module describes."""
+        """Return forces at points (pair, point, 2): pressure in proportion to the weights, shear as described in the
+        module.
+        """
         n, k = weights.shape
         away = points - self.center[:, None]
         pressure = self.force[:, 2]
@@ -448,7 +459,7 @@ class _Pairs:
             limit = self.friction * pressure
             part = size / np.where(limit > 0, limit, 1.0)
             some = (limit > 0) & (part < SLIDES)
-            # Mindlin: the shear of sliding, less that of the part that sticks, which is equal in shape
+            # Mindlin: the shear of sliding, minus that of the stick zone, which has the same shape
             stick = np.where(some, np.cbrt(1.0 - np.minimum(part, 1.0)), 0.0)
         outer = 1.0 / np.maximum(1.0 - stick**3, 1e-12)
         force = np.concatenate(

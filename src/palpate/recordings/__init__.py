@@ -1,7 +1,7 @@
-"""Recordings, skins and touches in and out of files.
+"""Read and write recordings, skins and touches.
 
 In: files of any format, tables of other programs, skin.toml.
-Out: `Recording`, `Skin` parts and touches; files written whole or as the frames come.
+Out: `Recording`, `Skin` parts and touches; files written at once or frame by frame.
 Open first: `formats.py`.
 """
 
@@ -48,7 +48,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Skin files need pydantic, recordings do not: loaded when first requested."""
+    """Load skin files on first request: they need pydantic, recordings do not."""
     if name == "read_skin":
         from palpate.recordings import skinfile
 

@@ -1,4 +1,6 @@
-"""Tables that are no text: Parquet (LeRobot's data sets are), and NumPy's .npy and .npz. Nothing in them is ever run."""
+"""Tables in binary formats: Parquet (such as LeRobot's data sets), and NumPy's .npy and .npz. No content of a file is
+ever executed.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +23,13 @@ from palpate.recordings.tabletext import Table, Titles
 
 __all__ = ["Npy", "Parquet", "array_table", "array_titles"]
 
-#: A table reads the columns at these places.
+#: A function that picks columns: from the titles to their indices.
 Wanted = Callable[[Titles], Sequence[int]]
 _NO_TEXT = "{path}: the column {name} holds {kind}, and readings are numbers; name another column."
 
 
 class _ArrayTable(Format):
-    """A table of another program that is no text."""
+    """A table of another program in a binary format."""
 
     def titles(self, path: Path) -> Titles:
         """The names of its columns; those of a column that holds several numbers a line are name[0], name[1], ..."""
@@ -44,7 +46,7 @@ class _ArrayTable(Format):
 
 
 def _named(arrays: Iterable[tuple[str, tuple[int, ...]]]) -> tuple[list[str], list[tuple[str, int]]]:
-    """Titles of arrays (frame, ...), and for each the array and the number in its line."""
+    """Titles of arrays (frame, ...), and for each title the array and the index of the number in a line."""
     titles, places = [], []
     for name, shape in arrays:
         for i in range(math.prod(shape)):
@@ -54,13 +56,13 @@ def _named(arrays: Iterable[tuple[str, tuple[int, ...]]]) -> tuple[list[str], li
 
 
 def array_titles(path: Path, arrays: dict[str, Any]) -> tuple[Titles, list[tuple[str, int]]]:
-    """Titles of the columns that named arrays of one first length are."""
+    """Titles of the columns of named arrays with a common first length."""
     names, places = _named((name, a.shape[1:]) for name, a in arrays.items())
     return Titles(str(path), tuple(names), True), places
 
 
 def array_table(path: Path, arrays: dict[str, Any], wanted: Wanted) -> Table:
-    """The columns that ``wanted`` picks of named arrays (frame, ...)."""
+    """The columns of named arrays (frame, ...) that ``wanted`` picks."""
     titles, places = array_titles(path, arrays)
     return _picked(titles, [places[i] for i in wanted(titles)], lambda name: _floats(path, name, arrays[name]))
 
@@ -72,7 +74,7 @@ def _picked(titles: Titles, places: Sequence[tuple[str, int]], column: Callable[
 
 
 def _floats(path: Path, name: str, values: Any) -> Floats:
-    """(row, number) of an array, times in seconds."""
+    """An array as (row, number); times in seconds."""
     values = np.asarray(values)
     flat = values.reshape(len(values), -1)
     if flat.dtype.kind in "mM":
@@ -92,7 +94,7 @@ def _floats(path: Path, name: str, values: Any) -> Floats:
 
 
 class Npy(_ArrayTable):
-    """One array of NumPy: a line per frame, then anything; of a structured array the fields by their names."""
+    """One NumPy array with one line per frame; a structured array has its fields as columns."""
 
     name = "npy"
     extensions = (".npy",)
@@ -156,7 +158,7 @@ def _held(path: Path) -> Any:
 
 
 class Parquet(_ArrayTable):
-    """Columns of numbers, of times, and of lists of as many numbers in every line (LeRobot's observations)."""
+    """Columns of numbers, of times, and of lists with a constant length (LeRobot's observations)."""
 
     name = "parquet"
     extensions = (".parquet", ".pq")
@@ -182,7 +184,7 @@ class Parquet(_ArrayTable):
 
 
 class _Parquet:
-    """An open file: the titles of its columns, and each as numbers."""
+    """An open Parquet file: the titles of its columns, and each column as numbers."""
 
     def __init__(self, path: Path) -> None:
         import pyarrow as pa
@@ -218,7 +220,7 @@ class _Parquet:
         self._file.close()
 
     def column(self, name: str) -> Floats:
-        """(row, number) of a column."""
+        """A column as (row, number)."""
         try:
             whole = self._file.read(columns=[name]).column(name).combine_chunks()
         except self._damage as error:
@@ -239,7 +241,7 @@ class _Parquet:
         return _floats(self._path, name, values.reshape(self.rows, count or 1))
 
     def _flat(self, column: Any, name: str) -> tuple[int | None, Any]:
-        """The length of the lists in a column (None: no lists), and all numbers one after another."""
+        """Length of the lists in a column (None: no lists), and all its numbers in sequence."""
         import pyarrow.compute as pc
 
         types, count = self._pa.types, None

@@ -21,11 +21,11 @@ class CameraSettings:
     size : (int, int), optional
         Columns and rows of the pictures that scale, points, roi and matrix are for; pictures of another size and the same shape are converted.
     pitch : float or (float, float), optional
-        Of the grid of dots [m], in place of a scale.
+        Pitch of the grid of dots [m], instead of a scale.
     points, places : sequence of pairs, optional
         Pixels (column, row) of four points or more and their places (x, y) [m], in place of a scale.
     matrix, distortion : sequences, optional
-        Of the lens, as OpenCV's calibration gives them.
+        Matrix and distortion of the lens, as OpenCV's calibration gives them.
     texture : float, optional
         For a gel with a texture and no dots: distance between the places of the readings [m]; by default a search for dots.
     roi : sequence of pairs, optional

@@ -36,11 +36,11 @@ __all__ = [
 
 #: Attribute that holds the checksum.
 CHECKSUM = "palpate_crc32"
-#: Entry of ``meta`` with the losses of a salvaged recording.
+#: Entry of ``meta`` that describes the losses of a salvaged recording.
 SALVAGED = "salvaged"
 #: Bytes of a block in which numbers are read to be checked.
 BLOCK = 1 << 22
-#: Largest ratio of deflate (1032), and the size that small files may always state.
+#: Largest compression ratio of deflate (1032), and a size that is always accepted.
 DEFLATE, SMALL = 1032, 1 << 20
 
 
@@ -50,11 +50,13 @@ def checksum(
     long: Mapping[str, tuple[int, Iterable[Any]]] | None = None,
     known: Mapping[str, tuple[int, int]] | None = None,
 ) -> int:
-    """CRC-32 of names, dimensions, values and attributes, whatever the file format: numbers count in double precision.
+    """CRC-32 of names, dimensions, values and attributes, independent of the file format: numbers count in double
+    precision.
 
-    A CRC-32 detects every change of up to 32 neighbouring bits, and all but one of 4e9 other changes. Numbers are read in blocks, so that a data set
-    in a file is never completely in memory. ``long``: variables of which ``dataset`` holds an excerpt; the count of
-    their frames and, one after another, their blocks. ``known``: variables whose `block_crc` and bytes are known.
+    A CRC-32 detects every change of up to 32 neighbouring bits, and all but one of 4e9 other changes. Numbers are read
+    in blocks, so that a data set in a file is never completely in memory. ``long``: variables of which ``dataset``
+    contains only an excerpt, with the number of their frames and an iterator over their blocks. ``known``: variables
+    whose `block_crc` and number of bytes are known.
     """
     crc = 0
     for name in sorted(map(str, dataset.variables)):
@@ -75,13 +77,13 @@ def checksum(
 
 
 def block_crc(values: Any) -> tuple[int, int]:
-    """CRC-32 of numbers as `checksum` counts them, and their bytes."""
+    """CRC-32 of numbers in the form that `checksum` uses, and their number of bytes."""
     block = _canonical(values)
     return zlib.crc32(block), len(block)
 
 
 def _blocks(variable: xarray.Variable) -> Iterator[Any]:
-    """The values in blocks of a few megabytes; text, which is short, at once."""
+    """The values in blocks of a few megabytes; text, which is short, as a whole."""
     if not variable.ndim or variable.dtype.kind not in "fbiu":
         yield variable.values
         return
@@ -106,13 +108,15 @@ def _plain(value: Any) -> Any:
 
 
 def confirm(dataset: xarray.Dataset, expected: Any, path: str | Path, remedy: str = "") -> None:
-    """Refuse data that differ from what was written. ``expected`` None: the file states no checksum (another program, or a stream)."""
+    """Raise an error if data differ from what was written. ``expected`` None: the file has no checksum (another
+    program, or a stream).
+    """
     if expected is not None:
         agree(checksum(dataset), expected, path, remedy)
 
 
 def agree(found: int, expected: Any, path: str | Path, remedy: str = "") -> None:
-    """Refuse data with another checksum than the file states."""
+    """Raise an error if the checksum differs from that in the file."""
     try:
         wanted = int(np.asarray(expected).item())
     except (TypeError, ValueError, OverflowError):
@@ -129,14 +133,16 @@ def recording_checksum(recording: Recording) -> int:
 
 
 def confirm_recording(recording: Recording, expected: Any, path: str | Path, remedy: str = "") -> Recording:
-    """The recording, confirmed by its checksum."""
+    """The recording, after its checksum was verified."""
     if expected is not None:
         confirm(recording_dataset(recording), expected, path, remedy)
     return recording
 
 
 def with_losses(recording: Recording, expected: Any, path: str | Path, losses: str) -> Recording:
-    """The salvaged data, with a note in ``meta`` on the losses, confirmed by a checksum of the whole if there is one."""
+    """The salvaged recording, with a note on the losses in ``meta``. If a checksum of the whole matches, nothing was
+    lost.
+    """
     if expected is not None:
         try:
             confirm_recording(recording, expected, path)
@@ -148,7 +154,9 @@ def with_losses(recording: Recording, expected: Any, path: str | Path, losses: s
 
 
 def affordable(claimed: int, stored: int, path: str | Path, *, shrink: float = DEFLATE) -> None:
-    """Refuse a header that claims more bytes than ``stored`` ones can hold, before anything is allocated."""
+    """Raise an error for a header that claims more bytes than ``stored`` bytes can contain, before anything is
+    allocated.
+    """
     if claimed < 0 or claimed > SMALL + shrink * stored:
         raise InvalidInput(
             f"{path}: its header claims {plain_number(claimed, 3)} bytes of numbers, but only {plain_number(stored, 3)} bytes are stored; it is damaged."
@@ -156,7 +164,7 @@ def affordable(claimed: int, stored: int, path: str | Path, *, shrink: float = D
 
 
 def json_object(text: Any, what: str) -> dict[str, Any]:
-    """A JSON object, or `InvalidInput`: not JSON, nested a thousand times, or not an object."""
+    """Parse a JSON object; `InvalidInput` if it is not JSON, nested a thousand times, or not an object."""
     try:
         found = json.loads(text)
     except (TypeError, ValueError, RecursionError) as error:

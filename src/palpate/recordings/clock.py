@@ -1,13 +1,12 @@
-"""One time for the frames of a recording, whatever their stamps are: the policy of every source.
+"""One increasing time for the frames of a recording, from whatever time stamps it has. All sources use this policy.
 
 Frames keep the order in which they were received, and none is dropped. Increasing stamps are used as they are. Otherwise
-
-- a clock that goes back and on from there was restarted, and one that goes back by a whole period of its counter has wrapped: time goes on;
+- if a clock jumps back and continues, the sender restarted; if it jumps back by a whole period of its counter, the counter wrapped: time continues;
 - outliers, missing stamps and repeated ones (whole seconds, drivers that never fill them) are replaced by the time at which
-  the frame was recorded, where the source knows that, and else by the rate;
-- numbers without a unit are dates or advance as the recorder's clock does in one unit, or they are taken as seconds.
+the frame was recorded if the source has it, otherwise by the frame rate;
+- numbers without a unit are dates if they look like it, or have the unit in which they advance like the recorder's clock; otherwise they are seconds.
 
-One note with counts states the repairs. The explanation with the least cost decides which stamps are right: `COSTS`.
+One note with counts lists the repairs. `COSTS` decides which stamps are right: the explanation with the least cost.
 """
 
 from __future__ import annotations
@@ -28,31 +27,34 @@ __all__ = ["Clock", "LiveClock", "read_clock", "stored_clock", "unit_of_name"]
 
 Ints = npt.NDArray[np.int64]
 
-#: Smaller steps, in usual ones, are no jump.
+#: A step of fewer usual steps than this is not a jump.
 LEAP = 10.0
-#: Largest lead of the stamps on the recorder's clock in one step [s]: frames that waited in a network are recorded all at once. A lag has no limit: a
-#: waiting frame is recorded late.
+#: Largest amount [s] by which one step of the stamps may exceed that of the recorder's clock: frames that waited in a
+#: network are recorded all at once. There is no limit the other way: a waiting frame is recorded late.
 LATE = 1.0
-#: If stamps are closer than this, the (simulated) clock of the sender stands, and the receiver's clock replaces it [s].
+#: If stamps are closer than this [s], the sender's (simulated) clock is stopped, and the receiver's clock replaces it.
 STOPPED_CLOCK = 1e-6
-#: A step ahead by more than this [s] and `FAR_STEPS` usual ones is a clock that was set, not a pause.
+#: A step forward by more than this [s] and `FAR_STEPS` usual steps means that the clock was set, not that there was a
+#: pause.
 FAR, FAR_STEPS = 30 * 86400.0, 1000.0
 #: Costs of an explanation: a wrong stamp, a jump within a clock, a wrap, a restart.
 COSTS = {"wrong": 1.0, "jump": 1.0, "wrap": 1.0, "restart": 2.5}
-#: Runs of stamps that may be wrong between two that are right.
+#: Largest number of runs of wrong stamps between two right ones.
 RUNS = 12
-#: Stamps on each side of a step back that may be wrong though they fit their neighbours.
+#: Number of stamps on each side of a step back that may be wrong although they fit their neighbours.
 EDGE = 2
-#: Part of the steps that go back from which on the frames are not in the order of time: lines in any order have half.
+#: If at least this fraction of the steps go back, the frames are not in the order of time; lines in random order have
+#: half.
 DISORDER = 0.4
-#: Counts of a second, and counts after which a counter begins again; clocks of the day, the hour, the minute and the second do too.
+#: Units of counters, in seconds, and their usual numbers of counts before they wrap; clocks of the day, hour, minute
+#: and second wrap too.
 _COUNTS = (1.0, 1e-3, 1e-6, 1e-9)
 _PERIODS = tuple(2.0**k for k in (8, 10, 12, 16, 24, 32))
 _CLOCKS = (1.0, 60.0, 3600.0, 86400.0, 604800.0)
 _ALL = tuple(sorted((*_CLOCKS, *(c * p for c in _COUNTS for p in _PERIODS))))
 #: Smallest period, and largest step across its end, in usual steps.
 _LONG, _SHORT = 30.0, 3.0
-#: Formats of dates in programs: name, unit in seconds, and the value of 1970.
+#: Date formats of programs: name, unit in seconds, and the value of 1970.
 _CALENDARS = (
     ("milliseconds since 1970", 1e-3, 0.0),
     ("microseconds since 1970", 1e-6, 0.0),
@@ -62,7 +64,7 @@ _CALENDARS = (
     ("days since 1900, as spreadsheets count them", 86400.0, 25569.0),
     ("days since the year 0, as MATLAB counts them", 86400.0, 719529.0),
 )
-#: Names of units, as they stand at the end of a name or in brackets.
+#: Names of units, at the end of a name or in brackets.
 _NAMES = {
     1.0: ("s", "sec", "secs", "second", "seconds"),
     1e-3: ("ms", "msec", "msecs", "millis", "millisec", "millisecond", "milliseconds"),
@@ -87,7 +89,7 @@ class Clock:
     note : str
         The repairs in words, or "".
     source : str
-        What messages call the recording.
+        Name of the recording in messages.
 
     Examples
     --------
@@ -103,7 +105,7 @@ class Clock:
     source: str = ""
 
     def tell(self) -> None:
-        """Warn with the note."""
+        """Emit the note as a warning."""
         if self.note:
             warnings.warn(f"{self.source}: {self.note}", UncheckedInput, stacklevel=3)
 
@@ -145,7 +147,7 @@ def read_clock(
     stamps : array (frame,)
         As received; NaN for frames without. Numbers times ``unit`` are seconds; dates need no unit.
     source : str
-        What messages call it.
+        Name of the recording in messages.
     recorded : array (frame,), optional
         Seconds at which the frames were recorded, by another clock.
     unit : float, optional
@@ -193,9 +195,11 @@ def read_clock(
 
 
 class LiveClock:
-    """Times of frames that come now, where the future is not known: a stamp that is empty (0) or repeated is replaced by this machine's clock.
+    """Times of a live stream, whose future is unknown: a stamp that is empty (0) or repeated is replaced by this
+    machine's clock.
 
-    It does not repair a clock that jumps back: that is for whoever separates senders and their sessions (`palpate.network.Admission`).
+    It does not repair a clock that jumps back; that is done where senders and their sessions are separated
+    (`palpate.network.Admission`).
 
     Examples
     --------
@@ -221,7 +225,8 @@ class LiveClock:
 
 
 def stored_clock(values: Any, units: Any, source: str) -> Clock:
-    """The same of times in an array with an attribute ``units``: a unit, or one "since" a date; without it they are seconds.
+    """As `read_clock`, for times in an array with an attribute ``units``: a unit, or one "since" a date; without it
+    they are seconds.
 
     Examples
     --------
@@ -246,7 +251,7 @@ def stored_clock(values: Any, units: Any, source: str) -> Clock:
 
 
 def _recorder(recorded: Any) -> Floats | None:
-    """The recorder's clock, increasing, or None if it has no information."""
+    """The recorder's clock, made increasing; None if it is constant."""
     values = np.array(recorded, dtype=np.float64)
     if len(values) > 1 and not (np.diff(values) > 0).any():
         return None
@@ -254,7 +259,7 @@ def _recorder(recorded: Any) -> Floats | None:
 
 
 def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: list[str]) -> Floats:
-    """Numbers in seconds; a guessed unit is noted."""
+    """Convert numbers to seconds; note a unit that was guessed."""
     known = values[np.isfinite(values)]
     typical = float(np.median(np.abs(known))) if len(known) else 0.0
     steps = np.diff(known)
@@ -262,7 +267,7 @@ def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: l
     beyond = typical * (unit or 1.0) > LATEST
     for name, length, begin in _CALENDARS:
         shown = EPOCH[0] <= (typical - begin) * length <= EPOCH[1]
-        # as seconds, days with such steps would be more than 20000 frames a second
+        # Read as seconds, days with such steps would mean more than 20000 frames a second.
         if shown and (beyond if length < 1.0 else unit is None and 0.0 < step < 5e-5):
             said = "" if unit is None else ", because in the unit that is said they lie beyond the year 2242"
             words.append(f"its times ({typical:.12g}) are taken as {name}{said}")
@@ -309,12 +314,14 @@ def _plain(values: Floats, log: Floats | None) -> bool:
 
 
 def _trusted(usual: float, log: Floats | None) -> Floats | None:
-    """The recorder's clock, if it is as fast as the stamps: bags may be replayed at another speed."""
+    """The recorder's clock, if it runs as fast as the stamps: bags may be replayed at another speed."""
     return log if log is not None and 0.5 < float(np.median(np.diff(log))) / usual < 2.0 else None
 
 
 def _jumps(steps: Any, frames: Any, usual: float, recorded: Any) -> Any:
-    """Where a step of so many frames is not one of a single clock without a pause; ``recorded``: the same step by the recorder's clock."""
+    """Whether steps over these numbers of frames are too large or small for one clock without a pause; ``recorded``:
+    the same steps by the recorder's clock.
+    """
     steps = np.asarray(steps, dtype=np.float64)
     if recorded is not None:
         return (steps <= 0) | (steps - recorded > np.maximum(0.5 * recorded, max(LEAP * usual, LATE)))
@@ -322,7 +329,7 @@ def _jumps(steps: Any, frames: Any, usual: float, recorded: Any) -> Any:
 
 
 def _usual(values: Floats) -> float | None:
-    """The usual time between two frames; frames with the stamp of the one before count too."""
+    """The usual time between two frames, including frames that repeat the stamp before."""
     known = np.flatnonzero(np.isfinite(values))
     first = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
     steps, frames = np.diff(values[first]), np.diff(first)
@@ -334,7 +341,7 @@ def _usual(values: Floats) -> float | None:
 def _mended(
     values: Floats, log: Floats | None, count: float | None, source: str, remedies: tuple[str, str], words: list[str]
 ) -> Floats:
-    """Increasing times from stamps that do not increase; ``words`` gains the repairs."""
+    """Increasing times from stamps that do not increase; the repairs are appended to ``words``."""
     number = len(values)
     by = "the time at which each was recorded" if log is not None else "the rate"
     known = np.isfinite(values)
@@ -377,7 +384,7 @@ def _mended(
         some = ", ".join(f"{n} {what}" for n, what in lost if n)
         words.append(f"of {number} stamps {some}: replaced by {by}")
     if log is None and len(anchors) > 1 and first[1:2] == anchors[1] > anchors[0] + 1:
-        # the first of whole seconds begins within one
+        # The first of several stamps in whole seconds begins within one second.
         begin = at_anchors[1] - usual * (anchors[1] - anchors[0])
         at_anchors = at_anchors.copy()
         at_anchors[0] = max(at_anchors[0], begin)
@@ -395,13 +402,15 @@ def _mended(
 def _explained(
     values: Floats, frames: Ints, usual: float, log: Floats | None, count: float | None, words: list[str]
 ) -> tuple[npt.NDArray[np.bool_], Floats]:
-    """Which stamps are right, and their times when a clock that restarts goes on: the cheapest explanation."""
+    """Mask of right stamps, and their times on a clock that continues through restarts: the explanation with the least
+    cost.
+    """
     gaps = np.diff(frames)
     steps = np.diff(values)
     recorded = None if log is None else np.diff(log[frames])
     usually = (steps > 0) & (steps <= LEAP * usual * gaps)
     agree = usually if recorded is None else ~_jumps(steps, gaps, usual, recorded)
-    # runs without a jump; which of the stamps before and after one that goes back are wrong is open
+    # Runs without a jump. Near a step back, stamps before or after it may be wrong.
     near = np.flatnonzero(steps < 0)[:, None] + 1 + np.arange(-EDGE, EDGE + 1)
     starts = np.unique(np.concatenate([[0], np.flatnonzero(~agree) + 1, near[(near > 0) & (near < len(values))]]))
     ends = np.concatenate([starts[1:], [len(values)]])
@@ -441,7 +450,9 @@ def _explained(
 def _joined(
     values: Floats, frames: Ints, i: int, j: int, usual: float, log: Floats | None, count: float | None
 ) -> tuple[str, float, float]:
-    """The relation of stamp ``j`` to stamp ``i``: in words ("": one clock), the offset of the clock from then on, and the cost."""
+    """Relation of stamp ``j`` to stamp ``i``: its name ("": same clock), the offset of the clock from there on, and
+    the cost.
+    """
     step, gap = float(values[j] - values[i]), int(frames[j] - frames[i])
     recorded = None if log is None else float(log[frames[j]] - log[frames[i]])
     jumps = bool(_jumps(step, gap, usual, recorded))

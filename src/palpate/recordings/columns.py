@@ -1,4 +1,4 @@
-"""From the columns of another program's table to readings: role and unit of each column."""
+"""Map the columns of another program's table to readings: role and unit of each column."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["TableMapping", "columns_of", "columns_of_text", "per_count"]
 NUMBER = "{}"
 _ROLES = ("frame", "time", "marker", "x", "y", "only")
 _VALUES = ("unit", "position_unit", "pixel", "time_unit", "rate", "reference", "shape", "sort")
-#: Names that columns have in tables of others, for the mapping that an error suggests.
+#: Usual column names in tables of other programs, for the mapping that an error suggests.
 _USUAL = {
     "frame": ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid", "image", "img", "picture", "slice"),
     "time": ("time", "t", "timestamp", "seconds", "sec", "time_s"),
@@ -164,7 +164,7 @@ class TableMapping:
 
     @property
     def chosen(self) -> tuple[str, float]:
-        """Column and number of ``only``.
+        """Column and value of the filter ``only``.
 
         Examples
         --------
@@ -182,7 +182,7 @@ class TableMapping:
 
     @property
     def wide(self) -> bool:
-        """Whether a line holds a complete frame.
+        """Whether each line contains a complete frame.
 
         Examples
         --------
@@ -205,14 +205,14 @@ def _wide(column: str | Sequence[str]) -> bool:
 
 
 def per_count(text: str, kind: str, what: str = "unit") -> float:
-    """Meaning of 1 in a file: "25 Pa", "-1 kPa", or a unit alone."""
+    """The quantity that a 1 in a file means, from text: "25 Pa", "-1 kPa", or a unit alone."""
     return parse_quantity(f"1 {text}" if text in UNITS[kind] and text != "1" else text, kind, what)
 
 
 def columns_of(given: Mapping[str, Any], *, order: Sequence[str] = (), shape: Any = None) -> TableMapping:
-    """The mapping that a section [columns] or --map describes.
+    """The mapping described by a section [columns] or by --map.
 
-    ``order``: channels of the skin, whose order the recording takes; ``shape``: rows and columns of its area.
+    ``order``: channels of the skin, whose order the recording takes; ``shape``: rows and columns of its area array.
     """
     channels = {k: v for k, v in given.items() if k not in _ROLES and k not in _VALUES}
     unknown = [k for k in channels if not is_channel(k)]
@@ -274,7 +274,7 @@ def _plain(given: Mapping[str, Any], key: str) -> Any:
 
 
 def _factors(text: Any, units: Sequence[str], what: str) -> Any:
-    """One factor to SI units for each of ``units``; strings, one or one for each."""
+    """Factors to SI units, one for each of ``units``; ``text`` is one string for all, or one for each."""
     texts = [text] * len(units) if isinstance(text, str) else list(text)
     if len(texts) != len(units):
         raise InvalidInput(f"{what} must be one quantity or {len(units)}; got {len(texts)}.")
@@ -285,7 +285,9 @@ def _factors(text: Any, units: Sequence[str], what: str) -> Any:
 
 
 def columns_of_text(text: str) -> dict[str, Any]:
-    """What --map says, "frame=frame,x=x,y=y,pixel=0.06 mm": the keys of the section [columns]; what has no "=" goes on the list before it."""
+    """Parse the argument of --map, "frame=frame,x=x,y=y,pixel=0.06 mm": the keys of the section [columns]; a part
+    without "=" is added to the list before it.
+    """
     found: dict[str, list[str]] = {}
     key = ""
     for part in text.split(","):
@@ -318,7 +320,9 @@ def columns_of_text(text: str) -> dict[str, Any]:
 
 
 def _of_taxels(titles: Sequence[str]) -> str:
-    """A --map for one line per frame with numbered columns: x1, y1, z1, x2, ... or S1, S2, ...; "" for other titles."""
+    """Suggest a --map for one line per frame with numbered columns: x1, y1, z1, x2, ... or S1, S2, ...; "" for other
+    titles.
+    """
     families: dict[str, int] = {}
     for title in titles:
         if len(re.findall(r"\d+", title)) == 1 and not set(title) & set(",={}"):
@@ -343,7 +347,7 @@ def _of_taxels(titles: Sequence[str]) -> str:
 
 
 def suggested(titles: Sequence[str]) -> str:
-    """A --map for these titles, as far as they have usual names."""
+    """Suggest a --map for these titles, using the usual names among them."""
     bare = {re.sub(r"\s*[(\[].*$", "", t).strip().lower().replace(" ", "_"): t for t in titles}
     found: dict[str, str] = {}
     for role, names in _USUAL.items():

@@ -1,6 +1,8 @@
-"""CRC-32 of bytes that are put together from parts whose CRC-32 are known, as zlib's ``crc32_combine`` has it, which Python does not show.
+"""CRC-32 of concatenated bytes from the CRC-32 of their parts: zlib's ``crc32_combine``, which Python does not
+provide.
 
-A CRC is the remainder of a polynomial over two elements; bytes that follow multiply it by x^(8 bytes) (M. Adler, zlib, crc32.c).
+A CRC is the remainder of a polynomial over two elements; appending bytes multiplies it by x^(8 bytes) (M. Adler, zlib,
+crc32.c).
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ ONE = 1 << 31
 
 
 def combined(first: int, second: int, length: int) -> int:
-    """CRC-32 of some bytes followed by ``length`` others, from that of either.
+    """CRC-32 of some bytes followed by ``length`` others, from the CRC-32 of each part.
 
     Examples
     --------

@@ -1,8 +1,9 @@
-"""Recordings and results as text.
+"""Recordings and results as CSV text.
 
-A recording has the columns "time (s)", then "channel[taxel] (unit)" or "channel[row;column] (unit)". Lines that begin with # are comments,
-which other programs leave out; some say more: ``# meta``, ``# positions (m)`` of scattered taxels, and at the end ``# palpate_crc32``, a checksum
-of all the numbers. A file of others ends with a line break, or `palpate.errors.UncheckedInput` warns that its last number may be cut.
+A recording has the columns "time (s)", then "channel[taxel] (unit)" or "channel[row;column] (unit)". Lines that begin
+with # are comments for other programs; palpate stores in them ``# meta``, ``# positions (m)`` of scattered taxels, and
+at the end ``# palpate_crc32``, a checksum of all numbers. If a file of another program does not end with a line break,
+`palpate.errors.UncheckedInput` warns that its last number may be cut.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ _TRUNCATED = (
     "{path} is truncated: its last line, the checksum, is missing. palpate convert --salvage takes the whole lines; "
     f'if you deleted it on purpose, delete the first line ("{_TITLE}") too.'
 )
-#: Bytes from which on a table is not read into memory but, once, into a temporary file of numbers.
+#: Size in bytes from which a table is read into a temporary file of numbers instead of memory.
 LONG = 1 << 26
 _COLUMN = re.compile(r"^(?P<name>\w+?)(?:\[(?P<index>\d{1,7}(?:;\d{1,7})?)\])?(?:\s*\((?P<unit>[^)]*)\))?$", re.ASCII)
 
@@ -162,7 +163,7 @@ def _positions(text: str, where: str) -> Any:
 
 
 def is_palpate_csv(path: Path) -> bool:
-    """Whether a table names its columns as palpate does."""
+    """Whether the table has palpate's column titles."""
     for line in lines_of(path):
         if line.strip(" ,\r\n") == _TITLE:
             return True
@@ -179,7 +180,9 @@ def is_palpate_csv(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Columns:
-    """The header of a table: channels, the shape of a frame, the place of each column in it, and factors to SI units."""
+    """The parsed header of a table: channels, the shape of a frame, the position of each column in it, and factors to
+    SI units.
+    """
 
     channels: tuple[str, ...]
     shape: tuple[int, ...]
@@ -190,7 +193,7 @@ class _Columns:
 
     @classmethod
     def of(cls, path: Path, count: int, line: str) -> _Columns:
-        """From the header, which stands in line ``count``."""
+        """Parse the header in line number ``count``."""
         start = f"{path}, line {count}"
         header = cells(line, start)
         columns = []
@@ -248,7 +251,9 @@ class _Columns:
         return seconds, readings
 
     def time(self, path: Path, stamps: Sequence[float], expected: str | None) -> Clock:
-        """One time of all lines; of a file with a checksum, which has no other, it is confirmed and not mended with a word."""
+        """Times of all lines. If the file has a checksum (``expected``), its times were already repaired and are not
+        noted again.
+        """
         values = self.clock.settled(np.array(stamps, dtype=np.float64))
         clock = read_clock(values, source=str(path), remedy="sort its lines by their first column")
         if expected is not None:
@@ -271,7 +276,7 @@ def _table(path: Path, body: list[tuple[int, str]], head: _Head) -> Recording:
 
 
 class _Spooled:
-    """Frames in a file of their own, as they are in memory."""
+    """Frames in a temporary file, in the same binary form as in memory."""
 
     def __init__(self, held: Any, shape: tuple[int, ...]) -> None:
         self._held, self._shape, self._size = held, shape, 8 * int(np.prod(shape))
@@ -283,7 +288,7 @@ class _Spooled:
 
 
 def _spooled(path: Path, held: Any) -> OpenRecording:
-    """A table that is too long for memory: read once, line by line, into ``held``."""
+    """A table too long for memory: read once, line by line, into the file ``held``."""
     head = _Head(path)
     columns: _Columns | None = None
     times: list[float] = []
@@ -309,7 +314,7 @@ def _spooled(path: Path, held: Any) -> OpenRecording:
 
 
 class _Head:
-    """The comments of a table, and the ending of its last line."""
+    """The comments of a table, and whether its last line has a line break."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._own, self._last = path, False, ""
@@ -332,7 +337,9 @@ class _Head:
         return not line.strip() or line.startswith("#")
 
     def check_end(self, path: Path) -> None:
-        """Refuse a table of ours without its checksum, and warn of one of others that may be cut."""
+        """Raise an error for a file of palpate without its checksum; warn about one of another program that may be
+        cut.
+        """
         if self.expected is None and self._own:
             raise InvalidInput(_TRUNCATED.format(path=path))
         if self.expected is None and not self._last.endswith("\n"):

@@ -1,4 +1,4 @@
-"""Dates and times of day in text: ISO 8601, and as spreadsheets, pandas and data loggers write them."""
+"""Parse dates and times of day: ISO 8601, and the forms of spreadsheets, pandas and data loggers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _DATE = re.compile(rf"\s*(?:{_DAY})(?:(?:[T_ ]\s*|-|,\s*)(?:{_TIME}){_ZONE})?\s*
 _OF_DAY = re.compile(rf"\s*(?:(?P<days>\d+)\s*days?,?\s*)?(?:{_TIME.rsplit('|', 1)[0]})\s*", re.ASCII)
 
 
-#: Characters of a date besides colons that no number has.
+#: Characters, besides colons, that occur in dates but not in numbers.
 _SIGNS = re.compile(r"[-/.].*[-/.]|[T_ ]")
 
 
@@ -105,7 +105,7 @@ class TimeCells:
         return seconds
 
     def settled(self, values: Floats) -> Floats:
-        """The values of the whole column, with the order of month and day that all lines allow."""
+        """The values of the whole column, after the order of month and day is decided from all lines."""
         there = np.isfinite(values)
         if self.kind and self._count < np.count_nonzero(there):
             raise InvalidInput(
@@ -159,7 +159,9 @@ def _below(text: Any, limit: int, what: str) -> int:
 
 
 def _days(found: dict[str, Any]) -> tuple[float, float]:
-    """Days since 1970, read month first and day first; equal if the date is unambiguous, NaN if it is no date."""
+    """Days since 1970, with the month first and with the day first; equal if the date is unambiguous, NaN if it is
+    invalid.
+    """
     if found["one"] is not None:
         year, one, two = int(found["year_last"]), int(found["one"]), int(found["two"])
         both = _day(year, one, two), _day(year, two, one)
@@ -192,7 +194,7 @@ def _day(year: int, month: int, day: int) -> float:
 
 
 def _zone(text: str | None) -> float:
-    """Seconds that a zone is ahead of UTC."""
+    """Offset of a time zone from UTC, in seconds."""
     if text is None or text in ("Z", "UTC", "GMT"):
         return 0.0
     digits = text[1:].replace(":", "")

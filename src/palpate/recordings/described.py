@@ -1,4 +1,4 @@
-"""The sensor's description in the ``meta`` of a recording, compared with that of the skin."""
+"""Compare the sensor's description in the ``meta`` of a recording with that of the skin."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ __all__ = ["check_described", "metres_of"]
 
 
 def metres_of(text: str) -> Any:
-    """A length in ``meta`` in metres, a pair (y, x) if these differ: "0.002", "2 mm", "0.002, 0.001"; None for anything else.
+    """Parse a length in ``meta`` in metres, or a pair (y, x) if these differ: "0.002", "2 mm", "0.002, 0.001"; None
+    for anything else.
 
     Examples
     --------
@@ -37,7 +38,7 @@ def metres_of(text: str) -> Any:
 
 
 def check_described(recording: Recording, planes: Sequence[Array]) -> None:
-    """Refuse a plane whose pitch or depth contradicts the recording; with several planes check none.
+    """Raise an error if the pitch or depth of a plane contradicts the recording. Several planes are not checked.
 
     Raises
     ------

@@ -26,12 +26,13 @@ def is_store(path: str | Path) -> bool:
 
 @contextlib.contextmanager
 def in_place(path: str | Path, *, sole: bool = True) -> Iterator[Path]:
-    """A fresh name to write a file or a folder to; it is moved to ``path`` when the block ends well.
+    """Context that yields a temporary name to write a file or folder to, and moves it to ``path`` when the block
+    succeeds.
 
-    The old file at ``path`` is replaced in one step, and stays unchanged if the block fails or is interrupted. The fresh name has
-    the same ending and lies in a hidden folder beside ``path`` (".palpate-...") that is removed in any case; only a killed process
-    leaves it. A symbolic link stays: its target is replaced. With ``sole``, nobody else may write ``path`` meanwhile (`sole_writer`); else the last
-    writer wins.
+    The old file at ``path`` is replaced in one step, and stays unchanged if the block fails or is interrupted. The
+    temporary name has the same ending and lies in a hidden folder beside ``path`` (".palpate-...") that is removed in
+    any case; only a killed process leaves it. A symbolic link stays: its target is replaced. With ``sole``, nobody
+    else may write ``path`` meanwhile (`sole_writer`); otherwise the last writer wins.
 
     Raises
     ------
@@ -70,7 +71,7 @@ def _moved(path: str | Path, target: Path, folder: Path, before: os.stat_result 
             os.chmod(fresh, stat.S_IMODE(before.st_mode))
         _move(fresh, target, folder / "before")
     except (OSError, InvalidInput) as error:
-        # a recorder that writes to the fresh name speaks of that name, and of frames that do not stay
+        # A recorder's messages name the temporary file and its lost frames: correct them.
         cause = error if isinstance(error, OSError) else error.__cause__
         if not isinstance(cause, OSError):
             raise
@@ -98,7 +99,7 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
 
 
 def moved_into_place(fresh: Path, path: str | Path) -> None:
-    """Move a complete file or store, which lies on the same disk, to ``path``; it stays where it is if that fails.
+    """Move a complete file or store on the same disk to ``path``; if that fails, it stays where it is.
 
     Raises
     ------
@@ -116,7 +117,7 @@ def moved_into_place(fresh: Path, path: str | Path) -> None:
 
 
 def _settle(path: Path) -> None:
-    """On the disk before it takes the place of something: a power cut must not leave an empty file under a good name."""
+    """Flush to the disk before replacing anything: a power cut must not leave an empty file under a good name."""
     places = [path, *path.rglob("*")] if path.is_dir() else [path]
     for place in places:
         if place.is_file():
@@ -126,7 +127,8 @@ def _settle(path: Path) -> None:
 
 def _move(fresh: Path, target: Path, aside: Path) -> None:
     if fresh.is_dir() and target.exists():
-        # no system call of all systems exchanges two folders: the old one waits aside, and comes back where the new one cannot move in
+        # Not all systems can exchange two folders in one call: move the old one aside, and back if the new one cannot
+        # be moved in.
         try:
             os.rename(target, aside)
             os.rename(fresh, target)

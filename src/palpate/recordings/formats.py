@@ -1,7 +1,7 @@
-"""File formats: one class each, found by the ending of the name, or else by the contents.
+"""File formats: one class each, found by the ending of the file name or else by the contents.
 
-A new format is one file with a class that derives from `Format` and one line: in `BUILT_IN`, or as an entry point ``palpate.formats`` of
-another package. Everything else (errors, the command line, results and recordings) takes the formats from here.
+A new format is one file with a class derived from `Format` and one line: in `BUILT_IN`, or as an entry point
+``palpate.formats`` of another package. Errors, the command line, results and recordings all use this list.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ __all__ = [
     "write_recording",
 ]
 
-#: The formats of palpate itself: "module:class". What is inside a file is looked at in this order.
+#: palpate's own formats: "module:class". Contents of files are tested in this order.
 BUILT_IN = (
     "palpate.recordings.netcdf:NetCDF",
     "palpate.recordings.npz:Npz",
@@ -64,19 +64,20 @@ ENTRY_POINTS = "palpate.formats"
 
 
 class Format:
-    """One file format. A subclass sets the class variables and overrides what the format can do; the rest is refused by name.
+    """One file format. A subclass sets the class variables and overrides what the format can do; everything else
+    raises an error that names the format.
 
     | override | to |
     |---|---|
-    | `recognises` | find such a file by its first bytes where its ending says nothing |
+    | `recognises` | find such a file by its first bytes, if its ending is unknown |
     | `read`, `write` | read and write recordings of palpate: channels, times and units are in the file |
-    | `columns`, `read_mapped` | read tables of other programs with ``--map``; `own` then tells a recording of palpate from such a table |
+    | `columns`, `read_mapped` | read tables of other programs with ``--map``; `own` then distinguishes a recording of palpate from such a table |
     | `opened` | read a long recording piece by piece |
     | `read_touch`, `write_touch`, `touch_stream`, `recorder` | read and write results, whole or frame by frame |
 
-    ``read`` and ``read_touch`` get a path that exists and looks like this format. They raise `palpate.InvalidInput` for anything that
-    cannot be read, and never return numbers that may be wrong. The writing methods get a fresh name in the right folder: what they
-    leave there is moved into place when it is complete.
+    ``read`` and ``read_touch`` get a path that exists and looks like this format. They raise `palpate.InvalidInput`
+    for anything that cannot be read, and never return numbers that may be wrong. The writing methods get a temporary
+    name in the right folder; a complete file is then moved into place.
 
     Examples
     --------
@@ -90,15 +91,15 @@ class Format:
     True
     """
 
-    #: the name in messages
+    #: name in messages
     name: ClassVar[str]
     #: endings of file names, in lower case, the usual one first
     extensions: ClassVar[tuple[str, ...]]
-    #: libraries that it needs besides palpate's core
+    #: libraries needed besides palpate's core
     libraries: ClassVar[tuple[str, ...]] = ()
-    #: a recording is a folder
+    #: whether a recording is a folder
     folder: ClassVar[bool] = False
-    #: it is text: its contents do not tell it from other text, so only its ending does
+    #: whether it is text: contents cannot distinguish it from other text, so only its ending counts
     text: ClassVar[bool] = False
 
     def recognises(self, path: Path) -> bool:
@@ -110,20 +111,20 @@ class Format:
         return False
 
     def read(self, path: Path, *, mapping: TopicMapping | None = None, salvage: bool = False) -> Recording:
-        """The recording in a file; ``salvage``: the intact part of a torn one."""
+        """Read the recording in a file; ``salvage``: the intact part of a damaged one."""
         raise self._cannot("read", path)
 
     def read_mapped(self, path: Path, mapping: TableMapping) -> Recording:
-        """The recording in a table of another program."""
+        """Read the recording in a table of another program."""
         raise self._cannot("read_mapped", path)
 
     def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
-        """The columns of a table that ``wanted`` picks."""
+        """Read the columns of a table that ``wanted`` picks."""
         raise self._cannot("columns", path)
 
     @contextmanager
     def opened(self, path: Path, *, mapping: TopicMapping | None = None) -> Iterator[OpenRecording]:
-        """The recording in a file, to be read piece by piece; formats that cannot do that read it whole."""
+        """Open the recording in a file, to be read piece by piece; formats that cannot do that read it whole."""
         yield OpenRecording.of(self.read(path, mapping=mapping), str(path))
 
     def write(self, recording: Recording, path: Path) -> None:
@@ -131,7 +132,7 @@ class Format:
         raise self._cannot("write", path)
 
     def read_touch(self, path: Path) -> Any:
-        """The xarray.Dataset of a result."""
+        """Read the xarray.Dataset of a result."""
         raise self._cannot("read_touch", path)
 
     def write_touch(self, touch: Touch, path: Path, record: Mapping[str, str]) -> None:
@@ -149,9 +150,11 @@ class Format:
         resume: bool = False,
         replace: bool = False,
     ) -> Iterator[TouchStream]:
-        """A writer for the touches of ``count`` frames piece by piece; the result is at ``path`` when the ``with`` ends well.
+        """A writer for the touches of ``count`` frames piece by piece; the result is at ``path`` when the ``with``
+        block succeeds.
 
-        ``run`` describes the run for formats whose broken-off runs can go on (``resume``); ``replace``: what is there may be replaced.
+        ``run`` describes the run, for formats that can continue an interrupted run (``resume``); ``replace``: an
+        existing file may be replaced.
         """
         if resume:
             raise InvalidInput(f"{path}: a run into {self.name} cannot go on after it was broken off.")
@@ -167,7 +170,7 @@ class Format:
                 raise
 
     def _touches(self, path: Path, count: int, record: Mapping[str, str]) -> TouchStream:
-        """A stream of touches into a fresh file; without one of its own, a format writes all at the end."""
+        """A stream of touches into a temporary file; by default everything is written at the end."""
         from palpate.recordings.touchstream import Collected
 
         return Collected(path, count, record, self.write_touch)
@@ -179,11 +182,11 @@ class Format:
         raise self._cannot("recorder", path)
 
     def can(self, task: str) -> bool:
-        """Whether ``task``, the name of a method, is overridden."""
+        """Whether the subclass overrides ``task``, the name of a method."""
         return getattr(type(self), task) is not getattr(Format, task)
 
     def usable(self) -> Format:
-        """The format itself if its libraries are installed, else `Unsupported` names the extra."""
+        """The format itself if its libraries are installed; otherwise `Unsupported` names the extra."""
         require(f"{self.name} files", *self.libraries)
         return self
 
@@ -191,9 +194,9 @@ class Format:
         return InvalidInput(f"{path}: {_TASKS[task]} as {', '.join(endings(task))}; got {path.suffix.lower()!r}.")
 
 
-#: Endings of pickle, which executes its contents: never read.
+#: Endings of pickle, which executes its contents and is never read.
 PICKLES = (".pkl", ".pickle")
-#: Remedies for files that this library does not read.
+#: Remedies for files that palpate does not read.
 _ELSEWHERE = {
     ".mat": "; a displacement field is for palpate tfm",
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "; save the sheet as CSV"),
@@ -247,12 +250,16 @@ def formats() -> tuple[Format, ...]:
 
 
 def endings(task: str | None = None) -> tuple[str, ...]:
-    """Endings of file names that are accepted; of those formats that can do ``task``, the name of a method of `Format`."""
+    """Accepted endings of file names; with ``task``, the name of a method of `Format`, only those of formats that
+    support it.
+    """
     return tuple(e for f in formats() if task is None or f.can(task) for e in f.extensions)
 
 
 def find_format(path: str | Path, *, task: str | None = None) -> Format:
-    """The format of a file name that can do ``task``, the name of a method of `Format`; or `InvalidInput`."""
+    """The format of a file name that supports ``task``, the name of a method of `Format`; `InvalidInput` if there is
+    none.
+    """
     suffix = Path(path).suffix.lower()
     for some in (_built_in, _plugged_in):  # those of others are looked for only where these do not serve
         for known in some():
@@ -266,7 +273,7 @@ def find_format(path: str | Path, *, task: str | None = None) -> Format:
 
 
 def file_format(path: str | Path, *, task: str | None = None) -> str:
-    """The name of the format of a file name, which can do ``task``; or `InvalidInput`."""
+    """The name of the format of a file name that supports ``task``; `InvalidInput` if there is none."""
     return find_format(path, task=task).name
 
 
@@ -274,7 +281,9 @@ def file_format(path: str | Path, *, task: str | None = None) -> str:
 
 
 def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
-    """An existing file and its format: by its name, confirmed by its contents; `InvalidInput` says what is wrong."""
+    """An existing file and its format, by its name, confirmed by its contents; `InvalidInput` gives the reason
+    otherwise.
+    """
     found = Path(path)
     if not found.exists():
         find_format(found)  # report an impossible name first
@@ -317,7 +326,7 @@ def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
 
 
 def _refuse_pickle(path: Path) -> None:
-    """Refuse a pickle, with an alternative."""
+    """Raise an error for a pickle, with an alternative."""
     ending, call = (".parquet", "to_parquet") if importlib.util.find_spec("pyarrow") else (".csv", "to_csv")
     table = f"pandas.DataFrame(pandas.read_pickle({str(path)!r})).rename(columns=str)"
     raise InvalidInput(
@@ -327,7 +336,7 @@ def _refuse_pickle(path: Path) -> None:
 
 
 def shell_line(module: str, code: str) -> str:
-    """A line for the shell that runs some Python.
+    """A shell command that runs some Python code.
 
     Examples
     --------
@@ -339,7 +348,7 @@ def shell_line(module: str, code: str) -> str:
 
 
 def _inside(path: Path, task: str) -> Format | None:
-    """The format that a file looks like; any text would look like CSV."""
+    """The format that the contents of a file look like; None for text, because any text would look like CSV."""
     return next((f for f in formats() if not f.text and not f.folder and f.can(task) and f.recognises(path)), None)
 
 
@@ -394,9 +403,10 @@ def read_recording(
 
 @contextmanager
 def open_recording(path: str | Path, *, mapping: TopicMapping | TableMapping | None = None) -> Iterator[OpenRecording]:
-    """A recording to be read piece by piece, as long as the ``with`` lasts: NetCDF, HDF5, Zarr and long CSV; the others are read whole.
+    """Open a recording to be read piece by piece while the ``with`` block lasts: NetCDF, HDF5, Zarr and long CSV;
+    other formats are read whole.
 
-    Its checksum is that of all its frames, and is confirmed by `OpenRecording.survey`.
+    The checksum covers all frames and is verified by `OpenRecording.survey`.
 
     Raises
     ------
@@ -451,7 +461,9 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
 
 def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:
-    """Write beside the name, in its format, and move the complete file there; remove it if that fails."""
+    """Write to a temporary file of this format beside the target, and move the complete file there; remove it if that
+    fails.
+    """
     known = find_format(path, task=task)
     if known.folder:
         if Path(path).exists():

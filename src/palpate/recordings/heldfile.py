@@ -1,8 +1,9 @@
-"""A file that HDF5 writes through us, so that a full disk neither crashes HDF5 nor tears what is there.
+"""A file object for HDF5 that buffers all writes, so that a full disk neither crashes HDF5 nor damages the file.
 
-HDF5 does not survive a failed write: it tries again when each of its objects is closed, at the latest at the end of the process, and then reads freed
-memory (h5py issues 914, 1775, 2160). So its writes go to memory and never fail. `HeldFile.commit` writes to the disk in an order that keeps the file
-valid: first the part beyond its end, which alone needs room, then the few changed pages. On a full disk the file stays as it was at the last commit.
+HDF5 does not survive a failed write: it tries again when each of its objects is closed, at the latest at the end of
+the process, and then reads freed memory (h5py issues 914, 1775, 2160). So its writes go to memory and never fail.
+`HeldFile.commit` writes to the disk in an order that keeps the file valid: first the part beyond its end, which is the
+only one that needs space, then the few changed pages. On a full disk the file stays as it was at the last commit.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class HeldFile:
         return bytes(data)
 
     def readinto(self, buffer: Any) -> int:
-        """Fill ``buffer`` from here on; returns how many bytes there were."""
+        """Fill ``buffer`` from the current position; return the number of bytes read."""
         view = memoryview(buffer).cast("B")
         count = max(0, min(len(view), self._size - self._at))
         done = 0
@@ -85,7 +86,7 @@ class HeldFile:
         return count
 
     def write(self, data: Any) -> int:
-        """Hold ``data`` for the current position."""
+        """Buffer ``data`` at the current position."""
         view = memoryview(data).cast("B")
         done = 0
         while done < len(view):
@@ -156,7 +157,8 @@ class HeldFile:
         done: list[int] = []
         try:
             self._put(self._committed, self._tail)
-            # first how long the file is; then from the end: what is found by an address is there before the address
+            # Write the end of the file first and the beginning last, so that data are on the disk before their
+            # addresses.
             for number in sorted(self._pages, key=lambda n: (n > 0, -n)):
                 done.append(number)
                 self._put(number * PAGE, self._pages[number][1])
@@ -174,10 +176,10 @@ class HeldFile:
 
 
 class Apart:
-    """Does things in one thread of its own, one after the other.
+    """Run functions one after another in a separate thread.
 
-    Ctrl-C reaches the main thread only. There it can interrupt a callback of HDF5, or the writing of two arrays of a block, and leave a torn file. In
-    this thread every write is complete or has not started.
+    Ctrl-C only interrupts the main thread. There it could interrupt a callback of HDF5, or the writing of two arrays
+    of a block, and leave a damaged file. In this thread every write is complete or has not started.
     """
 
     def __init__(self) -> None:
@@ -186,7 +188,7 @@ class Apart:
         self.end: Callable[[], None] = weakref.finalize(self, self._jobs.put, None)
 
     def __call__(self, act: Callable[[], T]) -> T:
-        """Do it, and wait."""
+        """Run a function in the thread and wait for its result."""
         answer: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
         self._jobs.put((act, answer))
         value, error = answer.get()

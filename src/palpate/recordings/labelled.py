@@ -1,6 +1,7 @@
-"""Recording and Touch to labelled arrays (xarray) and back: the one place for names, units and dimensions in files.
+"""Convert Recording and Touch to labelled arrays (xarray) and back: the only place for names, units and dimensions in
+files.
 
-A Dataset made here converts back to an equal object. NetCDF, HDF5 and Zarr store these data sets as they are.
+A Dataset created here converts back to an equal object. NetCDF, HDF5 and Zarr store these data sets unchanged.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from palpate.sensing.view import View
 from palpate.solid.charts import MeshChart
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -69,17 +71,17 @@ RESULT_ATTRIBUTES = (
     "friction",
     "common_std",
 )
-#: Fields that are text by frame; kept as codes of what an attribute lists, because Zarr 3 has no settled form of text.
+#: Text fields per frame, stored as codes into a list in an attribute, because Zarr 3 has no stable form of text.
 _TEXT = ("found_by",)
 
 
 def _declared(record: type, *, without: tuple[str, ...] = ()) -> dict[str, tuple[str, ...]]:
-    """Field -> its dimensions after those of the batch, of every field with batch axes."""
+    """Dimensions after those of the batch, for each field with batch axes."""
     return {f.name: f.metadata["dims"] for f in fields(record) if f.metadata.get("per_frame") and f.name not in without}
 
 
 def missing_value(name: str) -> Any:
-    """The value of a variable of `touch_dataset` for frames without it."""
+    """Fill value of a variable of `touch_dataset` for frames that lack it."""
     found = {f.name: f.metadata["missing"] for f in fields(Touch) if f.metadata.get("per_frame")}
     return 0 if name in _TEXT else found.get(name, np.nan)
 
@@ -125,7 +127,7 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
 
 
 def recording_of(dataset: xarray.Dataset) -> Recording:
-    """The recording in a Dataset; `InvalidInput` if it holds none."""
+    """The recording in a Dataset; `InvalidInput` if there is none."""
     name = "the data set"
     missing = [n for n in ("readings", "channel", "time") if n not in dataset.variables]
     if missing:
@@ -191,21 +193,21 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
     surface = ("x",) if touch.surface.dimensions == 1 else ("y", "x")
     batch = tuple(str(d) for d in traction.dims[: traction.ndim - 1 - len(surface)])
     unit = "N/m" if touch.surface.dimensions == 1 else "N"
-    # gathered first: a Dataset aligns all that it holds for each variable that comes later
+    # Collect variables first: a Dataset aligns all existing variables for each one added later.
     found: dict[str, Any] = {"traction": traction}
     found["force"] = ((*batch, "component"), to_numpy(touch.force), {"units": unit, "long_name": "net force"})
-    if touch.errors is not None:
-        touch.errors.work_out()
-        found["std"] = touch.std
+    if touch._errors is not None:
+        posterior, pad = touch._errors.posterior, touch._errors.pad
+        posterior.work_out()
+        found["std"] = touch._map(touch.std(), "std")
         for name, side in zip(("force_low", "force_high"), touch.interval(0.95, "force")):
             attrs = {"units": unit, "long_name": "net force, 95 % interval"}
             found[name] = ((*batch, "component"), side, attrs)
         for key, tail in _declared(Errors).items():
-            found[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.errors, key)))
-    if touch.stated is not None:
-        for key, tail in _declared(Stated).items():
-            found[f"stated_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(touch.stated, key)))
-    for key, tail in _declared(Touch, without=("values", "time", "errors", "stated", *_TEXT)).items():
+            found[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(posterior, key)))
+        for key, tail in _declared(Stated).items() if pad is not None else ():
+            found[f"stated_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(pad, key)))
+    for key, tail in _declared(Touch, without=("values", "time", "_errors", *_TEXT)).items():
         value = getattr(touch, key)
         if value is not None:
             found[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
@@ -236,14 +238,15 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
         dataset.attrs["methods"] = json.dumps(names)
     if touch.friction is not None:
         dataset.attrs["friction"] = float(touch.friction)
-    dataset.attrs["common_std"] = touch.common_std
+    if touch._errors is not None:
+        dataset.attrs["common_std"] = touch._errors.scale
     if touch.case is not None:
         dataset.attrs["case"] = json.dumps(asdict(touch.case))
     return dataset
 
 
 def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
-    """The result in a Dataset of `touch_dataset`; `InvalidInput` if it holds none."""
+    """The result in a Dataset of `touch_dataset`; `InvalidInput` if there is none."""
     attrs = dataset.attrs
     missing = [n for n in ("traction", "component") if n not in dataset.variables]
     missing += [n for n in ("surface", "sought", "method") if n not in attrs]
@@ -262,7 +265,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
     errors = None
     if "errors_traction" in dataset:
         if "errors_beyond_force" not in dataset:
-            # written before the error of contact beyond the outermost taxels existed
+            # The file was written before the error of contact beyond the outermost taxels existed.
             dataset = dataset.assign(errors_beyond_force=0.0 * dataset["errors_force"])
         errors = Errors(**{f.name: dataset[f"errors_{f.name}"].values for f in fields(Errors)})
     stated = None
@@ -273,7 +276,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         time = None
     fields_of: dict[str, Any] = {
         key: dataset[key].values
-        for key in _declared(Touch, without=("values", "time", "errors", "stated", *_TEXT))
+        for key in _declared(Touch, without=("values", "time", "_errors", *_TEXT))
         if key in dataset
     }
     return Touch(
@@ -286,9 +289,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         unobservable_force=_listed(attrs.get("unobservable_force", "")),
         time=None if time is None else time.values,
         meta=_json(attrs.get("meta", "{}"), name),
-        errors=errors,
-        stated=stated,
-        common_std=float(attrs.get("common_std", 0.0)),
+        _errors=ErrorParts.of(errors, stated, float(attrs.get("common_std", 0.0))),
         found_by=_found_by(dataset, name),
         case=_case(attrs["case"], name) if "case" in attrs else None,
         friction=float(attrs["friction"]) if "friction" in attrs else None,
@@ -317,7 +318,7 @@ def _loaded(text: Any, name: str) -> Any:
 
 
 def _found_by(dataset: xarray.Dataset, name: str) -> Any:
-    """The method of each frame, by its place among those that are listed."""
+    """The method of each frame, from its index in the list of methods."""
     if "found_by" not in dataset:
         return None
     names, codes = np.array(_loaded(dataset.attrs.get("methods", "[]"), name)), dataset["found_by"].values
@@ -342,12 +343,12 @@ def _listed(text: str) -> tuple[str, ...]:
     return tuple(text.split(",")) if text else ()
 
 
-#: Charts of curved surfaces that can be written.
+#: Charts of curved surfaces that can be stored.
 CHARTS: dict[str, Any] = {chart.__name__: chart for chart in (SphereChart, CylinderChart, MeshChart)}
 
 
 def _described(grid: Grid) -> dict[str, Any]:
-    """The arguments that recreate the same grid exactly: coordinates alone would not."""
+    """The arguments that recreate exactly the same grid, which coordinates alone would not."""
     if isinstance(grid, LineGrid):
         return {"count": grid.count, "spacing": grid.spacing, "center": grid.center}
     out: dict[str, Any] = {"shape": grid.shape, "spacing": grid.spacing, "center": grid.center}

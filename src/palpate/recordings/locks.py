@@ -1,4 +1,4 @@
-"""One writer for each file: a lock that ends with the process that holds it, however that ends."""
+"""Allow only one writer per file, by a lock that the operating system releases when its process ends."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from palpate.errors import InvalidInput
 
 __all__ = ["claim", "sole_writer"]
 
-#: Errors of a disk without locks; the last writer wins there.
+#: Errors of a disk without locks; there the last writer wins.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
-#: Files that this process writes: name -> [handle of the lock file, how many claims].
+#: Files that this process writes: name -> [handle of the lock file, number of claims].
 _held: dict[str, list[int]] = {}
 _guard = threading.Lock()
 
 
 def claim(path: str | Path, *, alone: bool = False) -> Callable[[], None]:
-    """Take the lock of ``path`` and return the function that releases it; a process that holds it already counts it.
+    """Take the lock of ``path`` and return a function that releases it; repeated claims within one process are
+    counted.
 
-    The lock belongs to an open file beside ``path`` (hidden, ".palpate-....lock"), so that the system ends it with the process: after kill -9 the empty
-    file may stay, and locks nothing.
+    The lock is held on a hidden file beside ``path`` (".palpate-....lock"), so that the system releases it with the
+    process: after kill -9 the empty file may stay, without effect.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ def claim(path: str | Path, *, alone: bool = False) -> Callable[[], None]:
 
 @contextlib.contextmanager
 def sole_writer(path: str | Path, *, alone: bool = False) -> Iterator[None]:
-    """Hold the lock of ``path`` (`claim`) as long as the ``with`` lasts."""
+    """Context that holds the lock of ``path`` (`claim`)."""
     release = claim(path, alone=alone)
     try:
         yield
@@ -153,7 +154,7 @@ def _try_lock(handle: int) -> bool:
 
 
 def _same(handle: int, name: str) -> bool:
-    """Whether the file that is locked is still the one under the name."""
+    """Whether the locked file is still the one under this name."""
     try:
         return os.path.samestat(os.fstat(handle), os.stat(name))
     except FileNotFoundError:
@@ -161,7 +162,7 @@ def _same(handle: int, name: str) -> bool:
 
 
 def _writer(handle: int) -> str:
-    """The process that holds the lock, if the file states it."""
+    """The process that holds the lock, if the lock file states it."""
     with contextlib.suppress(OSError):
         os.lseek(handle, 0, os.SEEK_SET)
         number = os.read(handle, 20)
@@ -171,7 +172,7 @@ def _writer(handle: int) -> str:
 
 
 def _forget() -> None:
-    """In a process that was forked: the locks are its parent's, and end with that."""
+    """After a fork: the locks belong to the parent process, and end with it."""
     for handle, _ in _held.values():
         with contextlib.suppress(OSError):
             os.close(handle)

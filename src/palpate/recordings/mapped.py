@@ -1,4 +1,4 @@
-"""Tables of another program as recordings: frames x markers, by a `TableMapping`."""
+"""Read tables of other programs as recordings (frames x markers), by a `TableMapping`."""
 
 from __future__ import annotations
 
@@ -25,11 +25,13 @@ __all__ = ["check_distinct", "check_one_frame", "explained", "is_frame", "plain_
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
-#: Above this many cells of frames x markers per line of a table, the markers change from frame to frame.
+#: If there are more cells of frames x markers than this per line of the table, the markers change from frame to frame.
 MAX_CELLS_PER_LINE = 4
-#: Positions that belong to displacements may differ from frame to frame by this part of the largest displacement (they are rounded).
+#: Positions for displacements may differ between frames by this fraction of the largest displacement, because they are
+#: rounded.
 ROUNDED = 0.1
-#: Share of markers that pass their neighbours in one frame above which the numbers are reassigned from frame to frame.
+#: If at least this fraction of markers pass their neighbours in one frame, the numbers are reassigned from frame to
+#: frame.
 RENUMBERED = 0.2
 #: Column titles that identify recordings.
 _EPISODES = ("episode_index", "episode", "episode_id")
@@ -40,7 +42,7 @@ _FRAMES = ("frame", "frames", "frame_number", "frame_id", "frame_no", "frameid",
 def read_mapped(
     path: Path, mapping: TableMapping, *, read: Callable[[Path, Callable[[Titles], list[int]]], Table] = read_table_text
 ) -> Recording:
-    """The recording in a table; ``read`` takes the columns out of files that are no text.
+    """The recording in a table; ``read`` reads the columns, also of binary files.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def read_mapped(
 
 
 def _chosen(path: Path, mapping: TableMapping, table: Table, roles: dict[str, list[int]]) -> Table:
-    """The lines that count; several episodes in one table are several recordings."""
+    """The lines to use, by the filter ``only``; several episodes in one table are several recordings."""
     where, start = {}, 0
     for role, places in roles.items():
         where[role], start = start, start + len(places)
@@ -126,17 +128,17 @@ def _chosen(path: Path, mapping: TableMapping, table: Table, roles: dict[str, li
 
 @dataclass(eq=False)
 class _Frames:
-    """Everything by frame and marker."""
+    """All data by frame and marker."""
 
-    number: Floats  # of each frame, as in the table
-    stamps: Floats | None  # the time of each, as in the table; None: numbers
+    number: Floats  # number of each frame, as in the table
+    stamps: Floats | None  # time of each frame, as in the table; None: use the numbers
     marker: Floats  # number of each marker
-    numbered: bool  # whether these are the table's own
+    numbered: bool  # whether the table has these numbers
     places: Floats | None  # (frame, marker, axis) [m]
     readings: Floats | None  # (frame, channel, marker)
 
     def ordered(self, order: Ints | None) -> _Frames:
-        """The frames in another order."""
+        """A copy with the frames in another order."""
         if order is None:
             return self
         parts = (None if a is None else a[order] for a in (self.number, self.stamps, self.places, self.readings))
@@ -150,7 +152,7 @@ def _named(mapping: TableMapping) -> dict[str, Any]:
 
 
 def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[list[str], list[int]]:
-    """Column names among the taxels (in a wide table), and their positions."""
+    """Names of the columns (in a wide table those of all taxels), and their indices."""
     if isinstance(columns, str):
         places = titles.sliced(columns)
         if places is not None:
@@ -165,7 +167,7 @@ def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[l
 
 
 def is_frame(title: str) -> bool:
-    """Whether a column by its title identifies frames or times."""
+    """Whether the title of a column identifies frames or times."""
     return plain_name(title) in _FRAMES
 
 
@@ -324,10 +326,10 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
 
 
 def _frames_of(key: Floats, marker: Ints, markers: int, sort: bool) -> tuple[Floats, Ints]:
-    """The number of each frame, and the frame of each line.
+    """The number of each frame, and the index of the frame of each line.
 
-    Where each frame stands in one piece, frames keep the order of the table, and a number that comes again is another frame: the counter restarted.
-    Lines in any other order are put together by the number of their frame.
+    If the lines of each frame are consecutive, frames keep the order of the table, and a repeated number is a new
+    frame: the counter restarted. Otherwise lines are grouped by the number of their frame.
     """
     first = np.diff(key, prepend=np.nan) != 0
     piece = np.cumsum(first) - 1
@@ -343,7 +345,7 @@ def _frames_of(key: Floats, marker: Ints, markers: int, sort: bool) -> tuple[Flo
 def _with_markers(
     path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floats]
 ) -> tuple[Table, dict[str, Floats]]:
-    """Without the lines that belong to no marker: those of trackers that could not link a spot."""
+    """Drop lines without a marker, such as spots that a tracker could not link."""
     if mapping.marker is None:
         return table, parts
     found = parts["marker"]
@@ -365,7 +367,9 @@ def _with_markers(
 
 
 def _counted(path: Path, mapping: TableMapping, markers: Floats, placeless: bool) -> Floats:
-    """Numbers of markers that several columns name; without positions they must fill a grid, so that which is where is clear."""
+    """Single numbers for markers that several columns identify; without positions they must fill a grid, so that their
+    order is clear.
+    """
     each = [np.unique(axis) for axis in markers.T]
     whole = math.prod(len(axis) for axis in each)
     if placeless and (whole != len(markers) or any(np.any(np.diff(axis) != 1) for axis in each)):
@@ -378,7 +382,7 @@ def _counted(path: Path, mapping: TableMapping, markers: Floats, placeless: bool
 
 
 def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Floats, Ints]:
-    """Markers identified by their places: in rows along x."""
+    """Number markers by their positions: in rows along x."""
     gone = ~np.isfinite(where).all(axis=1)
     if gone.any():
         raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmax(gone))])}: no position; take the line out.")
@@ -392,7 +396,7 @@ def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Flo
 
 
 def check_one_frame(path: Path, title: str, values: Floats) -> None:
-    """Refuse a table of several frames that is read as one."""
+    """Raise an error for a table with several frames that is read as a single one."""
     count = len(np.unique(values[np.isfinite(values)]))
     if count > 1:
         raise InvalidInput(
@@ -470,7 +474,7 @@ def _recording(path: Path, mapping: TableMapping, frames: _Frames, clock: Clock)
 
 
 def _rest_positions(path: Path, mapping: TableMapping, frames: _Frames) -> tuple[Floats, Any]:
-    """Rest positions of markers (marker, axis), and readings (frame, channel, marker)."""
+    """Rest positions of the markers (marker, axis), and readings (frame, channel, marker)."""
     places = frames.places
     if places is None:
         raise InvalidInput(f"{path}: there are no positions.")
@@ -515,7 +519,7 @@ def _rest_positions(path: Path, mapping: TableMapping, frames: _Frames) -> tuple
 
 
 def _spread(values: Floats) -> Floats:
-    """Largest less smallest over frames, of the axis that moves most, by marker."""
+    """Range of values over the frames, for the axis that moves most, by marker."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never there: its spread is NaN
         return np.asarray((np.nanmax(values, axis=0) - np.nanmin(values, axis=0)).max(axis=1))
@@ -526,7 +530,7 @@ def _extent(places: Floats) -> float:
 
 
 def check_distinct(path: Path, positions: Floats, names: Sequence[str] | None = None, *, unit: str = " m") -> None:
-    """Refuse two markers in the same place."""
+    """Raise an error for two markers at the same place."""
     from scipy.spatial import cKDTree
 
     if len(positions) < 2:
@@ -543,7 +547,9 @@ def check_distinct(path: Path, positions: Floats, names: Sequence[str] | None = 
 
 
 def _check_order(path: Path, frames: _Frames, rest: Floats, moved: Floats) -> None:
-    """Markers of a pad that does not fold never pass their neighbours: |u_i - u_j| < |X_i - X_j|."""
+    """Raise an error if markers pass their neighbours, which a pad that does not fold prevents: |u_i - u_j| < |X_i -
+    X_j|.
+    """
     from scipy.spatial import cKDTree
 
     count = min(4, len(rest) - 1)
@@ -573,7 +579,7 @@ def _check_order(path: Path, frames: _Frames, rest: Floats, moved: Floats) -> No
 
 
 def _check_counted(path: Path, frames: _Frames) -> None:
-    """Refuse gaps among markers that have no names, only numbers."""
+    """Raise an error for gaps among markers that have only numbers."""
     if not frames.numbered:
         return
     whole = np.arange(frames.marker[0], frames.marker[0] + len(frames.marker))
@@ -614,7 +620,7 @@ def _as_area(path: Path, shape: tuple[int, int], readings: Any, positions: Float
 
 
 def explained(path: Path, read: Callable[[Path], Titles] = first_titles) -> str:
-    """How a table of another program is read, for the error of one that is not explained; ``read`` finds its titles."""
+    """Instructions for reading a table of another program, for an error message; ``read`` finds its titles."""
     try:
         titles = read(path)
     except InvalidInput:

@@ -1,4 +1,4 @@
-"""How the messages of a robot become readings: which topic, which numbers, which unit."""
+"""Map robot messages to readings: topic, path of the numbers, unit."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class TopicMapping:
             )
 
     def readings(self, message: Any) -> Floats:
-        """(channel, *array) of a message, in SI units; of ``markers`` their positions."""
+        """The readings (channel, *array) in a message, in SI units; with ``markers`` their positions."""
         found = at(message, self.path)
         if hasattr(found, "encoding") and hasattr(found, "step"):
             values = _image(found)
@@ -144,7 +144,9 @@ class TopicMapping:
         return np.asarray(values * scale.reshape(-1, *(1,) * (values.ndim - 1)))
 
     def time(self, message: Any, recorded: float) -> float:
-        """Seconds at which a message was taken; a stamp without a unit is a date since 1970 by its size, or seconds."""
+        """Time of a message [s]; a stamp without a unit is a date since 1970 if its size suggests so, otherwise
+        seconds.
+        """
         found, unit = self.stamped(message, recorded)
         if unit is None:
             date = epoch_unit(found)
@@ -152,7 +154,7 @@ class TopicMapping:
         return found * unit
 
     def stamped(self, message: Any, recorded: float) -> tuple[float, float | None]:
-        """The stamp of a message, and its unit in seconds, or None if that is unknown.
+        """The stamp of a message, and its unit in seconds, or None if unknown.
 
         Examples
         --------
@@ -211,7 +213,7 @@ def at(message: Any, path: str) -> Any:
 
 
 def _image(message: Any) -> Floats:
-    """(channel, y, x) of an image of floats."""
+    """The pixels (channel, y, x) of an image of floats."""
     matched = re.fullmatch(r"(32|64)FC(\d+)", message.encoding)
     if matched is None:
         raise InvalidInput(f"images must be 32FC1, 32FC3, 64FC1, ... (floats); got {message.encoding!r}.")
@@ -227,7 +229,7 @@ def _image(message: Any) -> Floats:
 
 
 def _grid(message: Any, fields: Sequence[str]) -> Floats:
-    """(field, y, x) of a foxglove.Grid."""
+    """The fields (field, y, x) of a foxglove.Grid."""
     known = {f.name: f for f in message.fields}
     missing = [f for f in fields if f not in known]
     if missing:

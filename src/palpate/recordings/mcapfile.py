@@ -1,11 +1,12 @@
-"""MCAP: recordings written while they happen, and read from robots without ROS installed.
+"""MCAP files: written during a stream, and read from robots without ROS installed.
 
-Written (``pip install palpate[bags]``): the messages of `palpate.recordings.messages`. Readings are kept as they are, time to the
-nanosecond. A chunk goes to the file when it is full, so that a process that is killed loses less than a chunk. Where the picture of a camera's
-touches lies is a metadata record before the first of them.
+Writing (``pip install palpate[bags]``): the messages of `palpate.recordings.messages`. Readings are stored unchanged,
+time in nanoseconds. A chunk is written when it is full, so that a killed process loses less than a chunk. For a
+camera, a metadata record before the first touch holds the position of the picture.
 
-Read: those, and messages of others whose numbers a `TopicMapping` picks out: images of floats, foxglove Grids, and any message with lists of
-numbers or of points, packed as ROS 2 does (cdr) or as Protobuf. Their definitions are in the file.
+Reading: those messages, and messages of other programs whose numbers a `TopicMapping` selects: images of floats,
+foxglove Grids, and any message with lists of numbers or of points, encoded by ROS 2 (cdr) or as Protobuf. Their
+definitions are in the file.
 """
 
 from __future__ import annotations
@@ -35,11 +36,13 @@ if TYPE_CHECKING:
 
 __all__ = ["McapRecorder", "own", "read_messages", "topics", "write_mcap"]
 
-#: Bytes in a chunk: the most that a killed process loses.
+#: Bytes in a chunk: the largest loss if the process is killed.
 CHUNK = 64 * 1024
-#: Name of the metadata record before the first readings that says their shape, which a message of one row does not tell: ``shape``, JSON.
+#: Name of the metadata record before the first readings with their shape, which a message with one row does not
+#: contain: ``shape``, JSON.
 SHAPE = "palpate.shape"
-#: Name of the metadata record with the position of the picture of the following touches: ``view``, JSON for `View.restored`.
+#: Name of the metadata record with the position of the picture for the following touches: ``view``, JSON for
+#: `View.restored`.
 VIEW = "palpate.view"
 
 
@@ -55,20 +58,18 @@ def _library() -> Any:
 
 
 class McapRecorder:
-    """Writes readings, touches and events of a stream into an MCAP file while they come.
+    """Writes readings, touches and events of a stream into an MCAP file as they arrive.
 
     Parameters
     ----------
     path : str or Path
         Must not exist yet: a recording is never overwritten.
     channels : sequence of str
-        Of the readings.
+        Channels of the readings.
     positions : array (taxel, 2) or (taxel,), optional
-        Of scattered taxels [m].
+        Positions of scattered taxels [m].
     meta : mapping
         Anything worth keeping, as in `palpate.Recording`.
-    chunk : int
-        Bytes after which a chunk is written.
     """
 
     def __init__(
@@ -78,7 +79,6 @@ class McapRecorder:
         *,
         positions: Any = None,
         meta: Mapping[str, Any] | None = None,
-        chunk: int = CHUNK,
     ) -> None:
         mcap = _library()
         self.path, self.channels = Path(path), tuple(channels)
@@ -103,7 +103,7 @@ class McapRecorder:
         self._ids: dict[str, int] = {}
         self._count = self._frames = self._kept = 0
         self._view: dict[str, Any] | None = None
-        self._writer = mcap.writer.Writer(self._file, chunk_size=chunk, enable_data_crcs=True)
+        self._writer = mcap.writer.Writer(self._file, chunk_size=CHUNK, enable_data_crcs=True)
         self._writer.start(profile="ros2", library="palpate")
         self._writer.add_metadata("palpate", facts)
         try:
@@ -127,7 +127,7 @@ class McapRecorder:
             self._add(kind, data, now)
 
     def event(self, event: Event) -> None:
-        """Something that a `GraspMonitor` noticed."""
+        """Write an event of a `GraspMonitor`."""
         self._add(*self._encoder.event(event), event.time)
 
     def close(self) -> None:
@@ -152,7 +152,7 @@ class McapRecorder:
             self._view = described
 
     def _describe(self, name: str, facts: dict[str, str]) -> None:
-        """A metadata record, which is no chunk: it goes to the disk by itself, so that a chunk that does counts its frames."""
+        """Write a metadata record, which is not part of a chunk and goes to the disk directly."""
 
         def act() -> None:
             self._writer.add_metadata(name, facts)
@@ -175,7 +175,7 @@ class McapRecorder:
         self._writer.add_message(self._ids[kind.topic], log_time=now, data=data, publish_time=now, sequence=self._count)
         self._count += 1
         self._frames += kind.topic == READINGS
-        # whole chunks go to the system, and survive this process
+        # Whole chunks are handed to the system, and survive this process.
         if self._file.commit():
             self._kept = self._frames
 
@@ -188,7 +188,7 @@ class McapRecorder:
         try:
             self._apart(act)
         except OSError as error:
-            # stop here: the chunks before are intact, later ones would be damaged
+            # Stop here: earlier chunks are intact, later ones would be damaged.
             self._open = False
             self._file.close()
             self._apart.end()
@@ -202,7 +202,7 @@ class McapRecorder:
 
 
 def write_mcap(recording: Recording, path: str | Path) -> None:
-    """A whole recording (also `palpate convert`)."""
+    """Write a whole recording (also used by `palpate convert`)."""
     if recording.time[0] < 0:
         raise InvalidInput("MCAP keeps times from 0 on; shift the recording's time.")
     stamps = np.array([nanoseconds(t) for t in recording.time])
@@ -221,7 +221,7 @@ def write_mcap(recording: Recording, path: str | Path) -> None:
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-#: Exceptions of the parser on damaged bytes; decompressors add their own.
+#: Exceptions of the parser on damaged bytes; decompressors have their own.
 _DAMAGE = (
     EOFError,
     OSError,
@@ -244,10 +244,10 @@ def _damage() -> tuple[type[Exception], ...]:
 
 
 def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tuple[Any, Any, Any]]:
-    """(schema, channel, message) of a topic by the time at which it was recorded; in the file's order with ``salvage``, up to the last whole
-    chunk of a torn file, and where palpate wrote it.
+    """(schema, channel, message) of a topic, by the time of recording. With ``salvage``, and for files of palpate, in
+    the order of the file, up to the last whole chunk of a damaged file.
 
-    Checksums of chunks, of the data and of the index are confirmed where the file has them.
+    Checksums of chunks, data and index are verified if the file has them.
     """
     _library()
     import mcap.reader
@@ -273,7 +273,9 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
 
 
 def whole(path: Path, topic: str) -> tuple[int, int]:
-    """Messages of a topic in whole chunks, and the bytes that follow the last one of a torn file (0: it is whole)."""
+    """Number of messages of a topic in whole chunks, and number of bytes after the last whole chunk of a damaged file
+    (0: undamaged).
+    """
     _library()
     import mcap.reader
 
@@ -293,7 +295,7 @@ def _short(error: Exception) -> str:
 
 
 def _confirm(file: Any, limit: int) -> None:
-    """Read a file of others once through: its records follow each other, and its checksums are right."""
+    """Read a file of another program once: verify that its records are consecutive and its checksums are right."""
     import mcap.records
     import mcap.stream_reader
 
@@ -303,7 +305,7 @@ def _confirm(file: Any, limit: int) -> None:
     ).records:
         footer = record
     if isinstance(footer, mcap.records.Footer) and footer.summary_crc and footer.summary_start:
-        # up to the checksum itself: 4 bytes of it and 8 of the mark at the end are left
+        # Up to the checksum itself: its 4 bytes, and 8 for the magic at the end, remain.
         file.seek(footer.summary_start)
         if zlib.crc32(file.read(limit - 12 - footer.summary_start)) != footer.summary_crc:
             raise ValueError("the checksum of its index is wrong")
@@ -315,7 +317,7 @@ def topics(path: Path) -> dict[str, str]:
 
 
 def read_messages(path: Path, topic: str, *, salvage: bool = False) -> Iterator[tuple[float, Any]]:
-    """(time [s], message) of a topic, as they come in the file."""
+    """(time [s], message) of a topic, in the order of the file."""
     decode = _Decoder()
     for schema, channel, message in _records(path, salvage, topic):
         try:

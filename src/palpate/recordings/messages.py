@@ -1,9 +1,9 @@
-"""Readings, touches and events as standard messages of robotics.
+"""Convert readings, touches and events to standard messages of robotics.
 
-Readings are sensor_msgs/Image (32FC1, 32FC3, ... one plane of floats per channel, interleaved; 64FC1, ... where single precision would round them;
-scattered taxels are one row; values that are not finite are missing, NaN), touches are
-foxglove.Grid (pressure, shear, standard deviation of the pressure) and geometry_msgs/WrenchStamped (the sum of the traction: what presses on
-the pad, z into it; the moment about the surface's origin), events are foxglove.Log.
+Readings are sensor_msgs/Image (32FC1, 32FC3, ...: one plane of floats per channel, interleaved; 64FC1, ... if single
+precision would round them; scattered taxels are one row; values that are not finite are missing, NaN). Touches are
+foxglove.Grid (pressure, shear, standard deviation of the pressure) and geometry_msgs/WrenchStamped (the force that
+acts on the pad, z into it, and the moment about the surface's origin). Events are foxglove.Log.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def nanoseconds(time: float) -> int:
 
 
 def ros_types() -> Any:
-    """`rosbags.typesys`, or how to get it."""
+    """The module `rosbags.typesys`; a missing one raises an error that names the extra."""
     try:
         import rosbags.typesys
     except ImportError as error:
@@ -68,7 +68,7 @@ def ros_types() -> Any:
 
 
 class Encoder:
-    """Packs readings, touches and events. ``channels`` are those of the readings."""
+    """Encodes readings, touches and events. ``channels`` are those of the readings."""
 
     def __init__(self, channels: Sequence[str] = ()) -> None:
         typesys = ros_types()
@@ -107,7 +107,7 @@ class Encoder:
 
         grid = touch.surface
         values = to_numpy(touch.values).astype("<f4")
-        std = np.zeros_like(values[-1]) if touch.errors is None else to_numpy(touch.std.values).astype("<f4")[-1]
+        std = np.zeros_like(values[-1]) if not touch.has_intervals else to_numpy(touch.std()).astype("<f4")[-1]
         layers = {"pressure": values[-1], "shear_x": values[0], "std": std}
         if grid.dimensions == 2:
             layers["shear_y"] = values[1]
@@ -146,7 +146,7 @@ class Encoder:
         yield self._ros(WRENCH, _WRENCH, self._types.types[_WRENCH](header=self._header(time), wrench=wrench))
 
     def event(self, event: Event) -> tuple[Kind, bytes]:
-        """Something that a `GraspMonitor` noticed."""
+        """An event of a `GraspMonitor`."""
         from foxglove import messages
 
         warning = event.began and event.kind != "contact"

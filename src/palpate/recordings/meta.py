@@ -1,4 +1,4 @@
-"""Metadata of a recording: every format keeps its types, as JSON."""
+"""Metadata of a recording: stored as JSON, so that every format keeps their types."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["plain_meta"]
 def plain_meta(meta: Mapping[str, Any] | None, what: str = "meta") -> dict[str, Any]:
     """``meta`` in types that JSON preserves, so that a file returns an equal value; None becomes empty.
 
-    Text, numbers, truth values and None stay as they are, numbers of NumPy become Python's, tuples and arrays lists.
+    Text, numbers, truth values and None are unchanged; NumPy numbers become Python's, tuples and arrays become lists.
 
     Raises
     ------

@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, affordable, checksum
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.formats import Format
 from palpate.recordings.heldfile import write_netcdf
 from palpate.recordings.labelled import recording_dataset, text, touch_dataset
@@ -32,20 +33,8 @@ if TYPE_CHECKING:
 __all__ = ["NetCDF", "damage", "guard", "opened"]
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-#: How a global heap begins: its signature, version 1 and three zeros.
+#: Beginning of a global heap: its signature, version 1 and three zeros.
 _HEAP = b"GCOL\x01\0\0\0"
-#: Exceptions of h5py and h5netcdf on damaged files: each layer translates the library's errors in its own way.
-DAMAGE = (
-    OSError,
-    RuntimeError,
-    KeyError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    MemoryError,
-)
 
 
 def damage(path: Path, error: Exception) -> InvalidInput:
@@ -58,7 +47,7 @@ def damage(path: Path, error: Exception) -> InvalidInput:
 
 
 class NetCDF(Format):
-    """NetCDF 4. HDF5 guards each block of numbers (Fletcher-32), a CRC-32 of ours the whole."""
+    """NetCDF 4. HDF5 protects each block of numbers (Fletcher-32), and a CRC-32 the whole file."""
 
     name = "netcdf"
     libraries = ("h5py", "h5netcdf")
@@ -124,7 +113,7 @@ class NetCDF(Format):
 
 
 def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
-    """A dataset with checksums, packed."""
+    """Write a dataset, compressed and with checksums."""
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in dataset.variables.items():
         if variable.ndim and variable.dtype.kind in "fiub" and variable.size:
@@ -154,7 +143,7 @@ def data_sets(group: Any) -> dict[str, Any]:
 
 
 def guard(group: Any, path: Path) -> None:
-    """Refuse data sets that claim more than the file can hold, before anything is allocated."""
+    """Raise an error for data sets that claim more than the file can contain, before anything is allocated."""
     stored = os.path.getsize(path)
     for name, held in data_sets(group).items():
         if held.shape is not None:
@@ -171,7 +160,7 @@ def guard(group: Any, path: Path) -> None:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Turn exceptions of the library into messages about the file."""
+    """Context that converts exceptions of the library to messages about the file."""
     try:
         yield
     except InvalidInput:
@@ -181,7 +170,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _check_held(file: Any, path: Path) -> None:
-    """Refuse a file without a recording, or one that states a size it cannot have."""
+    """Raise an error for a file without a recording, or with an impossible size."""
     missing = [n for n in ("readings", "channel", "time") if n not in file]
     if missing:
         held = ", ".join(map(text, file)) or "nothing"
@@ -191,7 +180,7 @@ def _check_held(file: Any, path: Path) -> None:
 
 @contextmanager
 def opened(path: Path, *, salvage: bool = False) -> Iterator[Any]:
-    """An HDF5 file; ``salvage``: also one whose recorder was killed while it had it open."""
+    """Open an HDF5 file; ``salvage``: also one that was open when its recorder was killed."""
     import h5py
 
     _guard_heaps(path)
@@ -204,7 +193,7 @@ def opened(path: Path, *, salvage: bool = False) -> Iterator[Any]:
 
 
 def _guard_heaps(path: Path) -> None:
-    """Refuse heaps of text whose parts do not follow each other: the library walks through them for ever."""
+    """Raise an error for text heaps with inconsistent parts, in which the library would loop forever."""
     with path.open("rb") as raw, mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as data:
         start = data.find(_HEAP)
         while start >= 0:
@@ -217,7 +206,7 @@ def _guard_heaps(path: Path) -> None:
                     int.from_bytes(data[at : at + 2], "little"),
                     int.from_bytes(data[at + 8 : at + 16], "little"),
                 )
-                # the last one, number 0, is what is free, its own head included
+                # The last part, number 0, is the free space, including its own header.
                 step = length if index == 0 else 16 + -(-length // 8) * 8
                 if step < 16 or step > end - at:
                     raise OSError("a heap of text is damaged")
@@ -226,9 +215,10 @@ def _guard_heaps(path: Path) -> None:
 
 
 class _Closed(io.RawIOBase):
-    """A file that its writer left open, as if it had been closed: the first bytes (the superblock) are put right while they are read.
+    """A file that its writer left open, presented as closed: the first bytes (the superblock) are corrected while they
+    are read.
 
-    The library's own way to read such a file (SWMR) waits for a writer that is dead: one damaged byte took minutes.
+    The library's own way to read such a file (SWMR) waits for the dead writer: one damaged byte took minutes.
     """
 
     def __init__(self, raw: Any) -> None:
@@ -264,7 +254,7 @@ class _Closed(io.RawIOBase):
 
 
 def _lookup3(data: bytes) -> int:
-    """Bob Jenkins' hash that HDF5 puts at the end of its headers (hashlittle of lookup3.c, public domain)."""
+    """Bob Jenkins' hash at the end of HDF5's headers (hashlittle of lookup3.c, public domain)."""
     mask = 0xFFFFFFFF
 
     def rotated(x: int, k: int) -> int:

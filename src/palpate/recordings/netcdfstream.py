@@ -1,4 +1,4 @@
-"""Touches of a long recording as NetCDF (HDF5), piece by piece."""
+"""Write the touches of a long recording as NetCDF (HDF5), piece by piece."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 __all__ = ["NetCDFStream"]
 
-#: Bytes of a block at most: HDF5 keeps one of each variable in memory while it is filled.
+#: Largest number of bytes of a block: HDF5 keeps one of each variable in memory until it is full.
 BLOCK = 1 << 20
 
 
 class NetCDFStream(Arrays):
-    """Through a `HeldFile`, so that a full disk is an error and no crash."""
+    """Writes through a `HeldFile`, so that a full disk is an error and not a crash."""
 
     def __init__(self, path: Path, count: int, record: Mapping[str, str]) -> None:
         super().__init__(path, count, record)
@@ -61,13 +61,13 @@ class NetCDFStream(Arrays):
         flags = like.dtype == np.bool_
         dtype = np.dtype(np.int8) if flags else like.dtype
         options: dict[str, Any] = {"fillvalue": np.nan} if dtype.kind == "f" else {}
-        # blocks that pieces fill whole: one that is filled in parts is compressed as often
+        # Blocks equal to pieces: a block filled in several parts would be compressed each time.
         nbytes = dtype.itemsize * int(np.prod(like.shape[1:], dtype=np.int64))
         parts = -(-self._frames * nbytes // BLOCK)
         rows = -(-self._frames // parts) if like.ndim > 1 else BLOCK // nbytes
         options["chunks"] = (min(rows, self.count), *like.shape[1:])
         if like.ndim > 1:
-            # maps of linear methods hardly shrink, and higher levels cost half as much again for a hundredth
+            # Maps of linear methods hardly compress, and higher levels cost half as much again for 1 %.
             options |= {"compression": "gzip", "compression_opts": 1, "shuffle": True}
         made = self._file.create_variable(name, like.dims, dtype=dtype, fletcher32=True, **options)
         made.attrs.update({**like.attrs, **({"dtype": "bool"} if flags else {})})

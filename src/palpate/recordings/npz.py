@@ -50,11 +50,12 @@ _DAMAGE = (
 
 
 class Npz(Format):
-    """NumPy archives: the zip's own CRC-32 guards each array, one of ours guards the whole.
+    """NumPy archives: the zip's own CRC-32 protects each array, another one the whole.
 
-    A recording has the keys ``readings`` (frame, channel, taxel) or (frame, channel, y, x) in SI units, ``channel`` (names) and ``time`` (frame) in
-    seconds; ``positions`` (taxel, 2) in metres, ``meta`` (JSON) and ``palpate_crc32`` may be there. Archives with other keys are tables of another
-    program: each array with a line per frame is a column, or as many as a line holds.
+    A recording has the keys ``readings`` (frame, channel, taxel) or (frame, channel, y, x) in SI units, ``channel``
+    (names) and ``time`` (frame) in seconds; optionally ``positions`` (taxel, 2) in metres, ``meta`` (JSON) and
+    ``palpate_crc32``. Archives with other keys are tables of another program: each array with one line per frame is a
+    column, or as many as a line has numbers.
     """
 
     name = "npz"
@@ -147,7 +148,7 @@ def _whole(path: Path) -> dict[str, Any]:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an archive; each header is read before its numbers, so that nothing is allocated that is not there."""
+    """The arrays of an archive; each header is read before its numbers, to avoid allocating memory for missing data."""
     with zipfile.ZipFile(path) as archive:
         for info in archive.infolist():
             affordable(info.file_size, info.compress_size, path)

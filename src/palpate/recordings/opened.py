@@ -1,4 +1,4 @@
-"""A recording that is read piece by piece: only its head is in memory."""
+"""A recording that is read piece by piece; only its header is in memory."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from palpate.recordings.recording import Recording
 
 __all__ = ["OpenRecording"]
 
-#: Bytes of readings that are looked at together.
+#: Bytes of readings that are read together.
 BLOCK = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
 class OpenRecording:
-    """A recording with lazy readings.
+    """A recording whose readings are read on demand.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class OpenRecording:
     expected : int or None
         The checksum that the file holds.
     name : str
-        What messages call it.
+        Name of the recording in messages.
     remedy : str
         What to do if the checksum does not match.
 
@@ -60,7 +60,7 @@ class OpenRecording:
 
     @classmethod
     def of(cls, recording: Recording, name: str = "the recording") -> OpenRecording:
-        """A recording that is in memory already."""
+        """Wrap a recording that is already in memory."""
         return cls(
             replace(recording, readings=recording.readings[:1], time=recording.time[:1]),
             recording.time,
@@ -80,7 +80,7 @@ class OpenRecording:
         return ((i, min(i + count, len(self))) for i in range(0, len(self), count))
 
     def survey(self, look: Callable[[Recording], object] = lambda _: None) -> int:
-        """Show every frame to ``look``, in blocks of a few megabytes, and return the checksum of the whole.
+        """Call ``look`` with all frames, in blocks of a few megabytes, and return the checksum of the whole.
 
         Raises
         ------

@@ -65,7 +65,7 @@ Pressure = Annotated[float, BeforeValidator(_modulus)]
 
 
 def percent(value: Any) -> float:
-    """ "10 %" -> 0.1."""
+    """Parse a percentage: "10 %" -> 0.1."""
     match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", value) if isinstance(value, str) else None
     if match is None:
         raise InvalidInput(f'an uncertainty must be a part such as "10 %"; got {value!r}.')
@@ -85,74 +85,63 @@ Named = Annotated[str, BeforeValidator(_named)]
 
 
 class Strict(BaseModel):
-    """A section without unknown keys."""
+    """A section that does not accept unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 
 
-class SolidBox(Strict):
-    """`palpate.SolidPad.box`; ``responses`` is a file of `palpate.SolidPad.save` beside the skin.toml."""
+class Solid(Strict):
+    """What all pads by finite elements have; ``responses`` is a file of `palpate.SolidPad.save` beside the skin.toml."""
 
-    kind: Literal["solid_box"]
     prony: list[tuple[float, Time]] | None = None
-    length: Length
-    width: Length
-    thickness: Length
     youngs_modulus: Pressure
     poissons_ratio: float
     accuracy: Part | None = None
     responses: Named | None = None
+
+
+class Shaped(Solid):
+    """A pad whose mesh is made here."""
+
+    thickness: Length
     sides: Literal["free", "bonded"] = "free"
     element: Length | None = None
 
 
-class SolidDome(Strict):
+class SolidBox(Shaped):
+    """`palpate.SolidPad.box`."""
+
+    kind: Literal["solid_box"]
+    length: Length
+    width: Length
+
+
+class SolidDome(Shaped):
     """`palpate.SolidPad.dome`."""
 
     kind: Literal["solid_dome"]
-    prony: list[tuple[float, Time]] | None = None
     radius: Length
-    thickness: Length
     height: Length | None = None
-    youngs_modulus: Pressure
-    poissons_ratio: float
-    accuracy: Part | None = None
-    responses: Named | None = None
-    sides: Literal["free", "bonded"] = "free"
-    element: Length | None = None
     readings_along: Literal["surface", "pad"] = "surface"
 
 
-class SolidBend(Strict):
+class SolidBend(Shaped):
     """`palpate.SolidPad.bend`; ``radius`` is negative inside a bend."""
 
     kind: Literal["solid_bend"]
-    prony: list[tuple[float, Time]] | None = None
     radius: Length
     length: Length
     width: Length
-    thickness: Length
-    youngs_modulus: Pressure
-    poissons_ratio: float
-    accuracy: Part | None = None
-    responses: Named | None = None
-    sides: Literal["free", "bonded"] = "free"
-    element: Length | None = None
     readings_along: Literal["surface", "pad"] = "surface"
 
 
-class SolidMesh(Strict):
+class SolidMesh(Solid):
     """`palpate.SolidPad.from_mesh`; ``file`` is beside the skin.toml."""
 
     kind: Literal["solid_mesh"]
-    prony: list[tuple[float, Time]] | None = None
     file: Named
     base: Named
     contact: Named
-    youngs_modulus: Pressure
-    poissons_ratio: float
-    accuracy: Part | None = None
-    responses: Named | None = None
     scale: float = 1.0
     turned: bool = False
     readings_along: Literal["surface", "pad"] = "surface"

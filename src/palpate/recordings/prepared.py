@@ -1,4 +1,4 @@
-"""Files with the preparation of a skin (`palpate._recall`): their identity, and reasons to refuse them."""
+"""Files with the preparation of a skin (`palpate._recall`): how they are identified, and when they are refused."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ def write_prepared(problem: Problem, path: str | Path) -> None:
     entries = problem.worked_out()
     if not entries:
         raise InvalidInput("nothing is prepared yet that takes long: call prepare() or reconstruct() first.")
-    # the same whoever writes it: runs that prepare one skin at a time do not stop each other
+    # The content does not depend on who writes it, so that runs that prepare the same skin at the same time do not
+    # disturb each other.
     atomically(path, lambda fresh: write(fresh, entries, about), sole=False)
 
 
 def read_prepared(problem: Problem, path: str | Path) -> Recall:
-    """Read what an earlier run prepared for this very problem."""
+    """Read what an earlier run prepared for exactly this problem."""
     import palpate
 
     mine, version = problem.about(), palpate.__version__

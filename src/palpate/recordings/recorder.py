@@ -16,16 +16,16 @@ __all__ = ["recorder"]
 def recorder(
     path: str | Path, channels: Sequence[str], *, positions: Any = None, meta: Mapping[str, Any] | None = None
 ) -> Recorder:
-    """The recorder of a file name: .mcap, .nc / .h5 / .hdf5, or .zarr; each writes while the stream runs.
+    """A recorder for a file name (.mcap, .nc / .h5 / .hdf5, or .zarr) that writes while the stream runs.
 
     Parameters
     ----------
     path : str or Path
         Must not exist yet: a recording is never overwritten.
     channels : sequence of str
-        Of the readings.
+        Channels of the readings.
     positions : array (taxel, 2) or (taxel,), optional
-        Of scattered taxels [m].
+        Positions of scattered taxels [m].
     meta : mapping
         Anything worth keeping, by names: text, numbers, truth values, None, and lists and mappings of them.
 

@@ -39,7 +39,8 @@ def without_secrets(arguments: Sequence[str]) -> list[str]:
 
 
 def without_secrets_in_meta(meta: Mapping[str, str]) -> dict[str, str]:
-    """The same of the command lines in ``meta``, as older versions of palpate wrote them; other entries stay as they are.
+    """Hide secrets in the command lines in ``meta``, as older versions of palpate wrote them; other entries stay
+    unchanged.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Readings from recordings of robots: MCAP files, ROS 2 bags (folders) and ROS 1 bags, without ROS installed."""
+"""Read recordings of robots: MCAP files, ROS 2 bags (folders) and ROS 1 bags, without ROS installed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Bag", "Mcap", "frames", "is_bag", "messages", "read_robot", "topics"]
 
-#: Definitions for bags that carry none (ROS 2 before Iron), besides those of ROS itself.
+#: Message definitions for bags without any (ROS 2 before Iron), besides those of ROS itself.
 DEFINITIONS = {"tactile_msgs/msg/TactileState": "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors\n"}
 
 
@@ -72,7 +72,7 @@ def _definitions(folder: str) -> dict[str, str]:
 
 
 def messages(path: Path, topic: str, *, definitions: str = "", salvage: bool = False) -> Iterator[tuple[float, Any]]:
-    """(time at which it was recorded [s], message) of a topic of an MCAP file or a bag, as they come."""
+    """(time of recording [s], message) of a topic of an MCAP file or a bag, in order."""
     if is_bag(path):
         return _bag_messages(path, topic, definitions)
     return mcapfile.read_messages(path, topic, salvage=salvage)
@@ -117,7 +117,7 @@ def topics(path: str | Path) -> dict[str, str]:
 def _own(path: Path) -> dict[str, Any] | None:
     if path.suffix.lower() == ".mcap":
         return mcapfile.own(path)
-    # `ros2 bag record` and the like may contain palpate's own topics
+    # `ros2 bag record` may have recorded palpate's own topics.
     parts = sorted(path.glob("*.mcap")) if path.is_dir() else []
     return mcapfile.own(parts[0]) if len(parts) == 1 else None
 
@@ -125,9 +125,9 @@ def _own(path: Path) -> dict[str, Any] | None:
 def frames(
     path: str | Path, mapping: TopicMapping | None = None, *, salvage: bool = False
 ) -> Iterator[tuple[float, Floats]]:
-    """(time [s], readings (channel, *array)) of each message of a topic, as they come.
+    """(time [s], readings (channel, *array)) of each message of a topic, in order.
 
-    Without a ``mapping`` those that palpate wrote. A message that does not fit raises `InvalidInput`.
+    Without a ``mapping``, the topic that palpate wrote. A message that does not fit raises `InvalidInput`.
     """
     for stamp, values in _frames(Path(path), mapping, salvage):
         yield stamp.time, values
@@ -135,7 +135,7 @@ def frames(
 
 @dataclass
 class _Stamp:
-    """Stamps of a frame, by its message and by the recorder, and rest positions of its markers."""
+    """Stamps of a frame, from its message and from the recorder, and rest positions of its markers."""
 
     mapping: TopicMapping
     message: Any
@@ -180,9 +180,9 @@ def _listed(path: Path) -> str:
 
 
 def read_robot(path: str | Path, mapping: TopicMapping | None = None, *, salvage: bool = False) -> Recording:
-    """A recording from an MCAP file or a bag: every frame, in the order in which they were recorded (`palpate.recordings.clock`).
+    """A recording from an MCAP file or a bag: all frames in the order of recording (`palpate.recordings.clock`).
 
-    Palpate's own files need no ``mapping``. ``salvage`` reads a torn MCAP file as far as it goes.
+    Palpate's own files need no ``mapping``. ``salvage`` reads a damaged MCAP file up to the damage.
     """
     found = Path(path)
     known = _own(found) if mapping is None and (found.is_file() or is_bag(found)) else None
@@ -242,7 +242,7 @@ def _clock(
 
 
 def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
-    """The losses of a torn MCAP file, in words."""
+    """The losses of a damaged MCAP file, in words."""
     count, torn = mcapfile.whole(path, READINGS if mapping is None else mapping.topic)
     words = []
     if torn:
@@ -254,7 +254,9 @@ def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
 
 
 class Mcap(Format):
-    """MCAP files: palpate's own, and those of robots with a `TopicMapping`. A CRC-32 guards each chunk, one all the data."""
+    """MCAP files: palpate's own, and those of robots with a `TopicMapping`. A CRC-32 protects each chunk, another one
+    all data.
+    """
 
     name = "mcap"
     libraries = ("mcap",)
@@ -291,7 +293,9 @@ class Mcap(Format):
 
 
 class _McapStream(TouchStream):
-    """Messages of each frame; the file's meta, which stands at its beginning, names the method and not what became of the frames."""
+    """Messages of each frame. The file's meta is at its beginning, so that it names the method but not the outcome of
+    the frames.
+    """
 
     _out: Any = None
 

@@ -1,4 +1,4 @@
-"""The sections of a skin.toml that describe what is measured besides pad and arrays: messages, tables, pictures, and how well all is known."""
+"""Sections of a skin.toml other than pad and arrays: messages, tables, pictures, and uncertainty."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def read_uncertainty(path: str | Path) -> Uncertainty:
 
 
 def read_stream(path: str | Path) -> TopicMapping | None:
-    """The section [stream] of a skin.toml: from messages of a robot to readings.
+    """Read the section [stream] of a skin.toml: how messages of a robot become readings.
 
-    Channels are those of the planes and the shape that of an area plane, unless the section names others.
+    Channels are those of the planes, and the shape is that of an area plane, unless the section names others.
 
     Raises
     ------
@@ -127,16 +127,16 @@ def _channels(skin: SkinFile) -> list[str]:
 
 
 def _shape(skin: SkinFile) -> tuple[int, int] | None:
-    """Rows and columns of the planes, where they are areas of one shape."""
+    """Rows and columns of the planes, if they are areas of one shape."""
     shapes = {p.shape for p in skin.plane}
     return shapes.pop() if len(shapes) == 1 else None
 
 
 def read_columns(path: str | Path, given: Mapping[str, Any] | None = None) -> TableMapping | None:
-    """The section [columns] of a skin.toml: the columns of another program's table.
+    """Read the section [columns] of a skin.toml: the columns of another program's table.
 
-    ``given`` takes the place of that section. Channels are put into the order of the planes, and the shape is that of an area plane, unless the
-    section names another.
+    ``given`` replaces that section. Channels are put into the order of the planes, and the shape is that of an area
+    plane, unless the section names another.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def read_columns(path: str | Path, given: Mapping[str, Any] | None = None) -> Ta
 
 
 def read_camera(path: str | Path) -> CameraSettings | None:
-    """The section [camera] of a skin.toml: from pictures to displacements.
+    """Read the section [camera] of a skin.toml: how pictures become displacements.
 
     Raises
     ------
@@ -220,7 +220,9 @@ def read_camera(path: str | Path) -> CameraSettings | None:
 
 
 def _section(path: str | Path, name: str, make: Callable[[SkinFile, Any, Path], T]) -> T | None:
-    """What ``make`` makes of an optional section; its errors name the line of the key that they begin with."""
+    """The result of ``make`` for an optional section; None if it is missing. Errors name the line of the key that they
+    begin with.
+    """
     found = Path(path)
     text = skin_text(found)
     skin = validated(text, str(found))

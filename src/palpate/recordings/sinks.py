@@ -36,16 +36,16 @@ class Sink(Protocol):
     """
 
     def readings(self, time: float, values: Any) -> None:
-        """One frame (channel, *array) at ``time`` [s]."""
+        """Take one frame (channel, *array) at ``time`` [s]."""
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """Take the result of one frame."""
 
     def event(self, event: Event) -> None:
-        """Something that a `palpate.GraspMonitor` noticed."""
+        """Take an event of a `palpate.GraspMonitor`."""
 
     def close(self) -> None:
-        """Finish."""
+        """Finish, and release the resources."""
 
 
 class Recorder(Sink, Protocol):

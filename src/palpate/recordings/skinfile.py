@@ -104,10 +104,11 @@ __all__ = [
     "validated",
 ]
 
-#: Entry points of this group are makers of pads that other packages bring, by the ``kind`` that a skin.toml names. They are called with the
-#: keys of [pad] as they stand there (`palpate.units.parse_quantity` reads quantities), without ``kind``, and ``prony``, which serves all pads.
+#: Group of entry points with pads of other packages, by the ``kind`` in a skin.toml. The entry point is called with the
+#: keys of [pad] as written (`palpate.units.parse_quantity` parses quantities), without ``kind``, and without ``prony``,
+#: which all pads support.
 PADS = "palpate.pads"
-#: Kinds of pad that palpate itself makes.
+#: Kinds of pad that palpate provides.
 BUILT_IN = ("half_space", "bonded_layers", "solid_box", "solid_dome", "solid_bend", "solid_mesh", "measured")
 
 
@@ -140,7 +141,7 @@ class _BondedLayers(Strict):
 
 
 class _Other(BaseModel):
-    """A pad of another package: the arguments of its maker, as in the file."""
+    """A pad of another package: the arguments of its entry point, as in the file."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
     kind: str
@@ -251,8 +252,8 @@ class SkinFile(Strict):
 def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad, list[Array], Grid | None, Boundary]:
     """Read a skin.toml; returns pad, planes, surface (or None) and boundary.
 
-    A scattered plane without ``positions`` and ``positions_file`` takes the positions of ``recording``, and an area plane without shape and
-    pitch those of a gridded one.
+    A scattered plane without ``positions`` and ``positions_file`` uses the positions of ``recording``, and an area
+    plane without shape and pitch those of a gridded recording.
 
     Raises
     ------
@@ -288,7 +289,9 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
 
 
 def _value_with_std(data: Any, name: str) -> dict[str, Any]:
-    """The file without its "+-", each put as a part into the section [uncertainty]; several of one kind: the largest."""
+    """The file without its "+-" values, which go as fractions into the section [uncertainty]; the largest of several
+    for one property.
+    """
     found: dict[str, float] = {}
 
     def cleaned(part: Any) -> Any:
@@ -325,13 +328,13 @@ def _value_with_std(data: Any, name: str) -> dict[str, Any]:
 
 
 def key_of(error: PalpateError) -> str:
-    """The key that a message is about: its first word ("channel" is an entry of channels)."""
+    """The key that a message is about: its first word ("channel" refers to an entry of channels)."""
     word = str(error).partition(" ")[0]
     return {"channel": "channels", "scale": "unit"}.get(word, word)
 
 
 def skin_text(found: Path) -> str:
-    """The text of a skin.toml; editors on Windows begin it with a byte-order mark, which is left out."""
+    """The text of a skin.toml, without the byte-order mark that editors on Windows add."""
     if not found.exists():
         raise InvalidInput(
             f"{found}: no such file. A skin file describes pad and array; palpate demo writes one to start from."
@@ -360,7 +363,7 @@ def validated(text: str, name: str) -> SkinFile:
 def skin_from_text(
     text: str, name: str, folder: Path, recording: Recording | None = None
 ) -> tuple[Pad, list[Array], Grid | None, Boundary]:
-    """Parse the text of a skin.toml; ``name`` is used in errors, ``folder`` to find files that it names."""
+    """Parse the text of a skin.toml; ``name`` is used in errors, ``folder`` is where the files that it names are."""
     skin = validated(text, name)
     where: tuple[str | int, ...] = ("pad",)
     try:
@@ -398,7 +401,7 @@ def skin_from_text(
 
 
 def _pad_of_maker(maker: Any, table: _Other) -> Pad:
-    """A pad of another package."""
+    """Build a pad of another package."""
     given = dict(table.model_extra or {})
     try:
         inspect.signature(maker).bind(**given)
@@ -432,12 +435,13 @@ def _noise(plane: _Plane, dimensions: int) -> tuple[float, ...] | None:
 
 
 def _limits(plane: _Plane, dimensions: int) -> list[tuple[float, float]] | None:
-    """Ends of the range of each channel, low and high."""
+    """Lower and upper limit of each channel."""
     channels = check_channels(plane.channels, dimensions)
     if plane.limits is None:
         return None
     given = [plane.limits] if isinstance(plane.limits, str) else plane.limits
-    # two quantities are the ends of all channels; a list of [low, high], or of single ones for -s to s, has one for each
+    # Two quantities are the limits of all channels; a list of [low, high] pairs, or of single values s for -s to s, has
+    # one entry per channel.
     shared = isinstance(plane.limits, str) or (len(given) == 2 and all(isinstance(v, str) for v in given))
     each: list[Any] = [given] * len(channels) if shared else given
     if len(each) != len(channels):
@@ -511,7 +515,7 @@ def _plane(plane: _Plane, folder: Path, recording: Recording | None) -> Array:
 
 
 def _positions(plane: _Plane, folder: Path, recording: Recording | None) -> Any:
-    """Where scattered taxels are (taxel, axis) [m]: as the plane lists them, from its file, or from the recording."""
+    """Positions of scattered taxels (taxel, axis) [m]: listed in the plane, from its file, or from the recording."""
     if plane.positions is not None:
         if plane.positions_file is not None:
             raise InvalidInput("positions_file and positions both say where the taxels are; leave one out.")
@@ -529,7 +533,7 @@ def _positions(plane: _Plane, folder: Path, recording: Recording | None) -> Any:
 
 
 def _listed(places: list[Any], unit: str | None) -> Any:
-    """Positions as a skin.toml lists them: [x, y] or x, each a length, or a number where ``unit`` says what a 1 is."""
+    """Positions listed in a skin.toml: [x, y] or x, each a length, or a number in the unit ``unit``."""
     each = [place if isinstance(place, list) else [place] for place in places]
     if {len(place) for place in each} not in ({1}, {2}):
         raise InvalidInput(
@@ -547,7 +551,7 @@ def _listed(places: list[Any], unit: str | None) -> Any:
 
 
 def _of_file(path: Path, unit: str | None) -> Any:
-    """Positions of a recording that has some, or of a table with the columns x and y."""
+    """Positions from a recording that has them, or from a table with the columns x and y."""
     from palpate.recordings.formats import existing, read_recording
     from palpate.recordings.tables import read_positions
 
@@ -575,7 +579,7 @@ def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
     return AreaGrid(shape=surface.shape, spacing=surface.spacing, center=_center(surface.center, 2))
 
 
-#: Keys that skin files have, for those that are misspelt.
+#: Keys of skin files, for suggestions if one is misspelt.
 KEYS = (
     *(
         "kind",
@@ -617,7 +621,7 @@ KEYS = (
 )
 
 
-def _likely_keys(key: str, text: str) -> str:
+def _likely_keys(key: str) -> str:
     """Likely keys for a misspelt one."""
     import difflib
 
@@ -643,7 +647,7 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
         place = f"[{section}] has no {key}" if section else f"there is no [{key}] section"
         return f"{name}, line {line}: {place}."
     if kind == "extra_forbidden":
-        return f"{name}, line {line}: {key} is not a key here{_likely_keys(str(key), text)}."
+        return f"{name}, line {line}: {key} is not a key here{_likely_keys(str(key))}."
     if kind.startswith("union_tag"):
         given = (error.get("ctx") or {}).get("tag")
         got = f"; got {str(given)!r}" if given else ""
@@ -660,11 +664,11 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
 
 
 def line_of(text: str, keys: tuple[str | int, ...]) -> int:
-    """Line number of a key such as ("plane", 1, "pitch"): of its section where the key itself is not there."""
+    """Line number of a key such as ("plane", 1, "pitch"), or of its section if the key is missing."""
     lines = text.splitlines()
     key = keys[-1] if len(keys) > 1 and isinstance(keys[-1], str) else None
     place = keys[:-1] if key is not None else keys
-    # of nested tables the innermost numbered one is looked for, by its dotted name
+    # for nested tables, search the innermost numbered one by its dotted name
     section = ".".join(k for k in place if isinstance(k, str))
     index = next((k for k in reversed(place) if isinstance(k, int)), 0)
     top = re.compile(rf"^\s*{re.escape(section)}\s*=")

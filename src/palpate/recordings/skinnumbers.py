@@ -1,4 +1,6 @@
-"""What was learned of a sensor: a section of its skin.toml that names a file of plain numbers beside it (.npz), of which nothing runs."""
+"""Results of a calibration: a section of a skin.toml that names a file of plain numbers beside it (.npz). No content
+of it is executed.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ from palpate.recordings.skinfile import skin_text
 
 __all__ = ["read_numbers", "text_with_section", "write_numbers"]
 
-#: Form of the file of numbers.
+#: Version of the file of numbers.
 VERSION = 1
 Found = TypeVar("Found")
 
@@ -82,7 +84,7 @@ def write_numbers(
 def read_numbers(
     skin_file: str | Path, section: str, made: Callable[[dict[str, Any]], Found], *, remedy: str
 ) -> Found | None:
-    """What ``made`` makes of the arrays that the section of a skin.toml names; None where it has no such section.
+    """The result of ``made`` for the arrays that the section of a skin.toml names; None without such a section.
 
     Raises
     ------

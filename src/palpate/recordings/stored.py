@@ -1,4 +1,4 @@
-"""Recordings and touches as named arrays with attributes, for an HDF5 file and a Zarr store alike."""
+"""Recordings and touches as named arrays with attributes, for HDF5 files and Zarr stores."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ __all__ = ["confirmed_touch", "opened_recording", "stored_recording", "touch_gro
 
 
 def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage: bool) -> Recording:
-    """The recording in a file or group with arrays "readings", "time" and perhaps "positions", and attributes.
+    """The recording in a file or group with arrays "readings", "time" and optionally "positions", and attributes.
 
-    Unfinished blocks are dropped: readings without times, and with ``salvage`` those with fill values.
+    Incomplete blocks are dropped: readings without times, and with ``salvage`` those with fill values.
     """
     counts = held["readings"].shape[0], held["time"].shape[0]
     count = min(counts)
@@ -51,7 +51,7 @@ def stored_recording(held: Any, channels: Iterable[Any], path: Path, *, salvage:
 
 
 def _times(held: Any, count: int, path: Path) -> tuple[Any, dict[str, str]]:
-    """Times of the first ``count`` frames, with a note; a checksum confirms them."""
+    """Times of the first ``count`` frames, and a note on repairs. If the file has a checksum, they need no repair."""
     values = np.asarray(held["time"][:count])
     if held.attrs.get(CHECKSUM) is not None or not np.isfinite(values).all():
         return values, {}
@@ -74,7 +74,7 @@ class _Guarded:
 def opened_recording(
     held: Any, channels: Iterable[Any], path: Path, readable: Callable[[Path], AbstractContextManager[None]]
 ) -> OpenRecording:
-    """The same, read piece by piece while its file stays open; ``readable`` translates exceptions of the library."""
+    """The same, read piece by piece while the file stays open; ``readable`` converts exceptions of the library."""
     count = min(held["readings"].shape[0], held["time"].shape[0])
     meta = json_object(text(held.attrs.get("meta", "{}")), f"{path}: meta")
     found, told = _times(held, count, path)
@@ -90,12 +90,14 @@ def opened_recording(
 
 
 def touch_group(held: Any) -> str | None:
-    """The group of touches: the file itself, or a group beside the readings."""
+    """The file group in which touches are stored: None for the root of the file, or the name of a group beside the
+    readings.
+    """
     return "touch" if "traction" not in held and "touch" in held else None
 
 
 def confirmed_touch(found: Any, path: Path) -> Any:
-    """A dataset of touches, if there are any and they are what was written."""
+    """A dataset of touches, after its checksum was verified; an error if there are none."""
     if "traction" not in found:
         raise InvalidInput(f"{path}: holds no touches (it holds {', '.join(map(str, found.variables)) or 'nothing'}).")
     confirm(found, found.attrs.pop(CHECKSUM, None), path)

@@ -1,7 +1,8 @@
-"""Recordings for analysis, written while they happen: HDF5/NetCDF and Zarr, in blocks of frames.
+"""Recorders for HDF5/NetCDF and Zarr, which write while the stream runs, in blocks of frames.
 
-Both hold what a whole recording holds (``readings``, ``time``, ``channel``, ``unit``, ``positions``), a group ``touch`` (``traction``, ``std``,
-``force`` with its interval, ``touching``) and a group ``events``; xarray opens each of the three. A killed process loses the block at hand.
+Both store the arrays of a whole recording (``readings``, ``time``, ``channel``, ``unit``, ``positions``), a group
+``touch`` (``traction``, ``std``, ``force`` with its interval, ``touching``) and a group ``events``; xarray opens each
+of the three. A killed process loses the current block.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ from palpate.recordings.locks import claim
 from palpate.recordings.meta import plain_meta
 from palpate.sensing.times import as_second
 from palpate.status import Status
-from palpate.touch import Touch, intervals
+from palpate.touch import Touch
 
 if TYPE_CHECKING:
     from palpate.grasp import Event
 
 __all__ = ["HdfRecorder", "ZarrRecorder", "zarr_library"]
 
-#: Frames in a block: the most that a killed process loses.
+#: Frames in a block: the largest loss if the process is killed.
 BLOCK = 32
 EVENT_KINDS = ("contact", "incipient slip", "slip", "excess pressure", "excess force", "pull", "unexplained")
 _EVENTS = {
@@ -57,7 +58,7 @@ class _Variable:
 
 
 class _Recorder(abc.ABC):
-    """Collects frames into blocks; the formats say how a group begins and how a block is added."""
+    """Collects frames into blocks; subclasses create groups and append blocks in their format."""
 
     def __init__(
         self,
@@ -94,7 +95,9 @@ class _Recorder(abc.ABC):
             raise
 
     def readings(self, time: float, values: Any) -> None:
-        """One frame (channel, *array) at ``time`` [s], as it comes: a clock that goes back is for the reader (`palpate.recordings.clock`)."""
+        """Write one frame (channel, *array) at ``time`` [s]; a clock that jumps back is repaired when the file is read
+        (`palpate.recordings.clock`).
+        """
         data = to_numpy(values)
         if len(data) != len(self.channels) or data.ndim not in (2, 3):
             raise InvalidInput(
@@ -117,15 +120,15 @@ class _Recorder(abc.ABC):
             "touching": int(bool(True if touch.touching is None else touch.touching)),
             "status": int(Status.SOLVED if touch.status is None else touch.status),
         }
-        known = touch.errors is not None
-        row["std"] = np.asarray(intervals.std(touch)) if known else np.full(row["traction"].shape, np.nan)
+        known = touch.has_intervals
+        row["std"] = to_numpy(touch.std()) if known else np.full(row["traction"].shape, np.nan)
         row["force_low"], row["force_high"] = (
             touch.interval(0.95, "force") if known else np.full((2, *row["force"].shape), np.nan)
         )
         self._put("touch", row, lambda: self._touch_layout(touch, row))
 
     def event(self, event: Event) -> None:
-        """Something that a `GraspMonitor` noticed."""
+        """Write an event of a `GraspMonitor`."""
         row = {k: getattr(event, k) for k in _EVENTS if k != "kind"}
         self._put(
             "events", {**row, "began": int(event.began), "kind": EVENT_KINDS.index(event.kind)}, self._event_layout
@@ -151,15 +154,15 @@ class _Recorder(abc.ABC):
 
     @abc.abstractmethod
     def _create(self) -> None:
-        """An empty file or store under a name that is free, or `FileExistsError`; `_made` from then on."""
+        """Create an empty file or store under a new name, or raise `FileExistsError`; sets `_made`."""
 
     @abc.abstractmethod
     def _start(self, group: str, layout: dict[str, _Variable]) -> None:
-        """A group and its variables."""
+        """Create a group and its variables."""
 
     @abc.abstractmethod
     def _append(self, group: str, block: dict[str, Any]) -> None:
-        """Another block of a group."""
+        """Append a block to a group."""
 
     @abc.abstractmethod
     def _finish(self) -> None:
@@ -215,7 +218,7 @@ class _Recorder(abc.ABC):
             )
             for name, (unit, text) in _EVENTS.items()
         }
-        # flags as the CF conventions write them
+        # flags as the CF conventions require
         layout["kind"].attrs["flag_values"] = list(range(len(EVENT_KINDS)))
         layout["kind"].attrs["flag_meanings"] = " ".join(k.replace(" ", "_") for k in EVENT_KINDS)
         return layout
@@ -246,7 +249,7 @@ class _Recorder(abc.ABC):
         try:
             self._apart(act)
         except OSError as error:
-            # nothing more is tried: the next attempt would fail as well, at the latest in close()
+            # Stop here: another attempt would fail as well, at the latest in close().
             self._open, self._rows = False, {}
             self._apart(self._abandon)
             self._apart.end()
@@ -267,11 +270,11 @@ def _removed(path: Path) -> None:
 
 
 class HdfRecorder(_Recorder):
-    """Writes a stream into an HDF5 file (.nc, .h5) that is NetCDF, and opens at any time.
+    """Writes a stream into an HDF5 file (.nc, .h5) that is valid NetCDF, and can be opened at any time.
 
-    On the disk the file is whole after every block, also where the process is killed or the disk is full (`HeldFile`).
+    The file on the disk is complete after every block, even if the process is killed or the disk is full (`HeldFile`).
 
-    Arguments of `palpate.recordings.recorder`, and ``block``, the frames in a block.
+    Arguments of `palpate.recordings.recorder`, and ``block``, the number of frames in a block.
     """
 
     def _create(self) -> None:
@@ -348,7 +351,7 @@ def _shut(opened: list[Any]) -> None:
 
 
 def _let_go(held: HeldFile, opened: list[Any]) -> None:
-    """Close HDF5's view of a file without further writes: they go to memory, and the disk stays unchanged."""
+    """Close HDF5's file object. Writes that this still causes go to memory, so that the file on disk stays unchanged."""
     _shut(opened)
     held.close()
 
@@ -371,7 +374,7 @@ class ZarrRecorder(_Recorder):
         place = self._root.create_group(group) if group else self._root
         for name, variable in layout.items():
             if variable.dtype.kind == "U":
-                # text has no settled form in Zarr 3: names are attributes of what they name
+                # Zarr 3 has no stable form of text: store names as attributes of the arrays that they name.
                 place.attrs[name] = [str(v) for v in variable.data]
                 continue
             shape = variable.attrs.get("shape", ())
@@ -382,7 +385,7 @@ class ZarrRecorder(_Recorder):
                 chunks=(self._block, *shape) if grows else variable.data.shape,
                 dtype=variable.dtype,
                 fill_value=variable.empty,
-                # a block that is not there is damage, so that frames without an answer are written too
+                # A missing block means damage, so blocks of frames without a result are written too.
                 config={"write_empty_chunks": True},
                 dimension_names=variable.dims,
                 attributes={k: v for k, v in variable.attrs.items() if k != "shape"},
@@ -394,7 +397,7 @@ class ZarrRecorder(_Recorder):
 
     def _append(self, group: str, block: dict[str, Any]) -> None:
         before = self._kept.get(group, 0)
-        # time comes last: a frame counts when all of it is there
+        # Write time last: a frame counts only when all of it is stored.
         names = sorted((n for n in block if (group, n) in self._arrays), key=lambda n: n == "time")
         try:
             for name in names:

@@ -1,4 +1,4 @@
-"""Tables that other programs made: positions of taxels, and positions and vectors of one frame."""
+"""Tables of other programs with positions of taxels, or with positions and vectors of one frame."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from palpate._files import ordinary
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.columns import per_count
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.formats import endings, existing
 from palpate.recordings.mapped import check_distinct, check_one_frame, is_frame, plain_name
-from palpate.recordings.netcdf import DAMAGE, NetCDF, data_sets, guard, opened
+from palpate.recordings.netcdf import NetCDF, data_sets, guard, opened
 from palpate.recordings.recording import Recording
 from palpate.recordings.tabletext import Titles, read_table_text
 from palpate.units import UNITS

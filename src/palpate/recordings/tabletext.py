@@ -1,4 +1,4 @@
-"""The text of a table of another program: its separator, decimals, titles and numbers."""
+"""Parse the text of a table of another program: separator, decimals, titles and numbers."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from palpate.units import UNITS, plain_unit
 
 __all__ = ["SLICE", "Table", "Titles", "first_titles", "read_table_text"]
 
-#: Separators in the order of trial; None: blanks.
+#: Separators in the order in which they are tried; None: blanks.
 SEPARATORS = ("\t", ";", ",", None)
-#: Some of a row of columns, as Python slices them.
+#: A slice of consecutive columns, in Python's notation.
 SLICE = re.compile(r"(?P<name>.*)\[(?P<slice>\d*:\d*(?::\d+)?)\]")
-#: A number in a list in a cell.
+#: The title of one number of a list in a cell.
 _ENTRY = re.compile(r"(.+)\[(\d+)\]")
 #: Number of lines to search for titles.
 HEAD = 32
@@ -39,7 +39,7 @@ _GROUPED = re.compile(r"\s*[+-]?[1-9]\d{0,2},\d{3}\s*")
 
 @dataclass(frozen=True)
 class Titles:
-    """The columns of a table by name; where it has no titles they are "1", "2", ...
+    """The titles of the columns of a table; without titles they are "1", "2", ...
 
     Examples
     --------
@@ -54,7 +54,7 @@ class Titles:
     titled: bool
 
     def find(self, name: str) -> int:
-        """The place of a column, by its title with or without its unit."""
+        """The index of a column, by its title with or without its unit."""
         places = [i for i, n in enumerate(self.names) if n == name]
         places = places or [i for i, n in enumerate(self.names) if _bare(n) == name]
         if not places:
@@ -90,7 +90,9 @@ class Titles:
         return found
 
     def sliced(self, pattern: str) -> list[int] | None:
-        """The places of "name[first:after:step]" among the columns name[0], name[1], ..., as Python counts; of "[::3]" among all."""
+        """Indices of "name[first:after:step]" among the columns name[0], name[1], ..., in Python's notation; of
+        "[::3]" among all columns.
+        """
         match = SLICE.fullmatch(pattern)
         if match is None:
             return None
@@ -135,7 +137,7 @@ def _bare(title: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Numbers (row, column) of the requested columns, the line of each row, and which columns hold dates."""
+    """Numbers (row, column) of the requested columns, the line of each row, and which columns contain dates."""
 
     titles: Titles
     values: Floats
@@ -144,12 +146,12 @@ class Table:
 
 
 def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
-    """Read the columns that ``wanted`` picks, by their places; dates and times of day become seconds.
+    """Read the columns that ``wanted`` picks, by their indices; dates and times of day become seconds.
 
-    Separators are commas, semicolons, tabs or blanks; decimals have a point, or a comma where that does not separate. Lines that begin with # or %
-    are comments; the last of them may hold the titles. Titles may take several lines (names, then units), below lines of text with other numbers of
-    cells; the first column without a title is
-    named index, as in tables of pandas, and others column 2, column 3, ...
+    Separators are commas, semicolons, tabs or blanks; decimals have a point, or a comma if it is not the separator.
+    Lines that begin with # or % are comments; the last of them may contain the titles. Titles may take several lines
+    (names, then units), below lines of text with other numbers of cells. The first column without a title is named
+    index, as in pandas, and others column 2, column 3, ...
 
     Raises
     ------
@@ -178,7 +180,7 @@ def read_table_text(path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Ta
 
 
 def _head(lines: Iterator[tuple[int, str]]) -> tuple[list[tuple[int, str]], str]:
-    """The first lines that are no comments, and the last comment above the second of them."""
+    """The first lines that are not comments, and the last comment above the second of them."""
     head: list[tuple[int, str]] = []
     comment = ""
     for count, line in lines:
@@ -192,7 +194,7 @@ def _head(lines: Iterator[tuple[int, str]]) -> tuple[list[tuple[int, str]], str]
 
 
 class _Tail:
-    """The last line with something in it, and whether it is ended."""
+    """The last non-empty line, and whether it ends with a line break."""
 
     last = ""
 
@@ -210,7 +212,7 @@ class _Tail:
 def _content(lines: Iterator[str]) -> Iterator[tuple[int, str]]:
     for count, line in enumerate(lines, 1):
         text = line.strip("\r\n")
-        # a first line "sep=;" is for spreadsheets
+        # A first line "sep=;" is a hint for spreadsheets.
         if text.strip() and not (count == 1 and re.fullmatch(r"sep=.", text.strip())):
             yield count, text
 
@@ -225,7 +227,7 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 
 def _layout(path: Path, head: list[tuple[int, str]], comment: str) -> tuple[str | None, Titles, int]:
-    """Separator, titles, and how many of the first lines hold no numbers, from these lines and the comment above."""
+    """Separator, titles, and number of title lines, from the first lines and the comment above them."""
     lines = [line for _, line in head]
     separator = _separator(lines[0], lines[min(1, len(lines) - 1)])
     start, index = 0, False
@@ -252,7 +254,7 @@ def _layout(path: Path, head: list[tuple[int, str]], comment: str) -> tuple[str 
 
 
 def _separator(first: str, second: str) -> str | None:
-    """The first separator that splits both lines into as many cells, more than one; or ``_NONE``."""
+    """The first separator that splits both lines into the same number of cells, more than one; or ``_NONE``."""
     for separator in SEPARATORS:
         if max(_counts(_split(first, separator)) & _counts(_split(second, separator)), default=0) > 1:
             return separator
@@ -260,12 +262,12 @@ def _separator(first: str, second: str) -> str | None:
 
 
 def _counts(row: Sequence[str]) -> set[int]:
-    """Cells of a line, with and without an empty one at its end."""
+    """Number of cells of a line, with and without an empty one at its end."""
     return {len(row), len(_trimmed(list(row)))} - {1}
 
 
 def _with_index(lines: Sequence[str]) -> str | None:
-    """The separator of a printed data frame: one title less than columns, the first of which counts the rows."""
+    """The separator of a printed data frame: it has one title less than columns, and the first column counts the rows."""
     for separator in ("\t", None):
         titles, *rows = (_split(line, separator) for line in lines)
         if not rows or any(len(row) != len(titles) + 1 for row in rows) or any(_number(t) for t in titles):
@@ -277,7 +279,7 @@ def _with_index(lines: Sequence[str]) -> str | None:
 
 
 def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
-    """The separator of a table below some lines of text, and how many these are."""
+    """The separator of a table below some lines of text, and the number of these lines."""
     for separator in SEPARATORS:
         rows = [_trimmed(_split(line, separator)) for line in lines]
         count = len(rows[-1])
@@ -286,7 +288,7 @@ def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
         if (
             count > 1
             and 0 < start < len(rows) - 1
-            # a line of titles that are too few is no text
+            # A line with too few titles is not text.
             and (not all(_numeric(c, separator) for c in rows[start]) or all(len(row) == 1 for row in above))
             and all(len(row) != count and not all(_numeric(c, separator) for c in row) for row in above)
         ):
@@ -295,7 +297,9 @@ def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
 
 
 def _names(rows: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], int]:
-    """The titles of the columns, and how many lines they take: names, more of these, units in a line of their own."""
+    """The titles of the columns, and the number of lines that they take: names, more names, and units in a line of
+    their own.
+    """
     count = 1
     while count < len(rows) - 1 and _only_words(rows[count]):
         count += 1
@@ -328,7 +332,7 @@ def _number(cell: str) -> bool:
 
 
 def _refused(path: Path, head: list[tuple[int, str]]) -> str:
-    """The separator of a table of one column; `InvalidInput` where lines have other numbers of cells."""
+    """The separator of a table with one column; `InvalidInput` if lines have different numbers of cells."""
     first, second = head[0][1], head[min(1, len(head) - 1)][1]
     line = head[min(1, len(head) - 1)][0]
     counts = {s: (len(_split(first, s)), len(_split(second, s))) for s in SEPARATORS}
@@ -343,7 +347,7 @@ def _refused(path: Path, head: list[tuple[int, str]]) -> str:
     return ","
 
 
-#: Characters that are no separators.
+#: Placeholder for "no separator".
 _NONE = ""
 #: Title of the first column without one: the index of a data frame.
 _INDEX = "index"
@@ -372,7 +376,7 @@ def _numeric(cell: str, separator: str | None) -> bool:
 def _numbers(
     path: Path, body: Any, separator: str | None, count: int, places: Sequence[int], clocks: Sequence[TimeCells]
 ) -> tuple[Floats, Sequence[int]]:
-    """The cells at ``places`` of every line, and the numbers of the lines; ``clocks`` read the dates of each column."""
+    """The cells at ``places`` of every line, and the line numbers; ``clocks`` parse the dates of each column."""
     values, at = array("d"), array("q")
     decimals = _Decimals(path, separator != ",")
     pick = operator.itemgetter(*places) if len(places) > 1 else lambda row: (row[places[0]],)
@@ -398,7 +402,7 @@ def _numbers(
 
 
 class _Decimals:
-    """Numbers with points or commas; what may be meant in two ways is refused."""
+    """Parses numbers with decimal points or commas; raises an error for ambiguous ones."""
 
     def __init__(self, path: Path, commas: bool) -> None:
         self._path, self._commas = path, commas
@@ -407,7 +411,7 @@ class _Decimals:
         self._sure = False
 
     def plain(self, cells: Sequence[str], line: int) -> list[float] | None:
-        """All numbers of a line at once, if it has no special cells: as `value`, in a tenth of its time."""
+        """All numbers of a line at once, if it has no special cells: same result as `value`, in a tenth of the time."""
         whole = " ".join(cells)
         if _NUMERIC.fullmatch(whole) is None:
             return None
@@ -430,7 +434,7 @@ class _Decimals:
                 raise InvalidInput(
                     f"{self._path}, line {line}: {cell.strip()!r} has a comma and a point. Save the table with decimal points and without separators of thousands."
                 )
-            # 1,234 may be a thousand and more; 0,234 and 1,23 may not
+            # 1,234 may be more than a thousand; 0,234 and 1,23 may not
             self._sure = self._sure or _GROUPED.fullmatch(cell) is None
             text = cell.replace(",", ".")
         else:

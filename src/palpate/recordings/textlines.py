@@ -17,7 +17,7 @@ from palpate.errors import InvalidInput, UncheckedInput
 
 __all__ = ["cells", "is_text", "lines_of", "number", "text_of", "warn_of_a_cut"]
 
-#: Characters of a line, those of ten million numbers: more are not read as one.
+#: Largest number of characters in a line (ten million numbers).
 LONGEST = 1 << 28
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?\s*", re.ASCII)
 
@@ -30,7 +30,7 @@ def is_text(path: Path) -> bool:
 
 
 def text_of(path: Path) -> tuple[list[str], bool]:
-    """Lines of a text file, and whether the last one is ended; a file that is not text is refused."""
+    """Lines of a text file, and whether the last one has a line break; raises an error for a file that is not text."""
     next(lines_of(path), "")  # a binary file is refused at its first line
     # the bytes, the text, and its lines
     require(
@@ -70,7 +70,7 @@ def cells(line: str, where: str) -> list[str]:
 
 
 def number(text: str, where: str) -> float:
-    """A number in a file, or `InvalidInput`; empty text (or "nan") is missing."""
+    """Parse a number in a file, or raise `InvalidInput`; empty text (or "nan") is missing."""
     if not text.strip() or text.strip().lower() == "nan":
         return float("nan")
     if _NUMBER.fullmatch(text) is None:
@@ -82,7 +82,7 @@ def number(text: str, where: str) -> float:
 
 
 def lines_of(path: Path) -> Iterator[str]:
-    """The lines of a text file, each with its end; a file that is not text is refused."""
+    """Iterate over the lines of a text file, with their line breaks; raises an error for a file that is not text."""
     try:
         with path.open(encoding="utf-8-sig") as file:
             while line := file.readline(LONGEST):

@@ -1,4 +1,4 @@
-"""Results in and out of files, with their provenance."""
+"""Write results to files with their provenance, and read them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ __all__ = ["read_touch", "write_touch"]
 def write_touch(touch: Touch, path: str | Path, *, provenance: Mapping[str, str] | None = None) -> None:
     """Write traction with coordinates and units, net force, and ``provenance`` (skin, command, version).
 
-    NetCDF (.nc, .h5) opens in xarray; .npz holds the same arrays under the same names (traction, std, force with force_low and force_high at 95 %,
-    status, fit, ...; status_label says each status in words, record is JSON of ``provenance``); .csv forces over time, one line a frame (`Touch.table`), without maps; .mcap a
-    foxglove.Grid and a WrenchStamped per frame, in single precision; .zarr is a store for xarray.
+    NetCDF (.nc, .h5) opens in xarray. .npz has the same arrays under the same names (traction, std, force with
+    force_low and force_high at 95 %, status, fit, ...; status_label is each status in words, record is ``provenance``
+    as JSON). .csv has forces over time, one line a frame (`Touch.table`), without maps. .mcap has a foxglove.Grid and
+    a WrenchStamped per frame, in single precision. .zarr is a store for xarray.
 
     Examples
     --------

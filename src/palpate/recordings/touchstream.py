@@ -1,4 +1,4 @@
-"""Touches of a long recording into a file, piece by piece: the complete file equals that of one result of all frames."""
+"""Write the touches of a long recording piece by piece; the complete file equals that of one result with all frames."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _COMMON = ("sought", "unobservable_force", "surface", "case", "nuisance_names", 
 
 @dataclass(frozen=True)
 class Piece:
-    """The touches of some frames as they are written, with their outcomes."""
+    """The touches of some frames in the form in which they are written, with their outcomes."""
 
     dataset: xarray.Dataset
     outcome: Outcome
@@ -37,7 +37,7 @@ class Piece:
 
     @property
     def frames(self) -> int:
-        """How many there are."""
+        """Number of frames."""
         return int(self.dataset.sizes["time"])
 
     @property
@@ -46,7 +46,7 @@ class Piece:
         return {str(k): v for k, v in self.dataset.attrs.items()}
 
     def touch(self) -> Touch:
-        """As a result again."""
+        """Convert back to a result."""
         return touch_of(self.dataset)
 
 
@@ -54,7 +54,7 @@ class Piece:
 class Written:
     """A piece whose numbers another process has written; only its attributes are missing.
 
-    ``crcs`` are `palpate.recordings.checked.block_crc` of each variable along time.
+    ``crcs`` are `palpate.recordings.checked.block_crc` of each variable with a time axis.
     """
 
     frames: int
@@ -66,7 +66,9 @@ class Written:
 
 
 def along_time(piece: Piece, methods: Sequence[str], *, coded: bool) -> dict[str, xarray.Variable]:
-    """The variables of a piece that grow with time. ``methods`` are those of the run so far; ``coded``: each frame's place among them is kept."""
+    """The variables of a piece that have a time axis. ``methods`` are those of the run so far; ``coded``: store each
+    frame's index in that list.
+    """
     found = {str(n): v for n, v in piece.dataset.variables.items() if "time" in v.dims and n != "found_by"}
     names = json.loads(piece.attrs.get("methods", json.dumps([piece.attrs["method"]])))
     places = np.array([methods.index(n) for n in names], dtype=np.int8)
@@ -79,7 +81,9 @@ def along_time(piece: Piece, methods: Sequence[str], *, coded: bool) -> dict[str
 
 
 def piece_of(touch: Touch) -> Piece:
-    """The touches of a batch (frame, component, *surface), error bars and all, ready to be written or sent."""
+    """Convert the touches of a batch (frame, component, *surface), with error bars, to a piece that can be written or
+    sent.
+    """
     return Piece(touch_dataset(touch), Outcome.of(touch), touch.calibration_note)
 
 
@@ -96,9 +100,13 @@ class Whole:
         self._calibration = ""
 
     def add(self, attrs: Mapping[str, Any], outcome: Outcome, calibration: str) -> None:
-        """Another piece: the attributes of its data set, what became of its frames, and whose constants its error bars use."""
+        """Add a piece: the attributes of its data set, the outcome of its frames, and the note on its error bars'
+        constants.
+        """
         if not self.first:
             self.first = dict(attrs)
+        if "common_std" in attrs:  # not in a piece without error bars
+            self.first.setdefault("common_std", attrs["common_std"])
         for name in _COMMON:
             if attrs.get(name) != self.first.get(name):
                 raise InvalidInput("results of different skins cannot be written as one; start a new file.")
@@ -112,7 +120,7 @@ class Whole:
         self._calibration = self._calibration or calibration
 
     def attributes(self, record: Mapping[str, str]) -> dict[str, Any]:
-        """Those of the whole, with the provenance."""
+        """The attributes of the whole, with the provenance."""
         own = {k: v for k, v in self.first.items() if k != "methods"}
         if len(self.methods) > 1:
             own["methods"] = json.dumps(self.methods)
@@ -133,31 +141,34 @@ class Whole:
 
 
 class TouchStream(abc.ABC):
-    """A file that receives the touches of ``count`` frames in pieces; `finish` completes it. Nothing else may write to it.
+    """A file that receives the touches of ``count`` frames in pieces; `finish` completes it. Nothing else may write to
+    it.
 
     `InvalidInput` if the disk does not accept a piece.
 
-    One thread does the writing, so that Ctrl-C, which reaches the main thread, cannot break into it.
+    A separate thread does the writing, so that Ctrl-C, which interrupts the main thread, cannot interrupt it.
     """
 
     def __init__(self, path: Path, count: int, record: Mapping[str, str]) -> None:
         self.path, self.count, self.record = path, count, dict(record)
         self.whole = Whole()
-        #: pieces that are written: start -> frames
+        #: written pieces: start -> number of frames
         self.done: dict[int, int] = {}
         self._apart = Apart()
 
     def add(self, start: int, piece: Piece | Written) -> None:
-        """The frames from ``start`` on."""
+        """Write the frames from index ``start`` on."""
         self.whole.add(piece.attrs, piece.outcome, piece.calibration)
         self._written(lambda: self._add(start, piece) if isinstance(piece, Piece) else self._note(start, piece))
 
     def place(self) -> Any:
-        """Where another process may write a piece (`palpate.recordings.zarrpieces.Place`), or None if it may not yet."""
+        """A place where another process may write a piece (`palpate.recordings.zarrpieces.Place`), or None if not yet
+        allowed.
+        """
         return None
 
     def finish(self) -> None:
-        """All frames are there: the result is made whole."""
+        """Complete the result after the last frame."""
         self._written(self._finish)
         self._apart.end()
 
@@ -168,7 +179,7 @@ class TouchStream(abc.ABC):
             raise InvalidInput(f"{self.path}: writing failed ({error.strerror or error}).") from error
 
     def part(self, start: int, stop: int) -> Touch:
-        """Frames that an earlier run has written; only streams that go on have any."""
+        """Frames that an earlier run has written; only resumed streams have any."""
         raise InvalidInput(f"{self.path}: frames {start} to {stop - 1} are not there.")
 
     def abandon(self) -> None:
@@ -190,7 +201,7 @@ class TouchStream(abc.ABC):
 
 
 class Collected(TouchStream):
-    """For formats that write a result at once: the touches stay in memory till the end."""
+    """For formats that write a result at once: the touches stay in memory until the end."""
 
     def __init__(self, path: Path, count: int, record: Mapping[str, str], write: Any) -> None:
         super().__init__(path, count, record)
@@ -206,11 +217,13 @@ class Collected(TouchStream):
 
 
 class Arrays(TouchStream):
-    """Formats of named arrays: each grows piece by piece in its place, and one that appears late is filled up for the frames before."""
+    """For formats with named arrays: each array grows piece by piece, and one that appears late is filled for the
+    earlier frames.
+    """
 
     def __init__(self, path: Path, count: int, record: Mapping[str, str]) -> None:
         super().__init__(path, count, record)
-        #: variables along time -> shape of a frame, type
+        #: variables with a time axis -> shape of a frame, type
         self._long: dict[str, tuple[tuple[int, ...], Any]] = {}
 
     def _add(self, start: int, piece: Piece) -> None:
@@ -240,12 +253,12 @@ class Arrays(TouchStream):
 
     @abc.abstractmethod
     def _begin(self, fixed: Mapping[str, xarray.Variable], frames: int) -> None:
-        """The file, with the variables that do not grow; most pieces will have so many ``frames``."""
+        """Create the file, with the variables without a time axis; most pieces will have ``frames`` frames."""
 
     @abc.abstractmethod
     def _create(self, name: str, like: xarray.Variable) -> None:
-        """A variable over all frames, labelled like that of a piece."""
+        """Create a variable over all frames, labelled like that of a piece."""
 
     @abc.abstractmethod
     def _put(self, name: str, start: int, values: Any) -> None:
-        """Some frames of a variable."""
+        """Write some frames of a variable."""

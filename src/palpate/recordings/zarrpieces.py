@@ -1,4 +1,4 @@
-"""Pieces of a growing Zarr store that the process which made them writes itself."""
+"""Write pieces of a growing Zarr store from the process that computed them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 
 from palpate.recordings.checked import block_crc
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.labelled import missing_value
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Piece, Written, along_time
-from palpate.recordings.zarrdamage import DAMAGE
 
 __all__ = ["MARKER", "Place"]
 
-#: File beside a growing store; a process that can read it sees the same disk.
+#: File beside a growing store; a process that can read it is on the same disk.
 MARKER = "here"
 
 
 @dataclass(frozen=True)
 class Place:
-    """A growing store as another process sees it.
+    """A growing store, for use in another process.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class Place:
     methods: tuple[str, ...]
 
     def write(self, start: int, piece: Piece) -> Written | None:
-        """The frames from ``start`` on, each block whole or not at all.
+        """Write the frames from index ``start`` on, each block whole or not at all.
 
-        None if this process cannot write: another disk, no room, or a variable that the store lacks so far.
+        None if this process cannot write: another disk, no space, or a variable that the store does not have yet.
         """
         try:
             if (Path(self.path).parent / MARKER).read_text(encoding="utf-8") != self.word:
@@ -75,7 +75,7 @@ class Place:
 
 @functools.lru_cache(maxsize=2)
 def _opened(path: str, word: str, names: tuple[str, ...]) -> Any:
-    """The arrays of a store; ``word`` is of the run."""
+    """The arrays of a store; ``word`` identifies the run."""
     zarr = zarr_library()
     with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not state it
         root = zarr.open_group(path, mode="r+", zarr_format=3)

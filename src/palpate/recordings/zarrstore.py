@@ -12,13 +12,13 @@ import numpy as np
 from palpate.errors import InvalidInput
 from palpate.recordings import stores
 from palpate.recordings.checked import CHECKSUM, affordable, checksum, recording_checksum
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.formats import Format
 from palpate.recordings.labelled import touch_dataset
 from palpate.recordings.mapping import TopicMapping
 from palpate.recordings.opened import OpenRecording
 from palpate.recordings.recording import Recording
 from palpate.recordings.stored import confirmed_touch, opened_recording, stored_recording, touch_group
-from palpate.recordings.zarrdamage import DAMAGE
 
 if TYPE_CHECKING:
     from palpate.recordings.sinks import Recorder
@@ -29,7 +29,7 @@ __all__ = ["Zarr"]
 
 
 class Zarr(Format):
-    """Zarr 3 stores. A CRC-32 guards each block of a stream, and one the whole of what was finished."""
+    """Zarr 3 stores. A CRC-32 protects each block of a stream, and another one a finished store."""
 
     name = "zarr"
     libraries = ("zarr",)
@@ -84,9 +84,9 @@ class Zarr(Format):
         stores.zarr_library()
         dataset = touch_dataset(touch, record)
         dataset.attrs[CHECKSUM] = checksum(dataset)
-        # text has no settled form in Zarr 3
+        # Zarr 3 has no stable form of text.
         dataset.attrs["component"] = [str(c) for c in dataset["component"].values]
-        # a block that is not there is damage, so that blocks of nothing but zeros are written too
+        # A missing block means damage, so blocks of zeros are written too.
         dataset.drop_vars("component").to_zarr(path, zarr_format=3, consolidated=False, write_empty_chunks=True)
 
     @contextmanager
@@ -114,7 +114,7 @@ class Zarr(Format):
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Turn exceptions of the library into messages about the store."""
+    """Context that converts exceptions of the library to messages about the store."""
     try:
         yield
     except InvalidInput:
@@ -124,7 +124,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _check_held(root: Any, path: Path) -> None:
-    """Refuse a store that holds no recording, or claims more than is there."""
+    """Raise an error for a store without a recording, or with an impossible size."""
     missing = [n for n in ("readings", "time") if n not in root] + [n for n in ("channel",) if n not in root.attrs]
     if missing:
         raise InvalidInput(f"{path}: not a palpate recording: it lacks {', '.join(missing)}.")
@@ -132,14 +132,16 @@ def _check_held(root: Any, path: Path) -> None:
 
 
 def _guard(group: Any, path: Path) -> None:
-    """Refuse arrays that claim more than is stored: more blocks than there are files, or blocks that no codec shrinks so far."""
+    """Raise an error for arrays that claim more than is stored: more blocks than there are files, or blocks that no
+    codec could compress so far.
+    """
     for name, array in group.arrays():
         place = f"{path}, {name}"
         held = [
             p.stat().st_size for p in (path / group.path / name).rglob("*") if p.is_file() and p.name != "zarr.json"
         ]
         block = array.dtype.itemsize * float(np.prod(array.chunks, dtype=np.float64))
-        # Zstandard writes a block that is all the same in a dozen bytes: what counts is that each block is there
+        # Zstandard compresses a constant block to a dozen bytes, so only check that each block exists.
         blocks = float(np.prod([-(-s // max(1, c)) for s, c in zip(array.shape, array.chunks)], dtype=np.float64))
         affordable(int(min(block, 2.0**62)), sum(held), place, shrink=20_000)
         if blocks > len(held):

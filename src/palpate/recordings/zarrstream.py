@@ -1,4 +1,6 @@
-"""Touches of a long recording as a Zarr store, piece by piece, with a list of what is done: a run that was interrupted goes on."""
+"""Write the touches of a long recording as a Zarr store, piece by piece, with a journal, so that an interrupted run
+can continue.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,12 @@ import numpy as np
 from palpate.errors import InvalidInput
 from palpate.recordings.checked import CHECKSUM, block_crc, checksum
 from palpate.recordings.crc import combined
+from palpate.recordings.damage import DAMAGE
 from palpate.recordings.files import moved_into_place
 from palpate.recordings.labelled import touch_of
 from palpate.recordings.locks import sole_writer
 from palpate.recordings.stores import zarr_library
 from palpate.recordings.touchstream import Arrays, Piece, Written
-from palpate.recordings.zarrdamage import DAMAGE
 from palpate.recordings.zarrpieces import MARKER, Place
 from palpate.touch import Touch
 from palpate.touch.outcome import Outcome
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ZarrStream", "growing", "interrupted_run", "unfinished_path"]
 
-#: Journal of finished pieces, one a line, beside a growing store.
+#: Journal of finished pieces, one line each, beside a growing store.
 _JOURNAL = "pieces.jsonl"
 
 
@@ -46,7 +48,8 @@ def unfinished_path(path: str | Path) -> Path:
 def growing(
     path: Path, count: int, record: Mapping[str, str], run: Mapping[str, Any], *, resume: bool, replace: bool
 ) -> Iterator[ZarrStream]:
-    """A store that grows in its folder and is moved to ``path`` when the block ends well; else the folder stays.
+    """Context with a store that grows in its folder and is moved to ``path`` when the block succeeds; otherwise the
+    folder stays.
 
     Raises
     ------
@@ -91,10 +94,11 @@ def interrupted_run(path: Path) -> dict[str, Any]:
 
 
 class ZarrStream(Arrays):
-    """Each piece is a block of its own in every array, so that writing it again harms no other.
+    """Each piece is a separate block in every array, so that rewriting it does not affect others.
 
-    ``path`` is the store in its folder beside the target; ``run`` describes the run (recording, skin, method), and only the same run goes on.
-    Line by line, ``pieces.jsonl`` beside the store says which pieces are there; each has its checksum.
+    ``path`` is the store in its folder beside the target; ``run`` describes the run (recording, skin, method), and
+    only the same run can continue. ``pieces.jsonl`` beside the store lists the finished pieces with their checksums,
+    one per line.
     """
 
     def __init__(
@@ -112,7 +116,7 @@ class ZarrStream(Arrays):
         self._written(self._announce)
 
     def _announce(self) -> None:
-        """Write a word beside the store: processes that find it see the same disk, and belong to this run."""
+        """Write an identifier beside the store: processes that find it are on the same disk and belong to this run."""
         self._word = uuid.uuid4().hex
         (self.path.parent / MARKER).write_text(self._word, encoding="utf-8")
 
@@ -200,7 +204,7 @@ class ZarrStream(Arrays):
         self._told(start, replace(piece, crcs=self._fresh_crcs))
 
     def _told(self, start: int, piece: Written) -> None:
-        """Into the list, when everything else is done."""
+        """Add a piece to the journal, after everything else is done."""
         self._crcs[start] = piece.crcs
         self._log(
             {
@@ -218,7 +222,7 @@ class ZarrStream(Arrays):
         self._frames = frames
         for name, variable in fixed.items():
             if variable.dtype.kind in "OUT":
-                # text has no settled form in Zarr 3: names are attributes of what they name
+                # Zarr 3 has no stable form of text: store names as attributes of the arrays that they name.
                 self._root.attrs[name] = [str(v) for v in variable.values]
                 continue
             made = self._root.create_array(
@@ -239,7 +243,7 @@ class ZarrStream(Arrays):
             chunks=(min(self._frames, self.count), *like.shape[1:]),
             dtype=like.dtype,
             fill_value=np.nan if like.dtype.kind == "f" else None,
-            # a block that is not there is damage, so that blocks of nothing but zeros are written too
+            # A missing block means damage, so blocks of zeros are written too.
             config={"write_empty_chunks": True},
             dimension_names=like.dims,
             attributes={k: v for k, v in like.attrs.items() if k != "_FillValue"},
@@ -267,7 +271,9 @@ class ZarrStream(Arrays):
             self._root.attrs[CHECKSUM] = checksum(named, known=self._known())
 
     def _known(self) -> dict[str, tuple[int, int]]:
-        """CRC-32 and bytes of each variable over all frames, from those of the pieces: nothing is read again."""
+        """CRC-32 and bytes of each variable over all frames, computed from those of the pieces without reading them
+        again.
+        """
         out = dict.fromkeys(self._long, (0, 0))
         for start in sorted(self._crcs):
             for name, (crc, size) in out.items():
@@ -276,7 +282,7 @@ class ZarrStream(Arrays):
         return out
 
     def _opened(self) -> xarray.Dataset:
-        """The store as it is, without loading it."""
+        """Open the store without loading it."""
         import xarray
 
         options = {"consolidated": False, "zarr_format": 3}

@@ -1,7 +1,7 @@
 """A ROS 2 node. Needs rclpy, of ROS 2 itself or as wheels (``palpate[ros2]``).
 
 In: messages of a sensor's topic, as `[stream]` in skin.toml describes them, or pictures of a gel with dots.
-Out: topics with wrench, centre, traction, slip margin and diagnostics.
+Out: topics with wrench, centre, traction, utilisation of the friction and diagnostics.
 Open first: `node.py`.
 """
 

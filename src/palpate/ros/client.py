@@ -1,4 +1,4 @@
-"""ROS 2's client library, or a remedy if it is missing."""
+"""Import ROS 2's client library, or say how to get it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from palpate.errors import InvalidInput, Unsupported
 
 __all__ = ["message_class", "ros_client"]
 
-#: Publishers and services of the node.
+#: Packages of the message types that the node publishes and serves.
 MESSAGES = ("diagnostic_msgs", "geometry_msgs", "sensor_msgs", "std_msgs", "std_srvs")
-#: Where ROS 2's client exists as wheels: manylinux_2_28, made for Python 3.11 to 3.14.
+#: Platform for which ROS 2's client exists as wheels: manylinux_2_28, for Python 3.11 to 3.14.
 WHEELS = ("linux", "x86_64")
 _SOURCED = "under a ROS 2 of the system: source /opt/ros/DISTRO/setup.bash, and install palpate for its Python"
 
 
 def ros_client() -> Any:
-    """The module ``rclpy``.
+    """Return the module ``rclpy``.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def ros_client() -> Any:
 def _remedy(error: ImportError) -> str:
     name = (error.name or "").split(".")[0]
     if name not in ("rclpy", *MESSAGES):
-        # a library that rclpy itself needs: of another ROS, or of another Python
+        # a library that rclpy needs is missing or belongs to another ROS or Python
         return f"ROS 2 nodes cannot be served: {error}. Was rclpy made for this Python ({platform.python_version()})? Run it {_SOURCED}."
     if (sys.platform, platform.machine()) != WHEELS:
         return (
@@ -50,7 +50,7 @@ def _remedy(error: ImportError) -> str:
 
 
 def message_class(name: str) -> Any:
-    """The class of messages with a name such as "sensor_msgs/msg/Image".
+    """Return the class of messages with a name such as "sensor_msgs/msg/Image".
 
     Raises
     ------

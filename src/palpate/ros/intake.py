@@ -1,8 +1,9 @@
-"""Messages of a topic become frames: read by the mapping, from one publisher at a time, in order, with the stamps that answers will carry.
+"""Convert messages of a topic to frames: read by the mapping, from one publisher at a time, in order, with the stamps
+for the results.
 
-Publishers are separated by their identifiers, frames by the sequence numbers that the middleware gives them; `palpate.network.admission` decides
-as it does for frames from the network. A publisher that is killed and started again is another one: it is served when the first has left the
-graph, or has been silent for a while.
+Publishers are distinguished by their identifiers, frames by the sequence numbers of the middleware;
+`palpate.network.admission` decides as it does for frames from the network. A publisher that is killed and restarted is
+a new one: it is accepted when the first has left the graph, or has been silent for a while.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from palpate.sensing.times import LATEST
 
 __all__ = ["Header", "Intake", "readings_of"]
 
-#: Least time between two looks at which publishers there are [s].
+#: Shortest time between two queries of the list of publishers [s].
 LOOK = 0.1
 #: Largest number of remembered publishers.
 REMEMBERED = 64
@@ -32,7 +33,9 @@ REMEMBERED = 64
 
 @dataclass(frozen=True)
 class Header:
-    """When a frame was taken by the clock of ROS (nanoseconds), in which frame of reference, and when it came by this machine's steady clock [ns]."""
+    """When a frame was taken by the clock of ROS [ns], in which frame of reference, and when it arrived by this
+    machine's steady clock [ns].
+    """
 
     stamp: int
     frame: str
@@ -40,7 +43,7 @@ class Header:
 
 
 def readings_of(mapping: TopicMapping, shape: Sequence[int], message: Any) -> Floats:
-    """(channel, *array) of a message; `InvalidInput` if it does not match its description."""
+    """Return the readings (channel, *array) of a message; raise `InvalidInput` if it does not match its description."""
     try:
         values = mapping.readings(message)
     except InvalidInput:
@@ -65,17 +68,17 @@ class Intake(FrameSource):
     Parameters
     ----------
     mapping : TopicMapping
-        What is where in a message.
+        Layout of the messages.
     shape : sequence of int
         (channel, *array) that the skin describes.
     now : callable
-        The clock of ROS [ns]; that of a simulation where there is one.
+        The clock of ROS [ns], or of a simulation if there is one.
     rest : array (channel, marker), optional
-        Where markers are at rest; without it the first message says so, where ``mapping.markers``.
+        Positions of the markers at rest; without them the first message gives them if ``mapping.markers``.
     publishers : callable, optional
         Names of the publishers that there are, by their identifiers in hexadecimal digits.
     limits : Limits, optional
-        How long a publisher may be silent until another is served.
+        Time limits, such as how long a publisher may be silent until another is accepted.
     waiting : int
         Messages that wait to be read, at most.
 
@@ -84,7 +87,7 @@ class Intake(FrameSource):
     counts : dict
         As of a `FrameListener`; and "messages" that came, and "lost" ones, which publishers sent and the middleware did not deliver.
     header : Header
-        Of the frame that was given out last.
+        Header of the frame that was returned last.
     """
 
     def __init__(
@@ -110,7 +113,9 @@ class Intake(FrameSource):
         self._clock = LiveClock()
 
     def frames(self) -> Iterator[tuple[int, float, Any]]:
-        """(session, time [s], readings); `header` is that of the frame. Messages are read here, so that those left out cost nothing."""
+        """Yield (session, time [s], readings); `header` is that of the frame. Messages are decoded here, so that
+        dropped ones cost nothing.
+        """
         for session, time, (message, header, sender) in super().frames():
             try:
                 values = readings_of(self._mapping, self._admission.shape, message)
@@ -125,7 +130,9 @@ class Intake(FrameSource):
             yield session, time, values
 
     def take(self, message: Any, info: Any = None) -> str:
-        """Process a message and return its outcome by publisher and stamp ("frames", or a reason for refusal); ``info`` comes from rclpy."""
+        """Decide about a message by its publisher and stamp, and return the outcome ("frames", or a reason for
+        refusal); ``info`` comes from rclpy.
+        """
         came, now = clock.monotonic_ns(), clock.monotonic()
         self.counts["messages"] += 1
         said = info if isinstance(info, dict) else {}
@@ -148,7 +155,7 @@ class Intake(FrameSource):
         return result
 
     def _times(self, message: Any, came: int) -> tuple[float, Header]:
-        """The frame's time [s], and what its answer carries."""
+        """Return the frame's time [s], and the header for its result."""
         now = self._now()
         header = getattr(message, "header", None)
         stamp = getattr(header, "stamp", None)
@@ -168,14 +175,14 @@ class Intake(FrameSource):
         self._sequences[publisher] = sequence
 
     def _report_text(self, text: str) -> None:
-        """Publishers by the names of their nodes."""
+        """Report a sentence, with publishers called by the names of their nodes."""
         for key in [k for k in self._keys if k in text]:
             text = text.replace(key, self._named(key))
         super()._report_text(text)
 
     @property
     def sender(self) -> str | None:
-        """Who is being served, by name."""
+        """The name of the publisher whose messages are accepted."""
         key = self._admission.sender
         return None if key is None else self._named(key)
 
@@ -188,13 +195,15 @@ class Intake(FrameSource):
         return key
 
     def _named(self, key: str) -> str:
-        """The name of its node, and what tells two of one name apart; the graph may know it only after its first message."""
+        """Return the name of the publisher's node, with a suffix if two have the same name; the graph may know the
+        name only after the first message.
+        """
         if not self._keys.get(key) and self._publishers is not None:
             self._keys[key] = self._publishers().get(key, "")
         return f"{self._keys.get(key) or 'of no known node'} ({zlib.crc32(key.encode()):08x})"
 
     def _left(self, now: float) -> bool:
-        """Whether the publisher that is served is not there any more; its place is then free."""
+        """Return whether the accepted publisher has left the graph, so that another may be accepted."""
         served = self._admission.sender
         if now - self._looked < LOOK or self._publishers is None or served is None:
             return False

@@ -1,4 +1,4 @@
-"""The node: a subscription, a session that follows the contact, publishers, parameters, a service, diagnostics."""
+"""The ROS 2 node: a subscription, a session that tracks the contact, publishers, parameters, a service, diagnostics."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from palpate.tracking import FRAMES_OF_ZERO, Tracker
 
 __all__ = ["BUDGET", "Ros", "TouchNode", "diagnosed"]
 
-#: What a frame may take [s].
+#: Time in which a frame should be processed [s].
 BUDGET = 0.01
 #: Messages that the middleware keeps for the node; the oldest make room.
 DEPTH = 10
-#: Events that a late subscriber is given.
+#: Number of past events that a late subscriber receives.
 PAST = 100
-#: Between diagnostics [s]; a topic without a message for longer is stale.
+#: Period of diagnostics [s]; a topic without a message for longer is stale.
 PERIOD = 1.0
-#: Parameters that are positive numbers, 0 if there is none; what each is.
+#: Parameters that are positive numbers, with their meaning; 0 stands for none.
 NUMBERS = {
     "friction": "coefficient of friction of what is touched; 0: not known, found from the shear",
     "max_pressure": "an event when the peak pressure exceeds this [Pa]; 0: none",
@@ -47,17 +47,15 @@ NUMBERS = {
 
 
 class Ros:
-    """A connection to ROS: its context, a node that nothing is in yet, and a thread that serves it.
+    """A connection to ROS: its context, an empty node, and a thread that serves it.
 
     Parameters
     ----------
     arguments : sequence of str
         After ``--ros-args``: remappings, parameters, as every node takes them.
-    name : str
-        Of the node, unless ``-r __node:=...`` names it.
     """
 
-    def __init__(self, arguments: Sequence[str] = (), *, name: str = "palpate") -> None:
+    def __init__(self, arguments: Sequence[str] = ()) -> None:
         client = ros_client()
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
@@ -69,8 +67,8 @@ class Ros:
                 context=self._context,
                 signal_handler_options=SignalHandlerOptions.NO,
             )
-            self.node = client.create_node(name, context=self._context)
-        except Exception as error:  # of the arguments, or of the middleware: rclpy has a class for each
+            self.node = client.create_node("palpate", context=self._context)
+        except Exception as error:  # wrong arguments or the middleware: rclpy has a class of errors for each
             self._context.try_shutdown()
             raise InvalidInput(f"ROS does not begin ({' '.join(str(error).split())}).") from error
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -85,7 +83,8 @@ class Ros:
             self._executor.spin()
 
     def type_of(self, topic: str, *, wait: float = 0.0) -> str | None:
-        """Type of the messages of a topic by its publishers; None if there is none within ``wait`` [s].
+        """Return the type of a topic's messages from its publishers; None if there is no publisher within ``wait``
+        [s].
 
         Raises
         ------
@@ -104,7 +103,7 @@ class Ros:
             clock.sleep(0.05)
 
     def first(self, topic: str, kind: str, *, wait: float) -> Any:
-        """The first message of a topic, or None if none arrives within ``wait`` [s]."""
+        """Return the first message of a topic, or None if none arrives within ``wait`` [s]."""
         from rclpy.qos import qos_profile_sensor_data
 
         found: list[Any] = []
@@ -120,7 +119,7 @@ class Ros:
         return found[0] if found else None
 
     def close(self) -> None:
-        """End the thread, the node and the connection."""
+        """Stop the thread, the node and the connection."""
         self._executor.shutdown(timeout_sec=2.0)
         self._thread.join(timeout=5.0)
         self.node.destroy_node()
@@ -128,9 +127,10 @@ class Ros:
 
 
 class TouchNode:
-    """What touches a skin, from a topic of readings, or of pictures of a gel with dots.
+    """Computes touches from a topic of readings, or of pictures of a gel with dots.
 
-    Publishes below the node's name what `palpate.ros.outlet` describes, ``/diagnostics``, and takes ``~/rezero`` (std_srvs/Trigger).
+    Publishes below the node's name the topics that `palpate.ros.outlet` describes, and ``/diagnostics``. Offers the
+    service ``~/rezero`` (std_srvs/Trigger).
 
     Parameters
     ----------
@@ -143,16 +143,18 @@ class TouchNode:
         Type of the messages.
     options : dict
         For `Skin.track`: friction and others.
-    baseline : int or array
-        Frames at the start that are the zero, or readings that are. Of pictures: how many show the gel at rest; 0: as [camera] says.
+    baseline : int
+        Frames at the start that are the zero. Of pictures: how many show the gel at rest; 0: as [camera] says.
+    zero : array, optional
+        Frames at rest, as for `Skin.track`.
     budget : float, optional
-        What a frame may take [s].
+        Time limit for a frame [s].
     max_pressure, max_force : float, optional
         [Pa], [N].
     rest : array, optional
         Where markers are at rest.
     frame : str
-        Frame of reference of what is published.
+        Frame of reference of the published messages.
     sinks : sequence of Sink
         Recorders and the like.
     report : callable, optional
@@ -181,7 +183,8 @@ class TouchNode:
         *,
         kind: str,
         options: dict[str, Any] | None = None,
-        baseline: Any = 0,
+        baseline: int = 0,
+        zero: Any = None,
         budget: float | None = BUDGET,
         max_pressure: float | None = None,
         max_force: float | None = None,
@@ -195,8 +198,9 @@ class TouchNode:
         self._options = dict(options or {})
         self._settings = self._declared(max_pressure, max_force, frame)
         self._options["friction"] = self._settings["friction"] or None
-        #: That of a calibration, whose scatter is in the intervals; another is handed on by the tracker that took it.
-        self._zero = 0 if isinstance(baseline, int) else baseline
+        #: The zero of a calibration, whose scatter the intervals include; any other zero is passed on by the tracker
+        #: that took it.
+        self._zero = zero
         self._topic = self._node.resolve_topic_name(mapping if isinstance(mapping, str) else mapping.topic)
         self.intake: Intake
         self.skin, tracker = self._begun(skin, mapping, kind, baseline, rest)
@@ -232,9 +236,9 @@ class TouchNode:
             self._subscribe(kind)
 
     def _begun(
-        self, skin: Skin | str | Path, mapping: TopicMapping | str, kind: str, baseline: Any, rest: Any
+        self, skin: Skin | str | Path, mapping: TopicMapping | str, kind: str, baseline: int, rest: Any
     ) -> tuple[Skin, Tracker]:
-        """The skin and its tracker; the intake is there then."""
+        """Return the skin and its tracker. The intake must exist before."""
         node = self._node
 
         def now() -> int:
@@ -252,16 +256,16 @@ class TouchNode:
             raise InvalidInput("messages hold planes of one shape; this skin has several.")
         shape = (sum(len(p.channels) for p in whole.planes), *shapes.pop())
         self.intake = Intake(mapping, shape, now=now, rest=rest, publishers=self._publishers)
-        return whole, whole.track(**self._options, baseline=baseline, budget=self._budget)
+        return whole, whole.track(**self._options, baseline=baseline, zero=self._zero, budget=self._budget)
 
     def _pictured(self, values: Any, time: float) -> Touch:
-        """The touch of a picture by the tracker of now: see `_with_friction`."""
+        """Return the touch of a picture by the current tracker, which `_with_friction` may replace."""
         touches = cast(PictureIntake, self.intake).touches
         touches.tracker = self.session.tracker
         return touches.step(values, time, std=cast(PictureIntake, self.intake).std)
 
     def _declared(self, max_pressure: float | None, max_force: float | None, frame: str) -> dict[str, Any]:
-        """Values of the parameters: those of the launch file before those of the command line."""
+        """Return the values of the parameters; values of a launch file override those of the command line."""
         from rcl_interfaces.msg import ParameterDescriptor
 
         given = {
@@ -272,7 +276,7 @@ class TouchNode:
         }
         settings: dict[str, Any] = {}
         for name, words in NUMBERS.items():
-            # a whole number is a number too: -p max_force:=5
+            # accept whole numbers as numbers: -p max_force:=5
             described = ParameterDescriptor(description=words, dynamic_typing=True)
             settings[name] = self._node.declare_parameter(name, float(given[name] or 0.0), described).value
         settings["rezero_frames"] = self._node.declare_parameter(
@@ -293,7 +297,7 @@ class TouchNode:
 
         kinds = {*TOPICS.values(), "std_msgs/msg/Header", "sensor_msgs/msg/PointField"}
         messages = {k: message_class(k) for k in kinds}
-        # reliable, so that subscribers of either kind are served; who comes late is told what happened
+        # reliable, so that both kinds of subscribers are served; late subscribers receive past events
         kept = QoSProfile(depth=PAST, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         publishers = {
             name: self._node.create_publisher(
@@ -324,7 +328,7 @@ class TouchNode:
             message_class(kind),
             self._topic,
             came,
-            # best effort takes what publishers of either kind send; late messages are of no use
+            # best effort receives from both kinds of publishers; late messages are of no use
             QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
@@ -338,29 +342,29 @@ class TouchNode:
         node.create_service(Trigger, "~/rezero", self._rezero)
         node.add_on_set_parameters_callback(self._changed)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # by the steady clock: a simulation that stands still must be told from a node that is gone
+        # use the steady clock: a paused simulation must differ from a node that has stopped
         node.create_timer(PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # -- running -------------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Begin, in a thread."""
+        """Start the stream in a thread."""
         self.session.start()
 
     def close(self) -> None:
-        """End the stream and finish its recordings; the `Ros` is the caller's to close."""
+        """Stop the stream and finish its recordings. The caller closes the `Ros`."""
         self.session.stop()
         self._end_of_words()
 
     def _publishers(self) -> dict[str, str]:
-        """Nodes that publish the topic, by the identifiers of their publishers."""
+        """Return the nodes that publish the topic, by the identifiers of their publishers."""
         return {
             bytes(i.endpoint_gid).hex(): f"{i.node_namespace.rstrip('/')}/{i.node_name}"
             for i in self._node.get_publishers_info_by_topic(self._topic)
         }
 
     def _say_new(self) -> None:
-        """New words of the session go to the log of ROS and to ~/events."""
+        """Write new messages of the session to the log of ROS and to ~/events."""
         count, texts = self.session.noted(self._said)
         self._said = count
         for text in texts:
@@ -412,10 +416,10 @@ class TouchNode:
         return SetParametersResult(successful=True)
 
     def _with_friction(self, friction: float | None) -> None:
-        """Continue with another friction and the same zero; other state is found again within some frames."""
+        """Continue with another friction and the same zero; the rest of the state is found again within some frames."""
         options = {**self._options, "friction": friction}
         try:
-            tracker = self.skin.track(**options, baseline=self._zero, budget=self._budget)
+            tracker = self.skin.track(**options, zero=self._zero, budget=self._budget)
         except PalpateError as error:
             self._failed(f"the friction stays as it was: {error}")
             return
@@ -442,7 +446,7 @@ class TouchNode:
 
 
 def _refused(name: str, value: Any) -> str:
-    """Why a parameter cannot have a value; "" where it can."""
+    """Return why a parameter cannot have a value; "" if it can."""
     if name in NUMBERS and (
         isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) and value >= 0)
     ):
@@ -459,7 +463,7 @@ OK, WARN, ERROR, STALE = 0, 1, 2, 3
 def diagnosed(
     session: Session, outlet: Outlet, counts: dict[str, int], before: dict[str, int], publishers: int
 ) -> tuple[int, str, dict[str, str]]:
-    """(level, words, values) of a period in which counts rose from ``before``."""
+    """Return (level, message, values) for a period in which the counts rose from ``before`` to ``counts``."""
     new = {name: count - before.get(name, 0) for name, count in counts.items()}
     health = session.tracker.health
     refused = {name: new[name] for name in REFUSALS if new.get(name)}

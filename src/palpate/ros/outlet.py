@@ -1,7 +1,9 @@
-"""What was found, as messages: net force with its interval, centre of pressure with its covariance, the traction as a cloud, words.
+"""Publish results as messages: net force with its interval, centre of pressure with its covariance, the traction as a
+cloud, and text.
 
-All of a frame carry its stamp: that of the message it was found in. The surface's frame of reference has x and y along it and z into the pad, so that
-a push has fz > 0. What a frame could not tell is NaN, so that nobody goes on with an old answer.
+All messages of a frame have its stamp: that of the message from which it was computed. The surface's frame of
+reference has x and y along the surface and z into the pad, so that a push has fz > 0. Quantities that a frame could
+not determine are NaN, so that nobody continues with an old result.
 """
 
 from __future__ import annotations
@@ -33,12 +35,12 @@ TOPICS = {
     "wrench_high": "geometry_msgs/msg/WrenchStamped",
     "center": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "traction": "sensor_msgs/msg/PointCloud2",
-    "slip_margin": "std_msgs/msg/Float32",
+    "utilisation": "std_msgs/msg/Float32",
     "events": "std_msgs/msg/String",
 }
-#: Fields of the cloud, float32: where a cell is [m], the force on it and the standard deviation of fz [N].
+#: Fields of the cloud, float32: position of a cell [m], force on it and standard deviation of fz [N].
 CLOUD = ("x", "y", "z", "fx", "fy", "fz", "std")
-#: Covariance of what is not measured: the height and the orientation of the centre of pressure.
+#: Variance given for quantities that are not measured: the height and the orientation of the centre of pressure.
 UNKNOWN_COVARIANCE = 1e6
 #: Number of frames in the latency statistics.
 LATENCY_FRAMES = 2000
@@ -54,7 +56,7 @@ class Outlet:
     messages : dict
         Class of messages for each type's name.
     intake : Intake
-        Where the frames come from: its header is that of the answer.
+        The intake of the frames, whose header the results carry.
     monitor : GraspMonitor
     frame : str
         Frame of reference; "": that of the messages, or "palpate" where they name none.
@@ -74,7 +76,7 @@ class Outlet:
     ) -> None:
         self._publishers, self._messages, self._intake, self._monitor = publishers, messages, intake, monitor
         self.frame, self.cloud_rate = frame, cloud_rate
-        #: From a message's arrival to its answer [s], of the last frames.
+        #: Time from a message's arrival to its result [s], for the last frames.
         self.latency: deque[float] = deque(maxlen=LATENCY_FRAMES)
         self.answered = 0
         self.status = Status.NO_CONTACT
@@ -86,7 +88,7 @@ class Outlet:
     # -- a sink --------------------------------------------------------------------------------------------------------
 
     def readings(self, time: float, values: Any) -> None:
-        """Readings came from a topic: they are not sent again."""
+        """Do nothing: readings came from a topic and are not sent again."""
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """Publish the result of one frame."""
@@ -100,20 +102,20 @@ class Outlet:
         if self._wanted("center") and "z" in touch.components:
             self._send("center", self._center(header, touch))
         state = self._monitor.state
-        margin = math.nan if state is None or not state.touching else float(state.slip_margin)
-        self._send("slip_margin", self._messages[TOPICS["slip_margin"]](data=margin))
+        used = math.nan if state is None or not state.touching else float(state.utilisation)
+        self._send("utilisation", self._messages[TOPICS["utilisation"]](data=used))
         self._publish_cloud(header, touch)
         self.answered += 1
         self.latency.append(1e-9 * (clock.monotonic_ns() - self._intake.header.came))
 
     def event(self, event: Event) -> None:
-        """Events are among the words of the session: see `say`."""
+        """Do nothing: events are among the messages of the session (`say`)."""
 
     def close(self) -> None:
-        """The node ends its publishers."""
+        """Do nothing: the node ends its publishers."""
 
     def say(self, text: str) -> None:
-        """Words for the log of events."""
+        """Publish a text to the log of events."""
         self._send("events", self._messages[TOPICS["events"]](data=text))
 
     # -- messages ------------------------------------------------------------------------------------------------------
@@ -139,11 +141,11 @@ class Outlet:
         return out
 
     def _bounds(self, touch: Touch) -> dict[str, tuple[Floats, Floats]]:
-        """Lower and upper ends of the 95 % intervals, where somebody listens."""
+        """Return lower and upper ends of the 95 % intervals, if anyone subscribes to them."""
         names = [n for n in ("wrench_low", "wrench_high") if self._wanted(n)]
         if not names:
             return {}
-        if touch.errors is None:
+        if not touch.has_intervals:
             lost = np.full(3, math.nan)
             return dict.fromkeys(names, (lost, lost))
         ends = zip(touch.interval(0.95, "force"), touch.interval(0.95, "moment"))
@@ -155,13 +157,12 @@ class Outlet:
         d = touch.surface.dimensions
         place = np.zeros(3)
         place[:d] = np.atleast_1d(to_numpy(touch.center_of_pressure))
-        # on a line nothing is known of the other direction
+        # in line contact the other direction is unknown
         variance = np.array([UNKNOWN_COVARIANCE] * 6)
-        if touch.errors is None:
+        if not touch.has_intervals:
             variance[:d] = math.nan
         else:
-            low, high = touch.interval(0.6827, "center_of_pressure")
-            variance[:d] = (0.5 * (np.atleast_1d(high) - np.atleast_1d(low))) ** 2
+            variance[:d] = to_numpy(touch.std("center_of_pressure")) ** 2
         pose = out.pose.pose
         pose.position.x, pose.position.y, pose.position.z = map(float, place)
         pose.orientation.w = 1.0
@@ -182,18 +183,18 @@ class Outlet:
         points[..., 3] = values[0]
         points[..., 4] = values[1] if grid.dimensions == 2 else 0.0
         points[..., 5] = values[-1]
-        points[..., 6] = math.nan if touch.errors is None else to_numpy(touch.std.values)[-1] * grid.areas
+        points[..., 6] = math.nan if not touch.has_intervals else to_numpy(touch.std())[-1] * grid.areas
         field = self._messages["sensor_msgs/msg/PointField"]
         out.height, out.width = points.shape[:2]
         out.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(CLOUD)]
         out.point_step, out.row_step = 4 * len(CLOUD), 4 * len(CLOUD) * out.width
-        out.data = array.array("B", points.tobytes())  # the kind that rclpy takes without looking at every byte
+        out.data = array.array("B", points.tobytes())  # rclpy accepts this type without checking every byte
         out.is_dense = bool(np.isfinite(points).all())
         self._send("traction", out)
 
 
 def spatial(force: Any, moment: Any) -> tuple[Floats, Floats]:
-    """Force and moment with three components each; a line, along x, has none across it."""
+    """Return force and moment with three components each; line contact, along x, has none across it."""
     f, m = np.atleast_1d(np.asarray(force, float)), np.atleast_1d(np.asarray(moment, float))
     if len(f) == 2:
         return np.array([f[0], 0.0, f[1]]), np.array([0.0, m[0], 0.0])
@@ -201,7 +202,7 @@ def spatial(force: Any, moment: Any) -> tuple[Floats, Floats]:
 
 
 def places(grid: Grid) -> Any:
-    """(y, x, field) with the places of the cells filled in."""
+    """Return an array (y, x, field) in which the positions of the cells are filled in."""
     where = grid.positions.reshape(-1, len(grid.x), 3)
     out = np.zeros((*where.shape[:2], len(CLOUD)), dtype="<f4")
     out[..., :3] = where

@@ -1,6 +1,8 @@
-"""Pictures of a gel with dots become frames: a topic of sensor_msgs/Image or CompressedImage, from one publisher at a time, the newest picture first.
+"""Convert pictures of a gel with dots to frames: a topic of sensor_msgs/Image or CompressedImage, one publisher at a
+time, newest picture first.
 
-The first pictures are the gel at rest, as for a camera (`palpate.camera.follow`). A picture that tells nothing is a frame without an answer.
+The first pictures show the gel at rest, as for a camera (`palpate.camera.follow`). An unusable picture gives a frame
+without a result.
 """
 
 from __future__ import annotations
@@ -21,12 +23,12 @@ if TYPE_CHECKING:
 
 __all__ = ["PictureIntake", "are_pictures"]
 
-#: Messages at the start that may hold no picture before the topic is given up: a second of a camera.
+#: Number of first messages that may hold no picture before an error is raised: about a second of a camera.
 PATIENCE = 30
 
 
 def are_pictures(kind: str) -> bool:
-    """Whether messages of a type may be pictures."""
+    """Return whether messages of a type may be pictures."""
     return kind.replace("/msg/", "/") in ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 
 
@@ -57,7 +59,7 @@ class PictureIntake(Intake):
     ) -> None:
         from palpate.camera.touches import CHANNELS
 
-        # how many dots there are is known after the first pictures; of these only the newest counts
+        # the number of dots is known after the first pictures; only the newest picture waits
         super().__init__(
             TopicMapping(topic=topic, channels=CHANNELS),
             (len(CHANNELS), 1),
@@ -81,7 +83,7 @@ class PictureIntake(Intake):
         reference : int, optional
             Pictures of the gel at rest; default: what [camera] says.
         options : mapping
-            Of `Skin.track`.
+            Options of `Skin.track`.
 
         Raises
         ------
@@ -95,7 +97,9 @@ class PictureIntake(Intake):
         return self.touches
 
     def _pictures(self) -> Iterator[tuple[None, Any, str]]:
-        """(None, picture or None, why not) of the messages, which are read here, so that those left out cost nothing."""
+        """Yield (None, picture or None, reason if None) for the messages, which are decoded here, so that dropped ones
+        cost nothing.
+        """
         from palpate.camera.messages import decoded
 
         given = unread = 0
@@ -115,13 +119,15 @@ class PictureIntake(Intake):
             yield None, image, fault
 
     def frames(self) -> Iterator[tuple[int, float, Any]]:
-        """(session, time [s], displacements (2, n) [m]), all NaN where a picture tells nothing; `header` is that of the frame."""
+        """Yield (session, time [s], displacements (2, n) [m]), all NaN for an unusable picture; `header` is that of
+        the frame.
+        """
         said = ""
         for reading in self.touches.readings:
             session, time, self.header = self._came.pop(reading.index)
-            if reading.fault != said:  # once for as long as it lasts
+            if reading.fault != said:  # report a fault once, however long it lasts
                 self._report_text(reading.fault or "the pictures are good again")
                 said = reading.fault
-            self.touches.readings.faults.clear()  # a robot may run for days
+            self.touches.readings.faults.clear()  # do not keep faults: a robot may run for days
             self.std = reading.std
             yield session, time, reading.values

@@ -21,15 +21,17 @@ __all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
 #: A taxel this many times further from its neighbours than usual is a mistake in the positions: at 20 the cells of the surface are still fine enough.
 MAX_SPACING_RATIO = 20.0
 Mask = npt.NDArray[np.bool_]
-#: No unit makes noise smaller than this, nor larger than its inverse; squares of such numbers overflow.
+#: Smallest noise in any unit; its inverse is the largest. Squares of more extreme numbers overflow.
 SMALLEST = 1e-60
-#: Noise with a correlation length of so many times the array's extent is an offset: on 6 x 6 x 3 the force is right up to 2000 times, and nonsense at
-#: 2e5 times. A taxel with an aperture of so many times the array's extent does not locate contacts.
+#: Largest correlation length and aperture relative to the array's extent. Noise with a longer correlation is an offset:
+#: on 6 x 6 x 3 the force is right up to 2000 times, and nonsense at 2e5 times. A taxel with a wider aperture cannot
+#: locate contacts.
 LONGEST_CORRELATION, WIDEST_APERTURE = 1e3, 4.0
 Noise = float | Sequence[float] | None
 
 
-def _check_noise(noise: Noise, channels: tuple[str, ...]) -> tuple[float, ...] | None:
+def check_noise(noise: Noise, channels: Sequence[str]) -> tuple[float, ...] | None:
+    """Return the standard deviation of each channel, or None if none is given; `InvalidInput` if the noise is not valid."""
     if noise is None:
         return None
     try:
@@ -61,7 +63,7 @@ def _check_depth(depth: object) -> None:
 
 
 def _check_extent(array: _Common) -> None:
-    """Refuse lengths that are out of all proportion to the array: mostly a wrong unit, and minutes of work."""
+    """Raise an error for lengths out of proportion to the array: usually a wrong unit, and minutes of work."""
     extent, aperture = float(np.ptp(array.points, axis=0).max()), max(array.apertures)
     if array.noise_correlation > LONGEST_CORRELATION * extent:
         raise InvalidInput(
@@ -90,9 +92,11 @@ def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
 
 
 def _check_distinct(positions: Floats) -> None:
-    """Refuse a few positions far from all others: the surface would be stretched to them, in cells as coarse.
+    """Raise an error if a few positions are far from all others: the surface would extend to them, with cells as
+    coarse.
 
-    Judged by the distance to the third neighbour (of few positions the second), so that up to three mistaken ones are found.
+    The test uses the distance to the third neighbour (second for few positions), so that it finds up to three mistaken
+    positions.
     """
     from scipy.spatial import cKDTree
 
@@ -140,10 +144,10 @@ class _Common:
     @property
     def noise_std(self) -> tuple[float, ...] | None:
         """Standard deviation of the noise of each channel, or None if not given."""
-        return _check_noise(self.noise, tuple(self.channels))
+        return check_noise(self.noise, tuple(self.channels))
 
     def sample_noise(self, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Floats:
-        """Noise (*batch, channel, *shape) of the array's own size and correlation."""
+        """Random noise (*batch, channel, *shape) with the array's standard deviation and correlation."""
         if self.noise_std is None:
             raise InvalidInput("rng was given but the array has no noise; give the array noise=....")
         out = rng.standard_normal((*batch, len(self.channels), int(np.prod(self.shape))))
@@ -268,7 +272,7 @@ class LineArray(_Common):
         check_length("aperture", self.aperture, zero=True)
         check_length("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 1))
-        _check_noise(self.noise, tuple(self.channels))
+        check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (self.count,)))
@@ -276,12 +280,12 @@ class LineArray(_Common):
 
     @property
     def dimensions(self) -> int:
-        """1."""
+        """Number of axes: 1."""
         return 1
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(count,)."""
+        """Shape of one channel of readings: (count,)."""
         return (self.count,)
 
     @property
@@ -372,7 +376,7 @@ class AreaArray(_Common):
         pair("aperture", self.aperture, zero=True)
         pair("center", self.center, sign=True)
         object.__setattr__(self, "channels", check_channels(self.channels, 2))
-        _check_noise(self.noise, tuple(self.channels))
+        check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, self.shape))
@@ -380,7 +384,7 @@ class AreaArray(_Common):
 
     @property
     def dimensions(self) -> int:
-        """2."""
+        """Number of axes: 2."""
         return 2
 
     @property
@@ -464,7 +468,7 @@ class ScatteredArray(_Common):
         _check_depth(self.depth)
         object.__setattr__(self, "channels", check_channels(self.channels, found.shape[1]))
         pair("aperture", self.aperture, zero=True)
-        _check_noise(self.noise, tuple(self.channels))
+        check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)
         object.__setattr__(self, "limits", check_limits(self.limits, self.channels, self.shape))
         object.__setattr__(self, "mask", _check_mask(self.mask, (len(found),)))
@@ -477,7 +481,7 @@ class ScatteredArray(_Common):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(n,)."""
+        """Shape of one channel of readings: (n,)."""
         return (len(self.positions),)
 
     @property

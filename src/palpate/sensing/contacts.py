@@ -1,11 +1,13 @@
-"""Readings of a contact in closed form, exact whatever the cells of the surface.
+"""Readings of a contact in closed form, accurate for any size of the surface cells.
 
-A taxel at a distance r from a load resolves nothing finer than r, so that cells of r/6 suffice, if their traction has the moments of the contact's.
-The integral of a cell's influence is interpolated between its edges by a polynomial through `STENCIL` + 1 of them, and the transpose of that
-interpolation gives the weight of a piece of the contact in each cell (as in J. R. Phillips, J. K. White, IEEE Trans. CAD 16, 1997, 1059-1072). The
-operator of the surface serves all taxels further off than six of its cells. For the others, cells near the contact are refined, four times in each
-step. The finest cells take the mean of the contact: on the surface itself, and below a very wide contact at depths less than about a hundredth of its
-size. With apertures more than twice as wide as deep, the error is half a per cent of the largest reading.
+A taxel at a distance r from a load cannot resolve details finer than r, so that cells of r/6 suffice, if their
+traction has the moments of the contact's. The integral of a cell's influence is interpolated between its edges by a
+polynomial through `STENCIL` + 1 of them. The transpose of that interpolation gives the weight of a piece of the
+contact in each cell (as in J. R. Phillips, J. K. White, IEEE Trans. CAD 16, 1997, 1059-1072). The operator of the
+surface serves all taxels farther away than six of its cells. For the others, cells near the contact are refined by a
+factor of four in each step. The finest cells use the mean of the contact: on the surface itself, and under a very wide
+contact at depths less than about a hundredth of its size. With apertures more than twice as wide as deep, the error is
+half a per cent of the largest reading.
 """
 
 from __future__ import annotations
@@ -31,17 +33,19 @@ __all__ = ["contact_readings", "sampled"]
 Contact = LineContact | AreaContact
 Index = npt.NDArray[np.intp]
 
-#: Cells that a piece of the contact is spread over along each axis, and how many of them a taxel is away at least.
+#: Number of cells along each axis over which a piece of the contact is distributed, and smallest distance of a taxel in
+#: cells.
 STENCIL, AWAY = 10, 6.0
-#: Pieces of the contact to a cell along each axis, and at least so many across the contact; a concentrated load is three, this part of a cell wide.
+#: Pieces of the contact per cell along each axis, and smallest number across the contact; a concentrated load is three
+#: pieces, each POINT of a cell wide.
 PIECES, ACROSS, POINT = 6, 64, 1e-4
-#: More pieces are refused: they take seconds of work and a gigabyte.
+#: Largest number of pieces: more take seconds and a gigabyte.
 MAX_PIECES = 3e7
-#: Cells across a contact (line, area) from which on they are not made finer, below the surface and on it.
+#: Number of cells across a contact (line, area) at which refinement stops, below the surface and on it.
 MOST, MOST_ON = {1: 4096, 2: 512}, {1: 1024, 2: 96}
-#: Cells across the aperture of a taxel that is less than half of it deep.
+#: Cells across the aperture of a taxel whose depth is less than half of it.
 ACROSS_TAXEL = 6
-#: How much finer the cells of the next step are.
+#: Refinement factor of each step.
 STEP = 4.0
 
 
@@ -105,7 +109,7 @@ def _free(operator: Operator, plane: int, contact: Contact) -> Floats:
     beside = np.maximum(np.abs(points - center) - half, 0.0)
     away = np.sqrt((beside**2).sum(axis=1) + array.depth**2)
     out = np.zeros((len(array.channels), len(points)))
-    # for distant taxels: the surface as it is
+    # Distant taxels use the surface unchanged.
     h = max(surface.spacings)
     spread = _spread(contact, surface)
     rest = np.ones(len(points), dtype=bool) if spread is None else away < AWAY * h * (1 - 1e-9)
@@ -141,7 +145,9 @@ def _place(contact: Contact) -> tuple[Floats, Floats]:
 
 
 def _pieces(contact: Contact, widths: Sequence[float]) -> tuple[list[Floats], Floats]:
-    """The contact cut along each axis into pieces no wider than these: their edges, and the traction (component, *piece)."""
+    """Cut the contact along each axis into pieces no wider than ``widths``: their edges, and the traction (component,
+    *piece).
+    """
     center, half = _place(contact)
     edges = []
     for middle, a, width in zip(center, half, widths):
@@ -157,7 +163,9 @@ def _pieces(contact: Contact, widths: Sequence[float]) -> tuple[list[Floats], Fl
 
 
 def _spread(contact: Contact, grid: Grid) -> Floats | None:
-    """Traction (component, *cell) with the contact's moments, for distant readings; None if the grid does not reach round it."""
+    """Traction (component, *cell) with the contact's moments, for distant readings; None if the grid does not extend
+    far enough around it.
+    """
     edges, traction = _pieces(contact, [dx / PIECES for dx in grid.spacings])
     for axis, (e, x, dx) in enumerate(zip(edges, grid.axes, grid.spacings)):
         share = _shares((e - x[0]) / dx + 0.5, len(x))
@@ -168,10 +176,11 @@ def _spread(contact: Contact, grid: Grid) -> Floats | None:
 
 
 def _shares(edges: Floats, count: int) -> Floats | None:
-    """The shares (cell, piece) of each of ``count`` cells in the pieces between ``edges``, in units of cells from the first one's edge.
+    """Weights (cell, piece) of ``count`` cells for the pieces between ``edges``, in units of cells from the first
+    one's edge.
 
-    With F the integral of an influence, known at the edges m of cells, a piece from s to t gives F(t) - F(s) = sum_m F_m [L_m(t) - L_m(s)], and
-    F_m is the sum over the cells before m.
+    Let F be the integral of an influence, known at the cell edges m. A piece from s to t gives F(t) - F(s) = sum_m F_m
+    [L_m(t) - L_m(s)], and F_m is the sum over the cells before m.
     """
     first = np.round(0.5 * (edges[1:] + edges[:-1])).astype(int) - STENCIL // 2
     if first.min() < 0 or first.max() + STENCIL > count:
@@ -195,7 +204,9 @@ def _lagrange(x: Floats) -> Floats:
 
 
 def _about(array: Array, contact: Contact, h: float, surface: Grid) -> Grid:
-    """Cells no wider than ``h`` on a contact and what it is spread over; taxels of a regular array lie above centres of cells."""
+    """Grid of cells no wider than ``h`` over a contact and its surroundings; taxels of a regular array lie above cell
+    centres.
+    """
     counts, spacings, centers = [], [], []
     for axis, (middle, a) in enumerate(zip(*_place(contact))):
         if isinstance(array, ScatteredArray):
@@ -217,7 +228,9 @@ def _about(array: Array, contact: Contact, h: float, surface: Grid) -> Grid:
 
 
 def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
-    """The smallest array of its kind with the taxels that are ``wanted``, and which of the whole it has."""
+    """The smallest array of the same kind that contains the ``wanted`` taxels, and the indices of its taxels in the
+    whole.
+    """
     if isinstance(array, ScatteredArray):
         some = np.flatnonzero(wanted)
         points = array.points
@@ -247,7 +260,9 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
 
 
 def _periodic(operator: Operator, array: Array, contact: Contact) -> Any:
-    """On cells an odd number of times finer, so that taxels stay in the middle of one."""
+    """Readings on a periodic surface, on cells finer by an odd factor, so that each taxel stays at the middle of a
+    cell.
+    """
     surface = operator.surface
     d, h = surface.dimensions, max(surface.spacings)
     center, half = _place(contact)
@@ -256,7 +271,7 @@ def _periodic(operator: Operator, array: Array, contact: Contact) -> Any:
     ratio = 2 * max(1, math.ceil(0.5 * (h / max(least, finest) - 1.0))) + 1
     grid = refined(surface, ratio)
     smooth = finest <= least
-    # loads beyond the surface press on its copies
+    # Loads beyond the surface act on its periodic copies.
     periods = [
         math.ceil(max(abs(m - 0.5 * (x[0] + x[-1])) + a + STENCIL * dx, 0.0) / (len(x) * dx) - 0.5)
         for m, a, x, dx in zip(center, half, surface.axes, surface.spacings)
@@ -279,7 +294,7 @@ def _periodic(operator: Operator, array: Array, contact: Contact) -> Any:
 
 
 def _repeated(grid: Grid, periods: Sequence[int]) -> Grid:
-    """The grid with so many copies on either side."""
+    """The grid with ``periods`` copies on either side of each axis."""
     counts = [(2 * p + 1) * n for p, n in zip(periods, grid.shape)]
     if isinstance(grid, LineGrid):
         return replace(grid, count=counts[0])

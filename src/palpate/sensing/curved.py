@@ -21,8 +21,8 @@ from palpate.sensing.grids import AreaGrid, check_length
 
 __all__ = ["Chart", "CurvedGrid", "CylinderChart", "Frames", "SphereChart"]
 
-#: Points along an axis of a cell over which its area, force and moment are summed: inside, midpoints leave 1/24 of the square of the angle between two;
-#: a cell on the rim is off by 1/8 of itself at most along an axis.
+#: Points along each axis of a cell for sums of its area, force and moment. Inside, the error of midpoints is 1/24 of
+#: the square of the angle between two; for a cell on the rim it is at most 1/8 of the cell along an axis.
 SAMPLES = 4
 
 
@@ -93,7 +93,7 @@ class SphereChart:
     reach : float
         Angle from the top to the rim [rad], below pi.
     center : (float, float, float)
-        Where the top lies [m]; the sphere's middle lies a radius further along z.
+        Position of the top [m]; the middle of the sphere is a radius further along z.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class SphereChart:
 
     @property
     def outline(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of the disc that the cap is."""
+        """Outline of the disc onto which the cap is mapped."""
         rho = 2.0 * self.radius * math.sin(0.5 * self.reach)
         return (-rho, rho), (-rho, rho)
 
@@ -151,9 +151,9 @@ class CylinderChart:
     radius : float
         [m]; positive where the pad lies inside the cylinder (a finger), negative where it lies round it (the crook of a bend).
     length, width : float
-        Of the patch along the arc and along y [m].
+        Size of the patch along the arc and along y [m].
     center : (float, float, float)
-        Where the middle of the patch lies [m].
+        Position of the middle of the patch [m].
 
     Examples
     --------
@@ -183,7 +183,7 @@ class CylinderChart:
 
     @property
     def outline(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of the unrolled patch."""
+        """Outline of the unrolled patch."""
         return (-0.5 * self.length, 0.5 * self.length), (-0.5 * self.width, 0.5 * self.width)
 
     def frames(self, x: Floats, y: Floats) -> Frames:
@@ -211,7 +211,7 @@ class CurvedGrid(AreaGrid):
     Attributes
     ----------
     chart : Chart
-        Where each cell lies, and how it is turned.
+        Position and orientation of each cell.
 
     Examples
     --------
@@ -263,7 +263,9 @@ class CurvedGrid(AreaGrid):
 
     @cached_property
     def _sums(self) -> tuple[Floats, Floats, Floats]:
-        """Of each cell: area (*surface) [m^2], and net force [m^2] and moment about the origin [m^3] of unit traction (axis of the pad, component, *surface)."""
+        """For each cell: area (*surface) [m^2], and net force [m^2] and moment about the origin [m^3] of unit traction
+        (axis of the pad, component, *surface).
+        """
         inside = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
         area, force, moment = np.zeros(self.shape), np.zeros((3, 3, *self.shape)), np.zeros((3, 3, *self.shape))
         for down in inside * self.spacings[0]:
@@ -279,7 +281,7 @@ class CurvedGrid(AreaGrid):
 
     @property
     def areas(self) -> Floats:
-        """Area of each cell [m^2]; of a cell on the rim, of what is on the surface."""
+        """Area of each cell [m^2]; for a cell on the rim, only the part on the surface."""
         return self._sums[0]
 
     @property
@@ -297,12 +299,12 @@ class CurvedGrid(AreaGrid):
 
     @property
     def bends(self) -> bool:
-        """Whether the surface is curved, so that maps of it are unrolled."""
+        """Whether the surface is curved: True, so that its maps are unrolled."""
         return True
 
     @property
     def labels(self) -> dict[str, Any]:
-        """Coordinates of labelled results besides those of the axes: where each cell lies, its normal into the pad and its area."""
+        """Additional coordinates of labelled results: position of each cell, its normal into the pad, and its area."""
         out: dict[str, Any] = {"area": (("y", "x"), self.areas, {"units": "m2"})}
         for i, axis in enumerate("xyz"):
             out[f"position_{axis}"] = (("y", "x"), self.frames.positions[..., i], {"units": "m"})
@@ -314,15 +316,15 @@ class CurvedGrid(AreaGrid):
         return np.asarray(np.einsum("acyx,...cyx->...ayx", self._force, traction))
 
     def force_axes(self, columns: Sequence[int]) -> tuple[int, ...]:
-        """All three: pressure on a surface that bends has a part along each axis."""
+        """All three axes: pressure on a curved surface has a component along each."""
         return (0, 1, 2)
 
     def force_rows(self, columns: Sequence[int]) -> Floats:
-        """The net force as sums over cells (axis of the pad, component sought, *surface)."""
+        """Rows that sum traction to the net force (axis of the pad, component sought, *surface)."""
         return self._force[:, list(columns)]
 
     def moment_rows(self, columns: Sequence[int]) -> Floats:
-        """The moment about the origin as sums over cells (axis of the pad, component sought, *surface)."""
+        """Rows that sum traction to the moment about the origin (axis of the pad, component sought, *surface)."""
         return self._moment[:, list(columns)]
 
     def integral(self, x: Any) -> Any:
@@ -343,9 +345,11 @@ class CurvedGrid(AreaGrid):
         return xp.stack(parts, axis=-1)
 
     def turned_errors(self, errors: Floats, traction: Floats) -> Floats:
-        """Errors (component sought,) of a force in the axes of a contact, as errors (axis of the pad,), where the ``traction`` (component, *surface) is.
+        """Convert errors (component sought,) of a force in the axes of a contact to errors (axis of the pad,), at the
+        cells of ``traction`` (component, *surface).
 
-        One error is that of the normal. Two are those of the tangents; the first holds along both, since the axis is not stated.
+        With one component sought, the error is that of the normal. With two, they are errors of the tangents, and the
+        first applies to both, since the axis is not stated.
         """
         errors = np.asarray(errors, dtype=np.float64)
         if len(errors) < 3:

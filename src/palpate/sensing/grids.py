@@ -21,14 +21,14 @@ __all__ = ["AreaGrid", "Grid", "LineGrid", "block_means", "check_count", "check_
 
 
 def check_count(name: str, value: object, minimum: int = 2) -> int:
-    """``value`` as an int, or `InvalidInput` unless it is a whole number >= ``minimum``."""
+    """Return ``value`` as an int; raise `InvalidInput` unless it is a whole number >= ``minimum``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < minimum:
         raise InvalidInput(f"{name} must be a whole number, at least {minimum}; got {value!r}.")
     return int(value)
 
 
 def check_length(name: str, value: object, *, zero: bool = False, sign: bool = False) -> float:
-    """``value`` as a float length [m], or `InvalidInput`."""
+    """Return ``value`` as a length [m]; raise `InvalidInput` if it is not a valid one."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise InvalidInput(f"{name} must be one number of metres; got {value!r}.")
     number = float(value)
@@ -51,7 +51,8 @@ def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) ->
 
 
 class _Flat:
-    """Sums over the cells of a flat surface, whose components of traction are those of the pad's axes; `palpate.sensing.CurvedGrid` has the same members.
+    """Sums over the cells of a flat surface, whose traction components are along the pad's axes;
+    `palpate.sensing.CurvedGrid` has the same members.
 
     Examples
     --------
@@ -115,18 +116,18 @@ class _Flat:
         return traction * self.cell
 
     def force_axes(self, columns: Sequence[int]) -> tuple[int, ...]:
-        """Axes of the pad that `force_rows` has, where these components are sought: the same."""
+        """Axes of the pad that `force_rows` returns if ``columns`` are the components sought: the same."""
         return tuple(columns)
 
     def force_rows(self, columns: Sequence[int]) -> Floats:
-        """The net force as sums over cells (axis, component sought, *surface)."""
+        """Rows that sum traction to the net force (axis, component sought, *surface)."""
         n = len(columns)
         rows = np.zeros((n, n, *self.shape))
         rows[np.arange(n), np.arange(n)] = self.cell
         return rows
 
     def moment_rows(self, columns: Sequence[int]) -> Floats:
-        """The moments as sums over cells (moment, component sought, *surface)."""
+        """Rows that sum traction to the moments (moment, component sought, *surface)."""
         d, cell = self.dimensions, self.cell
         places = np.meshgrid(*self.axes, indexing="ij")[::-1]  # x, then y
         out = np.zeros((1 if d == 1 else 3, d + 1, *self.shape))
@@ -159,7 +160,9 @@ class _Flat:
         return xp.stack([self.integral(y * parts[2]), about_y, spin], axis=-1)
 
     def turned_errors(self, errors: Floats, traction: Floats) -> Floats:
-        """Errors (component,) of a force in the axes of a contact, as errors (axis of the pad,): the same."""
+        """Convert errors (component,) of a force in the axes of a contact to errors (axis of the pad,): equal on a
+        flat surface.
+        """
         return errors
 
 
@@ -200,7 +203,7 @@ class LineGrid(_Flat):
 
     @property
     def dimensions(self) -> int:
-        """1."""
+        """Number of axes: 1."""
         return 1
 
     @property
@@ -230,7 +233,7 @@ class LineGrid(_Flat):
 
     @property
     def cell(self) -> float:
-        """Length of a cell [m]: sums times this approximate integrals."""
+        """Length of a cell [m]; a sum over cells times this approximates an integral."""
         return self.spacing
 
     @property
@@ -280,7 +283,7 @@ class AreaGrid(_Flat):
 
     @property
     def dimensions(self) -> int:
-        """2."""
+        """Number of axes: 2."""
         return 2
 
     @cached_property
@@ -305,7 +308,7 @@ class AreaGrid(_Flat):
 
     @property
     def cell(self) -> float:
-        """Area of a cell [m^2]: sums times this approximate integrals."""
+        """Area of a cell [m^2]; a sum over cells times this approximates an integral."""
         return self.spacings[0] * self.spacings[1]
 
     @property
@@ -319,7 +322,9 @@ Grid = LineGrid | AreaGrid
 
 
 def refined(grid: Grid, ratio: int, margin: int = 0) -> Grid:
-    """The same surface, ``margin`` cells wider on each side, in cells ``ratio`` times finer along each axis."""
+    """A grid of the same surface, ``margin`` cells wider on each side, with cells ``ratio`` times finer along each
+    axis.
+    """
     counts = [(n + 2 * margin) * ratio for n in grid.shape]
     if isinstance(grid, LineGrid):
         return LineGrid(count=counts[0], spacing=grid.spacing / ratio, center=grid.center)
@@ -336,7 +341,7 @@ def block_means(field: Floats, ratio: int, axes: int) -> Floats:
 
 
 def repeated(field: npt.NDArray[Any], ratio: int) -> npt.NDArray[Any]:
-    """Each cell of a field as ``ratio`` cells along each axis."""
+    """Repeat each cell of a field ``ratio`` times along each axis."""
     for axis in range(field.ndim):
         field = np.repeat(field, ratio, axis=axis)
     return field

@@ -21,9 +21,9 @@ __all__ = ["aperture_rule", "influence"]
 def aperture_rule(width: float, depth: float, spacing: float, offset: float | None) -> tuple[Floats, Floats]:
     """Nodes [m] and weights (sum 1) that average over an aperture of ``width``.
 
-    At depths comparable with the width the field is smooth and a few Gauss-Legendre nodes do; near the surface it has
-    kinks above the cell edges, so the aperture is cut there (``offset``: taxel minus cell centre; None if it differs
-    from taxel to taxel, when it is cut into narrow panels instead).
+    At depths comparable with the width the field is smooth, and a few Gauss-Legendre nodes suffice. Near the surface
+    it has kinks above the cell edges, so the aperture is cut there. ``offset`` is taxel minus cell centre; None if it
+    differs between taxels: the aperture is then cut into narrow panels instead.
     """
     if width <= 1e-9 * spacing:  # a point
         return np.zeros(1), np.ones(1)
@@ -109,7 +109,7 @@ def _any_pad(
     rules: Sequence[tuple[Floats, Floats]],
     concentrated: bool,
 ) -> Floats:
-    """From the pad's states alone."""
+    """Influence computed only from the pad's states."""
     reach = max(float(np.abs(o).max()) for o in offsets) + max(spacings)
     stack = as_stack(pad, reach, depth)
     surface = stack.surface
@@ -153,7 +153,7 @@ def _layered(
     if len(offsets) == 1:
         out = np.zeros((len(channels), 2, *offsets[0].shape))
         for node, weight in zip(*rules[0]):
-            # a concentrated load is a cell of vanishing width with the force of a whole one
+            # A concentrated load is a cell of vanishing width with the force of a whole one.
             width = 1e-9 * spacings[0] if concentrated else spacings[0]
             out += weight * spacings[0] / width * correction.line(offsets[0] + node, width, 0.0)
     else:

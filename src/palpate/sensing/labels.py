@@ -1,8 +1,8 @@
-"""Labelled arrays (xarray.DataArray): put into the order of the skin by their labels, or refused.
+"""Labelled arrays (xarray.DataArray): reorder them by their labels to the order of the skin, or raise an error.
 
-Dimensions are transposed by name, channels and components selected by name, coordinates compared with the positions of the taxels (or surface cells)
-and sorted if they run the other way, and the attribute "units" converted to SI. No label is ignored; axes without a label keep their positional
-meaning.
+Dimensions are transposed by name, channels and components selected by name, coordinates compared with the positions of
+the taxels (or surface cells) and sorted if they run in the opposite direction, and the attribute "units" converted to
+SI. No label is ignored; axes without a label keep their positional meaning.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from palpate.units import convert_factor
 
 __all__ = ["is_labelled", "labelled_readings", "labelled_time", "labelled_traction"]
 
-#: Coordinates agree with positions where no taxel is further off than this part of the pitch.
+#: Largest distance of a taxel's coordinate from its position, as a fraction of the pitch.
 TOLERANCE = 0.02
 
 
@@ -71,7 +71,7 @@ def labelled_traction(x: Any, surface: Grid) -> npt.NDArray[Any]:
 
 
 def labelled_time(x: Any) -> Floats | None:
-    """Time of each frame [s], where the readings have it as a coordinate."""
+    """Time of each frame [s], if the readings have it as a coordinate."""
     if not is_labelled(x) or "time" not in x.dims or "time" not in getattr(x, "coords", {}):
         return None
     if set(x.dims) - {"time", "channel", "component", "taxel", "y", "x"}:
@@ -180,7 +180,9 @@ def _sorted(
 
 
 def _scattered_order(x: Any, array: Array) -> npt.NDArray[np.intp] | None:
-    """Order of the entries along "taxel" that is that of the array; None if they are in order or have no labels."""
+    """Indices that bring the entries along "taxel" into the order of the array; None if they are already in order or
+    have no labels.
+    """
     n = len(array.points)
     if x.sizes["taxel"] != n:
         return None  # the shape is refused by name further on

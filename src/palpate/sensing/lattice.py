@@ -1,4 +1,4 @@
-"""The grid of printed dots, if they form one."""
+"""Find the regular grid of printed dots, if they form one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def typical_distance(points: Floats) -> float:
 
 
 def lattice(points: Floats) -> tuple[Floats, Floats]:
-    """The two steps (column, row) of a grid of points (n, 2), the first along the picture's columns; mean over the whole grid.
+    """The two steps (column, row) of a grid of points (n, 2), averaged over the whole grid; the first is along the
+    picture's columns.
 
     Raises
     ------

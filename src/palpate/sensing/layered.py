@@ -1,11 +1,12 @@
 """Influence of a surface cell on a sensing element in bonded layers.
 
-The matrix of a wavevector has no closed form in space. It is brought there by quadrature over wavenumbers, not by a DFT:
-no copies of the pad appear, whatever decays slowly is integrated, and any position can be requested.
+The matrix of a wavevector has no closed form in space. It is transformed by quadrature over wavenumbers instead of a
+DFT, so that no periodic copies of the pad appear, slowly decaying parts are integrated, and any position can be
+requested.
 
-Near the surface the matrix falls off slowly with k. There the uppermost material's half-space response, high-passed by
-1 - exp(-k d), is taken out and put back in closed form (damping by exp(-k d) only moves the potentials down by d), so that what
-is integrated decays like exp(-k d) with d of the order of the first layer's thickness.
+Near the surface the matrix decays slowly with k. There the half-space response of the uppermost material, high-passed
+by 1 - exp(-k d), is subtracted and added again in closed form (damping by exp(-k d) only moves the potentials down by
+d). The remainder decays like exp(-k d), with d of the order of the first layer's thickness.
 
 In area contact the matrix of direction alpha is a trigonometric polynomial sum_n c_n(k) exp(i n alpha), |n| <= 3, and
 
@@ -27,11 +28,11 @@ from palpate.elastic.quantities import transfer
 
 __all__ = ["Correction", "Surface"]
 
-#: Spectra are cut at exp(-DIGITS).
+#: Exponent at which spectra are cut off: exp(-DIGITS).
 DIGITS = 34.0
 #: Highest angular order of a channel per traction.
 ORDERS = 3
-#: Angular orders below this part of a function's largest are rounding.
+#: Angular orders below this fraction of a function's largest are rounding errors.
 NOTHING = 1e-14
 #: Spline values held at once: 16 MB.
 LARGEST_TABLE = 2_000_000
@@ -76,8 +77,9 @@ class Correction:
         orders: int = ORDERS,
         decay: float = 1.0,
     ) -> None:
-        """``surface`` is the half-space of the uppermost material, ``decay`` the slowest exp(-decay k z) of its waves and ``orders`` the
-        highest angular order that counts."""
+        """``surface`` is the half-space of the uppermost material, ``decay`` the slowest exp(-decay k z) of its waves
+        and ``orders`` the highest angular order to include.
+        """
         self.pad, self.depth, self.channels, self.orders = pad, depth, tuple(channels), orders
         first = surface_thickness
         self.half_space: Surface | None = surface if depth < 0.5 * first else None
@@ -117,7 +119,7 @@ class Correction:
         matrix = self._remaining(k, np.zeros_like(k), line=True)[..., [0, 2]]
         factor = weight / np.pi * spacing * np.sinc(k * spacing / (2 * np.pi)) * np.sinc(k * aperture / (2 * np.pi))
         spectrum = (matrix * factor[:, None, None]).reshape(k.size, -1)
-        # a lattice repeats its distances
+        # The distances of a lattice repeat.
         distance, back = np.unique(np.round(np.abs(flat) / reach, 14), return_inverse=True)
         even, odd = np.empty((2, distance.size, spectrum.shape[1]))
         for start in range(0, distance.size, 2048):
@@ -185,18 +187,20 @@ class Correction:
             fourth = np.where(small, phase**3 / 48, 4 * third / safe - second)
             higher = (jv(n, phase) for n in range(4, self.orders + 1))
             for order, bessel in enumerate(itertools.chain((first, second, third, fourth), higher)):
-                # order n and -n together: twice the real part of the positive one
+                # Orders n and -n together: twice the real part of the positive one.
                 factor = (1j**order) / (2 * np.pi) * (1.0 if order == 0 else 2.0)
                 table[rows, order] = factor * ((bessel * (weight * k)) @ coefficients[:, order])
         return _Radial(r, table)
 
 
 class _Axis:
-    """Weighted sums along one axis over points offset + node: the distances from 0 that occur, each once, and who takes how much of them."""
+    """Weighted sums along one axis over points offset + node: each distinct distance from 0 once, and its weight in
+    each sum.
+    """
 
     def __init__(self, offset: Floats, node: Floats, weight: Floats, reach: float) -> None:
         points = offset[:, None] + node
-        # mirror images share their distance
+        # Mirror images share their distance.
         distance, back = np.unique(np.round(np.abs(points) / reach, 14), return_inverse=True)
         self.distance = distance * reach
         back = back.reshape(points.shape)
@@ -207,7 +211,9 @@ class _Axis:
 
 
 class _Radial:
-    """Functions of the plane as angular orders: sum_n Re(f_n(r) exp(i n theta)), f_n by splines where it is not nothing."""
+    """Functions of the plane in angular orders: sum_n Re(f_n(r) exp(i n theta)), with f_n as splines for the orders
+    that are not negligible.
+    """
 
     def __init__(self, r: Floats, table: npt.NDArray[np.complex128]) -> None:
         """``table`` is f (distance, order, function)."""
@@ -228,13 +234,13 @@ class _Radial:
             yy, xx = y.distance[some, None], x.distance
             values = np.moveaxis(self._spline(np.hypot(yy, xx)), -1, 0)
             angle = np.arctan2(yy, xx)
-            # cos(n theta) is even in y, sin(n theta) odd; in x they are even or odd as n is
+            # cos(n theta) is even in y, sin(n theta) odd; in x they are even or odd as n is.
             for sine, odd in itertools.product((0, 1), (0, 1)):
                 chosen = np.flatnonzero((self.sine == sine) & (self.order % 2 == odd))
                 along_y, along_x = (y.odd if sine else y.even), (x.even if sine == odd else x.odd)
                 for order in np.unique(self.order[chosen]):
                     which = chosen[self.order[chosen] == order]
                     wave = np.sin(order * angle) if sine else np.cos(order * angle)
-                    # every function has an angular order once
+                    # Each function has an angular order only once.
                     out[self.function[which]] += along_y[:, some] @ (values[which] * wave) @ along_x.T
         return out

@@ -1,4 +1,4 @@
-"""Ends of the range of a channel: a reading at an end is censored."""
+"""Measuring limits of a channel: a reading at a limit is censored."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from palpate.errors import InvalidInput
 __all__ = ["at_ends", "check_creep", "check_limits", "cut", "ends_of", "of_readings", "saturation_notes"]
 
 Flags = npt.NDArray[np.bool_]
-#: A reading is saturated within this part of its range from either end: the last count of a converter of 10 bits.
+#: A reading is saturated if it is within this fraction of the range from either limit: the last count of a 10-bit
+#: converter.
 SATURATION_TOLERANCE = 1e-3
-#: A reading rests where it is no farther from its zero, as a part of the range.
+#: A reading counts as at rest if it is within this fraction of the range from its zero.
 RESTING = 0.05
 
 
 class _Ranged(Protocol):
-    """A plane of taxels, as the ends of a range need it."""
+    """The part of an array that measuring limits need."""
 
     @property
     def channels(self) -> Sequence[str]: ...
@@ -38,7 +39,9 @@ class _Ranged(Protocol):
 
 
 def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -> Floats | None:
-    """Low and high end (channel, 2) of the range of each channel, or (channel, 2, *shape) of each reading; infinite if there is none."""
+    """Lower and upper measuring limit of each channel (channel, 2), or of each reading (channel, 2, *shape); infinite
+    without a limit.
+    """
     if limits is None:
         return None
     out = _parse_limits(limits, len(channels), shape)
@@ -52,7 +55,7 @@ def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -
 
 
 def _parse_limits(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats | None:
-    """The ends as a copy, or None if the value has none of the accepted forms."""
+    """The limits as a copy, or None if the value has none of the accepted forms."""
     try:
         found = np.array(limits, dtype=np.float64)
     except (TypeError, ValueError):
@@ -65,7 +68,7 @@ def _parse_limits(limits: Any, channels: int, shape: tuple[int, ...]) -> Floats 
 
 
 def of_readings(array: _Ranged) -> tuple[Floats, Floats] | None:
-    """Low and high end (channel, *shape) of every reading."""
+    """Lower and upper limit of every reading (channel, *shape)."""
     if array.limits is None:
         return None
     found = array.limits.reshape(*array.limits.shape, *(1,) * (2 + len(array.shape) - array.limits.ndim))
@@ -74,9 +77,9 @@ def of_readings(array: _Ranged) -> tuple[Floats, Floats] | None:
 
 
 def check_creep(pad: Viscoelastic, planes: Sequence[_Ranged]) -> Pad:
-    """The elastic pad of one that creeps.
+    """The elastic pad of a creeping one; raise an error if the arrays have limits.
 
-    Ends of a range are refused if creep is subtracted first: the rest of a saturated reading means nothing.
+    Creep is subtracted from the readings first, and the rest of a saturated reading has no meaning.
     """
     for array in planes:
         for i, channel in enumerate(array.channels):
@@ -89,7 +92,7 @@ def check_creep(pad: Viscoelastic, planes: Sequence[_Ranged]) -> Pad:
 
 
 def ends_of(planes: Sequence[_Ranged]) -> tuple[Floats, Floats] | None:
-    """The low and the high end of all working readings (plane, channel, taxel); None without limits."""
+    """Lower and upper limits of all working readings (plane, channel, taxel); None without limits."""
     if all(a.limits is None for a in planes):
         return None
     low, high = [], []
@@ -102,9 +105,10 @@ def ends_of(planes: Sequence[_Ranged]) -> tuple[Floats, Floats] | None:
 
 
 def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | None = None) -> tuple[Flags, Flags]:
-    """Which readings (..., reading) lie at the high end, and which at the low one; missing ones (NaN) at neither.
+    """Masks of readings (..., reading) at the upper and at the lower limit; missing ones (NaN) are at neither.
 
-    An end at which a reading rests, such as the zero of a range, is ignored: ``zeroed`` are the readings minus their zero (default: they have none).
+    A limit at which a reading rests, such as the zero of a range, is ignored. ``zeroed`` are the readings minus their
+    zero (default: no zero was subtracted).
     """
     if ends is None:
         return np.zeros(data.shape, dtype=bool), np.zeros(data.shape, dtype=bool)
@@ -117,7 +121,7 @@ def at_ends(data: Floats, ends: tuple[Floats, Floats] | None, zeroed: Floats | N
 
 
 def saturation_notes(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[str, ...]:
-    """What is said of readings (*batch, channel, *array), one array per plane, at an end of their range, by a method that does not heed it."""
+    """Notes on saturated readings (*batch, channel, *array), one array per plane, for methods that ignore saturation."""
     total = 0
     for part, array in zip(parts, planes):
         if array.limits is not None:
@@ -133,7 +137,7 @@ def saturation_notes(parts: Sequence[Any], planes: Sequence[_Ranged]) -> tuple[s
 
 
 def cut(values: Any, array: _Ranged) -> Any:
-    """Readings (*batch, channel, *array) as an array with such ends gives them."""
+    """Clip readings (*batch, channel, *array) at the limits of an array."""
     ends = of_readings(array)
     if ends is None:
         return values

@@ -1,8 +1,9 @@
-"""What maps traction on a surface to readings: `LinearMap`, and a matrix as one.
+"""Maps from traction on a surface to readings: the interface `LinearMap`, and a matrix as an implementation.
 
-A pad that is the same everywhere is mapped by convolution, which `palpate.sensing.Operator` makes of it. A pad that is not (it ends, it bends, it was
-measured) makes its maps itself: it has the members of `Body` besides those of `palpate.elastic.Pad`. Whatever inverts, tracks, plots or writes files
-sees maps alone, so that a new kind of pad is one new class.
+For a pad that is the same everywhere, `palpate.sensing.Operator` builds the map as a convolution. A pad with a
+position-dependent response (it ends, it bends, it was measured) computes its own maps: it has the members of `Body`
+besides those of `palpate.elastic.Pad`. Methods, trackers, plots and files only use maps, so that a new kind of pad
+needs only a new class.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ Among = Sequence[int] | None
 
 @runtime_checkable
 class LinearMap(Protocol):
-    """From traction (..., component, *surface) to the readings (..., channel, *array) of one array, and back.
+    """A map from traction (..., component, *surface) to the readings (..., channel, *array) of one array, and its
+    transpose.
 
-    A map may offer more: ``kernel`` (channel, component, *lag), the influence of one cell, where the map is a convolution; large problems without a
+    A convolution also has ``kernel`` (channel, component, *lag), the influence of one cell; large problems without a
     matrix need it.
 
     Examples
@@ -52,7 +54,7 @@ class LinearMap(Protocol):
     """
 
     def forward(self, traction: Any, among: Among = None) -> Any:
-        """Readings of a traction; ``among`` are the components that it holds, by default all."""
+        """Readings of a traction; ``among`` are the components that ``traction`` contains, by default all."""
         ...
 
     def adjoint(self, readings: Any, among: Among = None) -> Any:
@@ -64,16 +66,17 @@ class LinearMap(Protocol):
         ...
 
     def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
-        """Some of its columns (channel, taxel, cell): readings of unit traction in cells (flat indices)."""
+        """Some columns of the matrix (channel, taxel, cell): readings of unit traction in cells (flat indices)."""
         ...
 
 
 @runtime_checkable
 class Body(Protocol):
-    """A pad that makes its maps itself, because a place on it is not like another.
+    """A pad that computes its own influence maps, because its response depends on position.
 
-    It also has the members of `palpate.elastic.Pad`, those of the most similar endless pad. They decide which components can be separated, the
-    largest possible reading, and the strain of the surface; no reading is computed from them.
+    It also has the members of `palpate.elastic.Pad`, those of the most similar endless pad. They decide which
+    components can be separated, the largest possible reading, and the strain of the surface; no reading is computed
+    from them.
 
     Examples
     --------
@@ -98,7 +101,7 @@ class Body(Protocol):
 
 
 def body_of(pad: object) -> Body | None:
-    """The pad, if it makes its maps itself."""
+    """The pad itself, if it computes its own influence maps; otherwise None."""
     return pad if isinstance(pad, Body) else None
 
 
@@ -146,7 +149,7 @@ class Cached:
 
 
 class MatrixMap:
-    """A map as a matrix (channel, taxel, component, *surface), for an array of a shape.
+    """A map given by a matrix (channel, taxel, component, *surface), for an array with the shape ``taxels``.
 
     Raises
     ------

@@ -35,7 +35,7 @@ class Nuisance:
     label : str
         Such as "offset of stress_zz".
     unit : str
-        Of its size c: that of the channel for an offset; per metre for a ramp; rad for a rotation.
+        Unit of its size c: that of the channel for an offset; per metre for a ramp; rad for a rotation.
     rows : array (reading,)
         Readings for a size of 1, in the order of the operator's rows (plane, channel, working taxel).
     """
@@ -47,7 +47,7 @@ class Nuisance:
 
 
 def check_nuisance(kinds: Sequence[str] | str | None) -> tuple[str, ...] | None:
-    """The kinds in order, or None if evidence decides; raises `InvalidInput` for others."""
+    """The kinds in order, or None if the readings decide; raises `InvalidInput` for unknown kinds."""
     if kinds is None or kinds == "auto":
         return None
     if isinstance(kinds, str) or any(k not in NUISANCES for k in kinds):

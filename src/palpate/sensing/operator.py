@@ -1,12 +1,11 @@
 """The linear operator from surface traction to readings, and its adjoint.
 
-Four ways to apply it, chosen by the geometry, never by accuracy:
-
+Four ways to apply it, chosen by geometry only; all have the same accuracy:
 - a regular array whose pitch is a whole number of surface cells: convolution with the exact influence of one cell, by
-  zero-padded FFT (linear, no wrap-around);
-- any other layout: the same influences as a matrix, and of many positions by interpolation from a lattice (`palpate.sensing.scattered`);
-- a pad that is not alike everywhere makes its own (`palpate.sensing.maps`);
-- ``boundary="periodic"``: the surface repeats for ever; each wavevector by its own matrix (`palpate.elastic.transfer`).
+zero-padded FFT (linear, no wrap-around);
+- any other layout: the same influences as a matrix, or for many positions by interpolation from a lattice (`palpate.sensing.scattered`);
+- a pad with a position-dependent response computes its own map (`palpate.sensing.maps`);
+- ``boundary="periodic"``: the surface repeats periodically, and each wavevector has its own matrix (`palpate.elastic.transfer`).
 """
 
 from __future__ import annotations
@@ -46,20 +45,22 @@ __all__ = [
 
 Boundary = Literal["free", "periodic"]
 
-#: Dense maps larger than this are refused [bytes].
+#: Largest size of a dense map [bytes].
 LARGEST_DENSE = 3_000_000_000
 
 
-#: Up to so many readings at positions that fit no lattice their map is a matrix, which is exact.
+#: Largest number of readings, at positions not on a lattice, whose map is a matrix, which is exact.
 LARGEST_MATRIX = 4096
-#: Bytes of a block of wavevectors in products of spectra: what fits into the processor's second cache beside its sources.
+#: Bytes of a block of wavevectors in products of spectra: fits with its sources into the processor's second-level
+#: cache.
 BLOCK_BYTES = 1 << 17
 
 
 def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
-    """Apply ``columns`` of (rows, all columns, *k) to (..., columns, *k), or their conjugate transpose to (..., rows, *k).
+    """Apply ``columns`` of (rows, all columns, *k) to (..., columns, *k), or their conjugate transpose to (..., rows,
+    *k).
 
-    ``spectrum`` is used up by the latter.
+    The latter overwrites ``spectrum``.
     """
     if is_numpy(spectrum):
         return _multiplied(matrix, spectrum, columns, d, adjoint=adjoint)
@@ -79,7 +80,7 @@ def multiply(xp: Any, matrix: Any, spectrum: Any, rows: int, columns: Sequence[i
 
 
 def _multiplied(matrix: Any, spectrum: Any, columns: Sequence[int], d: int, *, adjoint: bool) -> Any:
-    """The same for NumPy, a block of wavevectors at a time, so that what is added up stays near the processor."""
+    """Multiply NumPy arrays, one block of wavevectors at a time, so that sums stay in the processor's cache."""
     lead, waves = spectrum.shape[: -1 - d], spectrum.shape[-d:]
     step = columns[1] - columns[0] if len(columns) > 1 else 1
     taken: Any = slice(columns[0], columns[-1] + 1, step or 1)
@@ -113,7 +114,9 @@ def _multiplied(matrix: Any, spectrum: Any, columns: Sequence[int], d: int, *, a
 
 
 def commensurate(array: Array, grid: Grid) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
-    """Cells per pitch and first taxel minus first cell centre per axis, where the layout allows an FFT."""
+    """Cells per pitch, and first taxel minus first cell centre, for each axis; None if the layout does not allow an
+    FFT.
+    """
     if isinstance(array, ScatteredArray):
         return None
     ratios, shifts = [], []
@@ -134,7 +137,7 @@ def _rules(array: Array, grid: Grid, shifts: Sequence[float] | None) -> list[tup
 
 
 class _Spectral:
-    """A map that is a product with a spectrum in the transformed domain."""
+    """A map that is a product with a spectrum in the Fourier domain."""
 
     size: tuple[int, ...]
     rows: int
@@ -165,7 +168,8 @@ class Convolution(_Spectral):
         self.rows, self.count = len(array.channels), len(grid.components)
         lags = [np.arange(-(n - 1), (m - 1) * r + 1) for n, m, r in zip(self.cells, self.taxels, self.ratios)]
         offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
-        # largest count of numbers for each lag, measured: the kernel, its padded copy, its transform and temporaries of the formulas
+        # Largest number of values per lag, measured: the kernel, its padded copy, its transform and temporaries of the
+        # formulas.
         held = (10 + 8 * self.rows) if isinstance(pad, HalfSpace) else (60 + 80 * self.rows)
         require(
             8.0 * held * math.prod(len(lag) for lag in lags),
@@ -216,9 +220,10 @@ class Convolution(_Spectral):
 
     @property
     def windows(self) -> Floats:
-        """(component, *cells, channel, *taxels), of the kernel's own memory."""
+        """(component, *cells, channel, *taxels), as a view of the kernel's memory."""
         kernel = self.kernel
-        # kernel index of (taxel i, cell j) is i r - j + (n - 1), axis by axis: a step of the taxel is r on, a step of the cell one back
+        # The kernel index for (taxel i, cell j) is i r - j + (n - 1) along each axis: one taxel further adds r, one
+        # cell further subtracts 1.
         steps = kernel.strides[2:]
         first: tuple[Any, ...] = (..., *(slice(n - 1, None) for n in self.cells))
         return np.lib.stride_tricks.as_strided(
@@ -235,7 +240,7 @@ class Convolution(_Spectral):
 
     def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
         """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices), cell by cell in memory."""
-        # windows are copied row by row: 40 times as fast as entries one by one
+        # Copy windows row by row: 40 times as fast as single entries.
         found = self.windows[(component, *np.unravel_index(cells, self.cells))]
         return np.asarray(found.reshape(len(cells), self.rows, -1).transpose(1, 2, 0))
 
@@ -284,9 +289,9 @@ class _Dense(MatrixMap):
 def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.complex128]:
     """Matrix (channel, component, *k) of each wavevector of a periodic surface, for an array at the cell centres.
 
-    Policies: at k = 0 a half-space's displacement has no finite value and is taken as 0 (the mean traction then leaves
-    no trace); stress and strain take the mean over directions of their limit. A Nyquist row is its own mirror image
-    and takes the mean of both signs. The taxel's aperture multiplies by its transform.
+    At k = 0 a half-space's displacement has no finite value and is set to 0, so that the readings do not depend on the
+    mean traction; stress and strain use the mean of their limit over directions. A Nyquist row is its own mirror image
+    and uses the mean of both signs. The taxel's aperture multiplies by its transform.
     """
     waves = [
         2 * np.pi * (np.fft.rfftfreq(n, dx) if axis == grid.dimensions - 1 else np.fft.fftfreq(n, dx))
@@ -322,7 +327,7 @@ def periodic_transfer(pad: Pad, grid: Grid, array: Array) -> npt.NDArray[np.comp
 
 
 class Periodic(_Spectral):
-    """One matrix per wavevector; the surface repeats for ever."""
+    """One matrix per wavevector of a periodic surface."""
 
     def __init__(self, pad: Pad, array: Array, grid: Grid) -> None:
         self.rows, self.count, self.size = len(array.channels), len(grid.components), grid.shape
@@ -356,7 +361,8 @@ class Periodic(_Spectral):
 
 
 class Operator:
-    """Traction (..., component, *surface) to one readings array (..., channel, *array) per plane, and back.
+    """Map from traction (..., component, *surface) to one readings array (..., channel, *array) per plane, and its
+    transpose.
 
     Parameters
     ----------
@@ -427,7 +433,7 @@ class Operator:
 
     @cached_property
     def planes(self) -> list[LinearMap]:
-        """The map of each array, made when it is first needed: a method that cannot serve the size says so before."""
+        """The map of each array, built at first use, so that a method can refuse a size before that."""
         made: list[LinearMap] = []
         body = body_of(self.pad)
         for array in self.planes_of:
@@ -444,7 +450,7 @@ class Operator:
         return made
 
     def finer(self, ratio: int) -> Operator:
-        """The same from cells ``ratio`` times finer along each axis.
+        """The same operator for cells ``ratio`` times finer along each axis.
 
         Examples
         --------
@@ -459,7 +465,7 @@ class Operator:
         return Operator(self.pad, self.planes_of, refined(self.surface, ratio), self.boundary, recall=self.recall)
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
-        """Influences that are there, for `Recall`.
+        """Computed influences, for `Recall`.
 
         Examples
         --------
@@ -474,7 +480,9 @@ class Operator:
         return {p.key: (p.kernel,) for p in made if isinstance(p, Convolution) and p.key is not None}
 
     def forward(self, traction: Any, among: Among = None) -> list[Any]:
-        """Readings of each plane for traction (..., component, *surface); ``among`` are the components that it holds, by default all."""
+        """Readings of each plane for traction (..., component, *surface); ``among`` are the components that
+        ``traction`` contains, by default all.
+        """
         return [self._project(i, plane.forward(traction, among)) for i, plane in enumerate(self.planes)]
 
     def adjoint(self, readings: Sequence[Any], among: Among = None) -> Any:
@@ -513,11 +521,13 @@ class Operator:
         return out.transpose(2, 0, 1)
 
     def observed(self, readings: Sequence[Any]) -> list[Any]:
-        """Readings as the operator can explain them: missing taxels set to zero, floating means subtracted."""
+        """Readings restricted to what the operator can produce: missing taxels set to zero, undetermined means
+        subtracted.
+        """
         return [self._project(i, r) for i, r in enumerate(readings)]
 
     def _project(self, i: int, readings: Any) -> Any:
-        """Silence missing taxels and take the mean out of channels that have no zero. An orthogonal projection."""
+        """Set missing taxels to zero and subtract the mean of channels without a zero: an orthogonal projection."""
         weights, floating = self._weights[i], self._floating[i]
         if weights is not None:
             readings = readings * weights.like(readings)
@@ -534,7 +544,7 @@ class Operator:
 
 
 def check_surface(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse a surface of another kind of contact than the arrays are in, or of a single row of cells."""
+    """Raise an error for a surface of another kind of contact than the arrays, or with a single row of cells."""
     if min(surface.shape) < 2:
         raise InvalidInput(
             f"the surface has {' x '.join(map(str, surface.shape))} cells, and at least 2 are needed along each axis. Leave surface out, or give more rows."

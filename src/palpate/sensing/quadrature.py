@@ -1,22 +1,23 @@
-"""Influence of a surface cell in any pad, from its matrix alone.
+"""Influence of a surface cell in any pad, computed from its matrix per wavevector only.
 
-Every pad looks, close enough to its surface, like a half-space of its uppermost material (`Uppermost`). That half-space is
-read off the pad's own states as k grows: its surface compliance Y (displacement times k per traction) and the
-depth factors P with u(z) = exp(i k P z) u(0), both functions of the wavevector's direction alone. The integral over k is then
-closed, for Q = P z + x.n of a point at (x, z) and a wave along n (Stroh 1962; T. C. T. Ting, Anisotropic Elasticity, 1996):
+Close to its surface, every pad responds like a half-space of its uppermost material (`Uppermost`). That half-space is
+determined from the pad's states as k grows: its surface compliance Y (displacement times k per traction) and the depth
+factors P with u(z) = exp(i k P z) u(0), both functions of the wavevector's direction only. The integral over k then
+has a closed form, for Q = P z + x.n of a point at (x, z) and a wave along n (Stroh 1962; T. C. T. Ting, Anisotropic
+Elasticity, 1996):
 
     int exp(i k Q) dk = i Q^-1,      int exp(i k Q) k dk = -Q^-2,
 
-and the rest is an integral over directions:
+and an integral over directions remains:
 
-- depth > 0: panels that narrow towards n normal to x. The kernel of a point load is kept as a table of distance and angular
-  order, and integrated over the cell by panels that narrow towards the point;
+- depth > 0: panels that narrow towards n normal to x. The kernel of a point load is tabulated over distance and angular
+order, and integrated over the cell by panels that narrow towards the point;
 - depth 0: Fourier series in the direction. Each order of the kernel, exp(i n theta)/r or /r^2, is integrated over the rectangle
-  in closed form, edge by edge;
-- line contact: closed form, with functions of the matrix P by Cauchy's integral, so that equal roots are no special case.
+in closed form, edge by edge;
+- line contact: closed form, with functions of the matrix P by Cauchy's integral, so that equal roots need no special case.
 
-A pad that is not that half-space at every wavelength (layers) is brought to space as isotropic layers are
-(`palpate.sensing.layered`), with as many angular orders as its anisotropy asks for.
+A pad that differs from that half-space at some wavelengths (layers) is transformed as isotropic layers are
+(`palpate.sensing.layered`), with as many angular orders as its anisotropy requires.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ from palpate.errors import Unsupported
 
 __all__ = ["Stack", "Uppermost", "as_stack", "uppermost"]
 
-#: Relative change of the states between k and 2 k below which the surface is taken for homogeneous.
+#: Relative change of the states between k and 2 k below which the surface counts as homogeneous.
 SETTLED = 1e-11
-#: Angular orders tried for the surface's functions of direction; a series must have fallen to TAIL in half of them.
+#: Angular orders to try for the surface's functions of direction; a series must decrease to TAIL within half of them.
 ORDERS = (16, 32, 64, 128)
 TAIL = 1e-11
-#: Gauss-Legendre nodes of a panel in direction, of one in distance, and of one in a cell near the point.
+#: Gauss-Legendre nodes per panel in direction, per panel in distance, and per cell near the point.
 NODES_DIRECTION, NODES_DISTANCE, NODES_CELL = 16, 16, 8
-#: Integrate cells nearer than this many widths by panels that narrow towards the point.
+#: Cells within this many widths are integrated by panels that narrow towards the point.
 NEAR_WIDTHS = 2.6
 #: Powers of i.
 _TURN = np.array([1, 1j, -1, -1j])
@@ -64,7 +65,7 @@ def _inverse(m: Complexes) -> Complexes:
 
 
 def uppermost(pad: Pad, length: float) -> Uppermost:
-    """The half-space that the pad looks like at wavelengths far below ``length`` [m], and how it was found.
+    """The half-space that the pad responds like at wavelengths far below ``length`` [m], determined from its states.
 
     Raises
     ------
@@ -92,7 +93,7 @@ def uppermost(pad: Pad, length: float) -> Uppermost:
 
 @dataclass(frozen=True)
 class Stack:
-    """A pad with what quadrature needs to know of it.
+    """A pad and its properties needed for quadrature.
 
     Attributes
     ----------
@@ -125,7 +126,7 @@ def as_stack(pad: Pad, length: float, depth: float) -> Stack:
             different |= (np.abs(found - expected)[..., rows, :] > 1e-9 * size).any(axis=(1, 2, 3))
     if not different.any() and pad.mean_compliance(0.0) is None:
         return Stack(pad, surface, math.inf)
-    # the base of a layer h is felt at the surface as exp(-2 k h): 1e-9 with what multiplies it at k h = 13
+    # The base of a layer h affects the surface by exp(-2 k h): 1e-9 with its factors at k h = 13.
     return Stack(pad, surface, 13.0 / float(k[different, 0].max()) if different.any() else length)
 
 
@@ -139,15 +140,15 @@ class Uppermost:
         self._material = pad.compliance(0.0)
 
     def compliance(self, depth: float) -> Floats:
-        """That of the surface, at every depth."""
+        """The surface's compliance, at every depth."""
         return self._material
 
     def mean_compliance(self, depth: float) -> None:
-        """None: a half-space."""
+        """None, as for any half-space."""
         return
 
     def surface(self, direction: Floats) -> tuple[Complexes, Complexes]:
-        """Y and P (..., 3, 3) of waves along ``direction``."""
+        """Y and P (..., 3, 3) for waves along ``direction``."""
         states = self._pad.states(np.full(direction.shape[:-1], self.wavenumber), direction, 0.0)
         y = states[..., :3, :]
         fields = WaveFields(states, y, direction, self._material)
@@ -213,7 +214,7 @@ class Uppermost:
         y, x = offsets
         shape = (*y.shape, x.shape[-1])
         yy, xx = (np.broadcast_to(v, shape).ravel() for v in (y[..., :, None], x[..., None, :]))
-        # a lattice repeats its offsets, and scattered points some of theirs
+        # The offsets of a lattice repeat, and so do some of scattered points.
         unit = min(widths)
         points, back = np.unique(np.round(np.stack([yy, xx]) / unit, 12), axis=1, return_inverse=True)
         yy, xx = points * unit
@@ -262,7 +263,7 @@ class Uppermost:
         dy, dx = widths
         lengths, angles, inside = _rectangle(x, y, dx, dy, count)
         out = np.zeros((x.size, len(channels), 3))
-        # displacement falls like 1/k, everything else not at all: each has its own kernel in space
+        # Displacement decreases like 1/k, all other quantities stay constant: each has its own kernel in space.
         for part, integral in (
             (WaveFields(np.zeros_like(states), compliance, direction, self._material), lengths),
             (WaveFields(states, nothing, direction, self._material), angles),
@@ -274,7 +275,7 @@ class Uppermost:
             factor = (_TURN[order % 4] / (2 * np.pi) * np.where(order == 0, 1.0, 2.0))[:, None, None] * coefficient
             if integral is angles:
                 out += inside[:, None, None] * coefficient[0].real
-                # on a cell's edge the logarithm is infinite for whatever varies with direction
+                # On a cell's edge the logarithm is infinite for every order that varies with direction.
                 singular = np.abs(coefficient[1:]).max(axis=0) > 0
                 on_edge = np.asarray(~np.isfinite(integral).all(axis=1))
                 clean = np.where(on_edge[:, None], 0.0, integral)
@@ -294,7 +295,7 @@ class Uppermost:
         channels: Sequence[str],
         concentrated: bool,
     ) -> Floats:
-        """(channel, 3, point) at some depth: the point load's kernel integrated over the cell."""
+        """(channel, 3, point) at a depth > 0: the point load's kernel integrated over the cell."""
         dy, dx = widths
         scale = self.roots[0] * depth + damping
         reach = float(np.hypot(np.abs(x).max() + dx, np.abs(y).max() + dy))
@@ -325,19 +326,21 @@ class Uppermost:
     def _point_kernel(
         self, depth: float, damping: float, channels: Sequence[str], reach: float
     ) -> Callable[[Floats, Floats], Floats]:
-        """Channels (point, channel, 3) at (x, y) of a point load, as a table of distance and angular order."""
+        """A function that returns the channels (point, channel, 3) at (x, y) of a point load, tabulated over distance
+        and angular order.
+        """
         from scipy.interpolate import CubicSpline
 
         low, high = self.roots
         scale = low * depth + damping
-        # directions: panels that double from the width of the peak at n normal to x
+        # Directions: panels that double from the width of the peak at n normal to x.
         finest = 0.5 * scale / max(reach, high * depth + damping)
         edges = [0.0, min(finest, np.pi / 4)]
         while edges[-1] < np.pi / 2:
             edges.append(min(2.0 * edges[-1], edges[-1] + np.pi / 8, np.pi / 2))
         beta, weight = _gauss(np.array(edges), NODES_DIRECTION)
         beta, weight = np.concatenate([-beta[::-1], beta]), np.concatenate([weight[::-1], weight])
-        # distance: r = scale sinh t, Chebyshev-like panels of width 1.2 in t
+        # Distance: r = scale sinh t, Chebyshev-like panels of width 1.2 in t.
         panels = max(1, math.ceil(math.asinh(reach / scale) / 0.8))
         step = math.asinh(reach / scale) / panels
         corner = np.arange(panels + 1) * step
@@ -358,7 +361,7 @@ class Uppermost:
             double = -inverse @ single
             states = np.concatenate([double, inverse_y @ double], axis=-2)
             found = WaveFields(states, 1j * single, direction, self._material).read(channels)
-            # both half-turns of the direction: twice the real part
+            # Both half-turns of the direction: twice the real part.
             value = np.einsum("b,tbcs->tcs", weight, found.real) / (2 * np.pi**2)
             table[i] = _series(value)[: count // 2 + 1]
         table[:, 1:] *= 2.0
@@ -366,7 +369,7 @@ class Uppermost:
         sizes = np.abs(table).max(axis=0)
         needed = np.flatnonzero((sizes[:-1] > 1e-11 * sizes.max(axis=(0, 2))[:, None]).any(axis=(1, 2)))
         orders = int(needed[-1]) + 1 if len(needed) else 1
-        # resampled for a spline without loss
+        # Resample for a spline, without loss.
         fine = np.linspace(0.0, corner[-1], 160 * panels + 1)
         spline = CubicSpline(fine, _resample(table[:, :orders], corner, fine).reshape(len(fine), -1), axis=0)
         size = (orders, rows, 3)
@@ -382,7 +385,7 @@ class Uppermost:
 
 
 def _series(values: Complexes | Floats) -> Complexes:
-    """Fourier coefficients of functions sampled at equal angles along the first axis, orders 0, 1, ..."""
+    """Fourier coefficients, orders 0, 1, ..., of functions sampled at equal angles along the first axis."""
     from scipy.fft import fft
 
     return np.asarray(fft(values, axis=0) / len(values))
@@ -431,8 +434,8 @@ def _resample(table: Complexes, corner: Floats, fine: Floats) -> Complexes:
 def _cauchy(p: Complexes) -> tuple[Complexes, Complexes]:
     """Nodes z_j and matrices R_j with f(P) = sum_j f(z_j) R_j for f analytic in the upper half-plane.
 
-    Cauchy's integral on a circle of the disk w = (z - i c)/(z + i c), by the trapezoidal rule: it converges exponentially, and equal
-    eigenvalues are no special case.
+    Cauchy's integral on a circle of the disk w = (z - i c)/(z + i c), by the trapezoidal rule: it converges
+    exponentially, and equal eigenvalues need no special case.
     """
     values = np.linalg.eigvals(p)
     c = float(np.exp(np.log(np.abs(values)).mean()))
@@ -446,11 +449,12 @@ def _cauchy(p: Complexes) -> tuple[Complexes, Complexes]:
 
 
 def _rectangle(x: Floats, y: Floats, dx: float, dy: float, count: int) -> tuple[Complexes, Complexes, Floats]:
-    """Integrals over the rectangle about (x, y) of exp(i n t)/r and n exp(i n t)/r^2 (point, n < count), and the part of the
-    neighbourhood of the origin inside it.
+    """Integrals over the rectangle about (x, y) of exp(i n t)/r and n exp(i n t)/r^2 (point, n < count), and the
+    fraction of the neighbourhood of the origin inside it.
 
     In polar coordinates both are integrals over the edges. With f the angle from an edge's normal and d its distance,
-    int exp(i n f) sec f df = I_n obeys I_n = 2 exp(i (n-1) f)/(i (n-1)) - I_{n-2}. On an edge the second is infinite (NaN).
+    int exp(i n f) sec f df = I_n, with I_n = 2 exp(i (n-1) f)/(i (n-1)) - I_{n-2}. On an edge the second integral is
+    infinite (NaN).
     """
     left, right, low, high = x - dx / 2, x + dx / 2, y - dy / 2, y + dy / 2
     lengths = np.zeros((x.size, count), dtype=np.complex128)
@@ -458,7 +462,7 @@ def _rectangle(x: Floats, y: Floats, dx: float, dy: float, count: int) -> tuple[
     order = np.arange(count)
     tiny = 1e-12 * min(dx, dy)
     on_edge = np.zeros(x.size, dtype=bool)
-    # outward normal's quarter turns, distance along it, and the ends along the edge
+    # Quarter turns of the outward normal, distance along it, and the ends along the edge.
     for turn, d, start, stop in (
         (0, right, low, high),
         (1, high, -right, -left),

@@ -1,7 +1,8 @@
-"""Readings checked and put in order, once for the skin and the tracker.
+"""Check readings and bring them into order, for skins and trackers.
 
-Whatever comes in (an array of any kind, a list with one array for each plane, a labelled array) leaves as one real floating array
-(*batch, channel, *array) for each plane, in SI units and in the order of the arrays' own channels and taxels, or is refused.
+Input: an array of any kind, a list with one array for each plane, or a labelled array. Output: one real floating array
+(*batch, channel, *array) for each plane, in SI units and in the order of the arrays' own channels and taxels;
+otherwise an error.
 """
 
 from __future__ import annotations
@@ -41,16 +42,17 @@ __all__ = [
 ]
 
 
-#: Copies of a batch's readings, and of its traction, that any method takes at least. The most that one was found to take (Tikhonov's of 32 x 32 x 3,
-#: dense) is 4.8 times as much: so much fewer frames are recommended.
+#: Smallest number of copies of a batch's readings and of its traction that any method needs. The largest factor
+#: measured (Tikhonov's method for 32 x 32 x 3, dense) is 4.8; recommended batches are smaller by MOST.
 FRAME_READINGS, FRAME_CELLS, MOST = 3, 1, 5.0
 
 
-#: Noise below this part of the readings is less than the rounding of their numbers.
+#: Noise below this fraction of the readings is less than their rounding error.
 ROUNDING = 1e-14
 
 
-# -- what depends on the kind of a channel, one function each --------------------------------------------------------------
+# -- properties of channels, one function each
+# --------------------------------------------------------------------------
 
 
 def creeping(array: Array) -> npt.NDArray[np.bool_]:
@@ -59,7 +61,7 @@ def creeping(array: Array) -> npt.NDArray[np.bool_]:
 
 
 def plausible(pad: Pad, array: Array) -> list[tuple[float, str]]:
-    """What no reading of each channel can exceed in an elastic pad, with the reason."""
+    """The largest possible reading of each channel in an elastic pad, with the reason."""
     modulus, _ = isotropic_constants(pad, array.depth)
     axes = array.points.T if isinstance(array, ScatteredArray) else array.grid.axes
     extent = max(float(np.ptp(x)) for x in axes)
@@ -82,7 +84,7 @@ def checked_planes(readings: Any, planes: Sequence[Array], *, single: bool = Fal
     """One array (*batch, channel, *array) per plane; missing readings are NaN. ``single``: one frame, no batch axes."""
     several = len(planes) > 1 and isinstance(readings, list | tuple) and len(readings) == len(planes)
     if several:
-        # one array per plane; the rows of a nested list of numbers have fewer axes
+        # One array per plane; the rows of a nested list of numbers have fewer axes.
         ranks = [_rank(r) for r in readings]
         if all(rank >= 1 + len(p.shape) for rank, p in zip(ranks, planes)):
             return [_part(r, p, single) for r, p in zip(readings, planes)]
@@ -161,7 +163,7 @@ def checked_traction(traction: Any, surface: Grid) -> Any:
 
 
 def check_finite(values: Any, array: Array) -> Any:
-    """Readings with 0 at taxels that are masked; refused where others are not finite."""
+    """Readings with 0 at masked taxels; raise an error if others are not finite."""
     xp = namespace(values)
     if array.mask is not None:
         values = xp.where(from_numpy(array.valid, values), values, xp.zeros_like(values))
@@ -178,9 +180,10 @@ def check_finite(values: Any, array: Array) -> Any:
 
 
 def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: int = 0) -> None:
-    """Refuse a batch that no method can hold in memory, with how many frames it can; before anything is copied.
+    """Raise an error for a batch that does not fit into memory with any method, and say how many frames do; before
+    anything is copied.
 
-    Check that memory holds ``draws`` (draw, component, *surface) of each frame.
+    ``draws`` (draw, component, *surface) per frame are included.
     """
     first = readings[0] if isinstance(readings, list | tuple) and len(planes) > 1 and len(readings) else readings
     shape = getattr(first, "shape", None)
@@ -207,7 +210,9 @@ def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: i
 
 
 def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -> None:
-    """Readings far outside linear elasticity are a unit mistake, and so is noise below the rounding of their numbers."""
+    """Raise an error for readings far outside linear elasticity, a sign of wrong units, and for noise below the
+    rounding of the readings.
+    """
     xp = namespace(values)
     d, noise = len(array.shape), array.noise_std
     for i, (channel, (limit, what)) in enumerate(zip(array.channels, limits)):
@@ -226,15 +231,15 @@ def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -
 
 @dataclass(frozen=True)
 class Layout:
-    """The one door for readings of some planes in a pad."""
+    """Checks and orders readings of some planes in a pad."""
 
     planes: tuple[Array, ...]
     pad: Pad
 
     def checked(self, readings: Any, surface: Grid | None = None, *, draws: int = 0) -> list[Any]:
-        """One array (*batch, channel, *array) per plane, finite and of a size that an elastic pad gives.
+        """One array (*batch, channel, *array) per plane, finite and within the range of an elastic pad.
 
-        A batch whose results on ``surface``, with as many draws, no memory holds is refused first.
+        A batch whose results on ``surface``, with ``draws`` samples, do not fit into memory raises an error first.
         """
         if surface is not None:
             check_frames(readings, self.planes, surface, draws)
@@ -251,11 +256,11 @@ class Layout:
         return [to_numpy(p).astype(np.float64) for p in parts], parts[0]
 
     def limits(self) -> Floats:
-        """(reading,): what no reading exceeds, working taxels in the order plane, channel, taxel."""
+        """Largest possible reading (reading,), working taxels in the order plane, channel, taxel."""
         return self.over_readings([np.array([limit for limit, _ in plausible(self.pad, a)]) for a in self.planes])
 
     def creeping(self) -> npt.NDArray[np.bool_]:
-        """(reading,): True for readings that creep with the pad."""
+        """Mask (reading,) of the readings that creep with the pad."""
         return self.over_readings([creeping(a) for a in self.planes])
 
     def over_readings(self, per_channel: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
@@ -307,14 +312,14 @@ def with_creep(
     time: Floats | None,
     direction: Literal["add", "remove"],
 ) -> list[Any]:
-    """Creep put into or taken out of the strains and displacements of each plane, frame by frame."""
+    """Add creep to, or remove it from, the strains and displacements of each plane, frame by frame."""
     if time is None:
         raise InvalidInput("the pad creeps (Viscoelastic): give time=..., the time of each frame in seconds.")
     return Creep(planes, prony, direction)(parts, time)
 
 
 class Creep:
-    """Creep put into or taken out of readings, one stretch of frames after another: what is remembered goes on from call to call."""
+    """Add creep to readings or remove it, one batch of frames after another; the memory is kept between calls."""
 
     def __init__(
         self, planes: Sequence[Array], prony: Sequence[tuple[float, float]], direction: Literal["add", "remove"]

@@ -1,7 +1,9 @@
-"""Readings at many scattered positions: a regular lattice by FFT, interpolated, and what is near put right (precorrected FFT).
+"""Readings at many scattered positions: a regular lattice by FFT, interpolated, with corrections nearby (precorrected
+FFT).
 
-The influence of a cell is smooth some cells away, so that its values on the lattice of cell centres tell it anywhere between; the few
-cells next to a position are taken from the exact influence instead (J. R. Phillips, J. K. White, IEEE Trans. CAD 16, 1997, 1059-1072).
+The influence of a cell is smooth some cells away, so that it can be interpolated from its values on the lattice of
+cell centres. For the few cells next to a position the exact influence is used instead (J. R. Phillips, J. K. White,
+IEEE Trans. CAD 16, 1997, 1059-1072).
 """
 
 from __future__ import annotations
@@ -23,13 +25,16 @@ from palpate.sensing.kernels import aperture_rule, influence
 
 __all__ = ["NEAR", "STENCIL", "Lattice", "near_memory"]
 
-#: Positions are interpolated from so many lattice points along each axis, and cells up to so many away are exact. The relative error of the influence
-#: of further cells is 1e-4, and that of a reading of a contact about 1e-5 (tests/sensing/test_scattered.py).
+#: Lattice points along each axis for the interpolation, and distance in cells up to which influences are exact. The
+#: relative error of the influence of farther cells is 1e-4, and that of a reading of a contact about 1e-5
+#: (tests/sensing/test_scattered.py).
 STENCIL, NEAR = 8, 5
 
 
 def near_memory(array: Array, grid: Grid) -> float:
-    """Most bytes at a time while the map of ``array`` is made: the exact influences with their places, twice over, and the lattice's."""
+    """Peak memory in bytes while the map of ``array`` is built: the exact influences with their indices, twice, and
+    the lattice's.
+    """
     d = grid.dimensions
     pairs = len(array.points) * (2 * NEAR + 1) ** d * len(array.channels) * len(grid.components)
     lags = math.prod(2 * (n + 2 * STENCIL) for n in grid.shape)
@@ -37,10 +42,10 @@ def near_memory(array: Array, grid: Grid) -> float:
 
 
 class Lattice:
-    """The map of an array at any positions, with the influence on the lattice in ``far`` (a convolution)."""
+    """The map of an array at any positions; ``far`` is the convolution on the lattice."""
 
     def __init__(self, pad: Pad, array: Array, grid: Grid, convolution: Any) -> None:
-        """``convolution(pad, array, grid)`` makes the map to a regular array."""
+        """``convolution(pad, array, grid)`` builds the map of a regular array."""
         require(
             near_memory(array, grid),
             f"{len(array.points)} scattered positions and {math.prod(grid.shape)} surface cells",
@@ -51,7 +56,7 @@ class Lattice:
         self._of = (pad, array, grid)
         points = array.points
         half = STENCIL // 2
-        # nodes at the cell centres, and beyond them as far as stencils reach
+        # Nodes at the cell centres, and beyond them as far as stencils extend.
         firsts, counts, bases, weights = [], [], [], []
         for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
             place = (points[:, axis] - x[0]) / dx
@@ -73,7 +78,7 @@ class Lattice:
 
     @property
     def size(self) -> tuple[int, ...]:
-        """The lattice's FFT."""
+        """Size of the lattice's FFT."""
         return tuple(self.far.size)
 
     def forward(self, traction: Any, among: Sequence[int] | None = None) -> Any:
@@ -113,7 +118,7 @@ class Lattice:
         return np.asarray(np.moveaxis(out.reshape(len(cells), self.rows, -1), 0, -1))
 
     def _like(self, values: npt.NDArray[Any], among: Sequence[int] | None) -> tuple[Any, Any]:
-        """Stencils, and corrections of the components that are there, in the precision of ``values``."""
+        """Stencils, and corrections for the components present, in the precision of ``values``."""
         key = (values.dtype, None if among is None else tuple(among))
         if key not in self._copies:
             cells = math.prod(self.cells)
@@ -133,7 +138,9 @@ class Lattice:
         firsts: Sequence[int],
         half: int,
     ) -> Any:
-        """Exact less interpolated influence of the cells near each position: sparse (channel * taxel, component * cell)."""
+        """Exact minus interpolated influence of the cells near each position: sparse (channel * taxel, component *
+        cell).
+        """
         import scipy.sparse
 
         d, points = grid.dimensions, array.points
@@ -182,9 +189,10 @@ class Lattice:
     def _interpolated(
         self, weights: Sequence[Floats], steps: Sequence[npt.NDArray[np.intp]], firsts: Sequence[int]
     ) -> Floats:
-        """What stencils make of the influence of the near cells: (channel, component, taxel, *cell).
+        """Interpolated influence of the near cells: (channel, component, taxel, *cell).
 
-        The nearest cell is that at the base of a stencil or ``steps`` = 1 further, so that near cells and nodes lie in one of few ways.
+        The nearest cell is at the base of a stencil or ``steps`` = 1 further, so that near cells and nodes have only a
+        few relative positions.
         """
         kernel, half, d = self.far.kernel, STENCIL // 2, len(weights)
         few = 2 * NEAR + 1
@@ -193,7 +201,7 @@ class Lattice:
             here = np.all([s == w for s, w in zip(steps, way)], axis=0)
             if not here.any():
                 continue
-            # lag of node and cell, cell by node, and its place in the kernel
+            # Lag between node and cell, for each pair, and its index in the kernel.
             index = [
                 (np.arange(1 - half, half + 1) - (np.arange(-NEAR, NEAR + 1) + w)[:, None]) - first + n - 1
                 for w, first, n in zip(way, firsts, self.far.cells)
@@ -247,7 +255,7 @@ def _stencils(
 
 
 def _nodes(array: Array, grid: Grid, firsts: Sequence[int], counts: Sequence[int]) -> Array:
-    """The regular array on the lattice."""
+    """The regular array at the lattice's nodes."""
     from palpate.sensing.arrays import AreaArray, LineArray
 
     centers = [

@@ -16,22 +16,26 @@ from palpate.sensing.maps import body_of
 
 __all__ = ["DEPTHS", "check_above", "check_depth", "check_thickness", "default_surface", "surface_of"]
 
-#: The surface reaches past the array by this many times the greatest depth.
+#: The surface extends past the array by this many times the greatest depth.
 DEPTHS = 2.0
 
-#: At most this many surface cells to a taxel pitch; to the typical distance of markers scattered in a pad on a base (dots of cameras, markers of tables): three of these
-#: tell a ball's force no better and take twice the time, four six times, and one is too few for a tracker (benchmarks/markers.py).
+#: Largest number of surface cells per taxel pitch; and per typical distance of markers scattered in a pad on a base
+#: (camera dots, marker tables). For the latter, three determine a ball's force no better and take twice the time, four
+#: six times, and one is too few for a tracker (benchmarks/markers.py).
 FINEST, FINEST_MARKERS = 4, 2
-#: A press moves markers up to one thickness away: with a margin of 15 % of the array's width a ball at its corner read 0.82 of its force, now 0.91.
-#: The margin is at most this many marker distances, which keeps large fields small.
+#: A press moves markers up to one thickness away, so the margin is one thickness, at most this many marker distances,
+#: which keeps large fields small. With a margin of 15 % of the array's width a ball at its corner read 0.82 of its
+#: force, now 0.91.
 MARKER_MARGIN = 2.0
-#: Displacement reaches far: the surface extends past the array by this part of the array's width.
+#: A load changes displacement far away, so for displacement the surface extends past the array by this fraction of the
+#: array's width.
 DISPLACEMENT_MARGIN = 0.15
 
 
-#: A pad thinner than this part of the pitch is refused: at 1e-2 a frame of 6 x 6 x 2 takes 8 s, at 1e-3 minutes.
+#: Smallest thickness of a pad as a fraction of the pitch: at 1e-2 a frame of 6 x 6 x 2 takes 8 s, at 1e-3 minutes.
 THINNEST = 3e-3
-#: Deeper than so many times the array's extent a surface of more unknowns than this is refused: 6 x 6 x 3 taxels 10 extents deep take 5 s, 20 extents minutes.
+#: For arrays deeper than DEEPEST times their extent, largest number of unknowns: 6 x 6 x 3 taxels 10 extents deep take
+#: 5 s, 20 extents minutes.
 DEEPEST, LARGE = 3.0, 200_000
 
 #: The default surface extends this many depths past the array.
@@ -42,11 +46,12 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     """Cells no wider than the taxel pitch nor (down to a quarter of the pitch) than the depth, and a margin.
 
     Detail finer than the depth is damped by more than exp(-2 pi) and cannot be recovered, so finer cells would only
-    cost time. A cell's centre lies above each taxel of the first plane. The grid reaches past the arrays by ``depths``
-    times the greatest depth and at least one pitch, so that a contact beyond the edge is not pushed inside; for displacement, also by 15 % of the
-    array's width, because displacement reaches that far. If all readings are displacements of markers scattered in a
-    pad of this ``thickness`` on a base (None: no base), cells are no finer than half the markers' typical distance, and the grid reaches a thickness
-    past them, or two of these distances.
+    cost time. A cell's centre lies above each taxel of the first plane. The grid extends past the arrays by ``depths``
+    times the greatest depth and at least one pitch, so that a contact beyond the edge is not moved inside. For
+    displacement, it also extends by 15 % of the array's width, because loads change displacement that far away. If all
+    readings are displacements of markers scattered in a pad of this ``thickness`` on a base (None: no base), cells are
+    no finer than half the markers' typical distance, and the grid extends a thickness past them, or two of these
+    distances.
 
     Examples
     --------
@@ -98,7 +103,9 @@ def surface_of(pad: Pad, planes: Sequence[Array], *, depths: float = DEPTHS) -> 
 
 
 def check_thickness(planes: Sequence[Array], thickness: float | None) -> None:
-    """Refuse a pad that is a film to its taxels: what one presses the next never feels, and to integrate that takes minutes."""
+    """Raise an error for a pad too thin for its taxels: a press above one taxel would not affect the next, and the
+    integrals would take minutes.
+    """
     if thickness is None:
         return
     for array in planes:
@@ -111,7 +118,7 @@ def check_thickness(planes: Sequence[Array], thickness: float | None) -> None:
 
 
 def check_depth(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse a large surface that is due to an excessive depth: readings at such a depth hold almost no information."""
+    """Raise an error for a large surface due to an excessive depth, at which readings contain almost no information."""
     unknowns = len(surface.components) * math.prod(surface.shape)
     for array in planes:
         extent = float(np.ptp(array.points, axis=0).max())
@@ -124,7 +131,7 @@ def check_depth(planes: Sequence[Array], surface: Grid) -> None:
 
 
 def check_above(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse a surface that lies beside the arrays."""
+    """Raise an error for a surface that lies beside the arrays."""
     for axis, cells in enumerate(surface.axes):
         low = min(float(a.points[:, axis].min()) for a in planes)
         high = max(float(a.points[:, axis].max()) for a in planes)
@@ -137,7 +144,9 @@ def check_above(planes: Sequence[Array], surface: Grid) -> None:
 
 
 def _pitch(array: Array, axis: int) -> float:
-    """Pitch along an axis; of scattered positions, that of a square grid of as many points with their extents: n p^2 = (a + p) (b + p)."""
+    """Pitch along an axis; for scattered positions, that of a square grid with the same number and extents: n p^2 = (a
+    + p) (b + p).
+    """
     if isinstance(array, ScatteredArray):
         extent, n = np.ptp(array.points, axis=0), len(array.points)
         if array.dimensions == 1 or n == 1:

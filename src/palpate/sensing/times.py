@@ -1,4 +1,4 @@
-"""Times as seconds, whatever kind they come in: numbers, datetime64 and timedelta64 of any unit, those of Python and pandas."""
+"""Convert times of any kind to seconds: numbers, datetime64 and timedelta64 of any unit, those of Python and pandas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["EPOCH", "LATEST", "as_second", "as_seconds", "epoch_unit"]
 
 #: Larger times [s] do not resolve microseconds in double precision; milliseconds since 1970, mistaken for seconds, are larger.
 LATEST = 2.0**33
-#: Seconds since 1970 between which a clock that tells the date stands: from 2001 to 2100.
+#: Range of a clock that shows the date, in seconds since 1970: from 2001 to 2100.
 EPOCH = 9.8e8, 4.1e9
 
 
@@ -31,7 +31,7 @@ def as_seconds(time: Any, what: str = "time") -> Floats:
     time : array-like
         Numbers (seconds), ``datetime64`` or ``timedelta64`` of any unit, `datetime.datetime`, `datetime.timedelta`, or what pandas makes of them.
     what : str
-        What messages call it.
+        Name of the times in messages.
 
     Raises
     ------
@@ -89,7 +89,8 @@ def as_second(time: Any, what: str = "time") -> float:
 
 
 def epoch_unit(value: float) -> tuple[str, float] | None:
-    """The unit (name, seconds) in which a number is a date since 1970; None for other numbers and for seconds.
+    """The unit (name, seconds) in which a number is a date since 1970; None for other numbers, and for dates in
+    seconds.
 
     Examples
     --------

@@ -16,41 +16,47 @@ from palpate.units import is_number
 
 __all__ = ["EXACT", "GAIN", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty", "scale_free", "stretched"]
 
-#: Relative change from which the effect of depth and thickness is computed: a one-sided difference, wrong by a few per cent of the effect.
+#: Relative change used to compute the effect of depth and thickness: a one-sided difference, wrong by a few per cent of
+#: the effect.
 STEP = 0.02
 #: Default uncertainty of the modulus (a convention): moduli by hardness are off by 10 to 30 %, by a test of the batch by 5 to 10 %.
 MODULUS = 0.15
-#: Default uncertainty of depth and thickness (a convention): 0.2 to 0.4 mm of a cast pad of 2 to 4 mm. With depths stated wrong by a factor of 0.7 or
-#: 1.4 (`palpate bench trust`), it makes 0.96 of the intervals contain the force, 0.90 without (24 frames).
+#: Default uncertainty of depth and thickness (a convention): 0.2 to 0.4 mm for a cast pad of 2 to 4 mm. With depths
+#: stated wrong by a factor of 0.7 or 1.4 (`palpate bench trust`), 0.96 of the intervals contain the force; without it
+#: 0.90 (24 frames).
 GEOMETRY = 0.1
-#: Default uncertainty of the common scale of all readings (a convention): no interval of a force is then narrower than 4 % to either side. With gains
-#: of taxels that spread by 5 to 10 % (`palpate bench trust`), it makes 0.92 of the intervals contain the force, 0.80 without.
+#: Default uncertainty of the common scale of all readings (a convention): no interval of a force is then narrower than
+#: 4 % to either side. With taxel gains that vary by 5 to 10 % (`palpate bench trust`), 0.92 of the intervals contain
+#: the force; without it 0.80.
 SCALE = 0.02
-#: Default uncertainty of the gain of each reading (a convention): taxels of one array differ by some per cent. It matters if a few taxels carry a
-#: force.
+#: Default uncertainty of the gain of each reading (a convention): taxels of one array differ by some per cent. It
+#: matters if the force rests on a few taxels.
 GAIN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class Uncertainty:
-    """Relative standard deviations of what a skin is described by: 0.1 is ten per cent.
+    """Relative standard deviations of the properties of a skin: 0.1 means 10 %.
 
-    They enter every interval, of the linear methods too, through what each would change in the readings (the delta method: readings are
-    linear in it for small changes).
+    They widen every interval, of linear methods too, by the effect that each would have on the readings (the delta
+    method: readings are linear in small changes).
 
     Parameters
     ----------
     youngs_modulus : float, optional
-        Of the whole pad, all layers together. Every force from strain or displacement is proportional to it; stress does not depend on it. Default:
-        15 %; 0 means exact.
+        Relative standard deviation of the modulus of the whole pad, common to all layers. Every force from strain or
+        displacement is proportional to it; stress does not depend on it. Default: 15 %; 0 means exact.
     thickness : float, optional
-        Of bonded layers, all together. Default: 10 % in constrained methods, exact in linear ones.
+        Relative standard deviation of the thickness of bonded layers, common to all. Default: 10 % in constrained
+        methods, exact in linear ones.
     depth : float, optional
-        Of the sensing elements, all together; as for thickness.
+        Relative standard deviation of the depth of the sensing elements, common to all; default as for thickness.
     gain : float, optional
-        Of each reading independently. Default: 5 % in the net force of constrained methods; 0 means exact.
+        Relative standard deviation of the gain of each reading, independent of the others. Default: 5 % in the net
+        force of constrained methods; 0 means exact.
     scale : float
-        Of all readings together, by their calibration. Every result is proportional to it. Default: 2 %; 0 means exact.
+        Relative standard deviation of the calibration of all readings together. Every result is proportional to it.
+        Default: 2 %; 0 means exact.
 
     Raises
     ------
@@ -140,7 +146,8 @@ class Uncertainty:
         return math.hypot(self.scale, self.modulus if all(_follows(planes)) else 0.0)
 
     def beside(self, pad: Pad, planes: tuple[Array, ...], *, assumed: bool = True) -> Uncertainty:
-        """The part that does not scale all results alike; see `common`. ``assumed``: with the defaults of depth and thickness.
+        """The uncertainty without the common factor of all results (`common`). ``assumed``: include the defaults of
+        depth and thickness.
 
         Examples
         --------
@@ -154,7 +161,7 @@ class Uncertainty:
         mixed = self.modulus if any(follow) and not all(follow) else 0.0
         rest = GEOMETRY if assumed else 0.0
         layers = isinstance(pad, BondedLayers)
-        # what lies on the surface or on a rigid base does so
+        # Markers on the surface or on a rigid base stay there.
         inside = any(a.depth > 0 and not _at_base(pad, a) for a in planes)
         return replace(
             self,
@@ -179,7 +186,7 @@ class Uncertainty:
         return self.modulus > 0 or any(getattr(self, f.name) != 0 for f in fields(self)[1:])
 
     def of(self, pad: Pad) -> Uncertainty:
-        """The stated values, and for the others those of the pad itself, if it has an ``uncertainty`` (a measured one).
+        """The stated values, completed by those of the pad itself, if it has an ``uncertainty`` (a measured one).
 
         Examples
         --------
@@ -194,7 +201,7 @@ class Uncertainty:
         return replace(self, **{f.name: getattr(own, f.name) for f in fields(self) if getattr(self, f.name) is None})
 
     def check(self, pad: Pad) -> None:
-        """Raise `Unsupported` if it states a property that the pad lacks.
+        """Raise `Unsupported` if an uncertainty is stated for a property that the pad lacks.
 
         Examples
         --------
@@ -235,12 +242,16 @@ def _at_base(pad: Pad, plane: Array) -> bool:
 
 
 def _follows(planes: tuple[Array, ...]) -> list[bool]:
-    """Whether the readings of each channel follow the modulus: `scale_free` without a number for each reading."""
+    """Whether the readings of each channel scale with the modulus, as in `scale_free`, per channel instead of per
+    reading.
+    """
     return [find_channel(c).kind.creeps for array in planes for c in array.channels]
 
 
 def scale_free(planes: tuple[Array, ...]) -> Floats:
-    """1 for readings (row of the operator) that follow the modulus under a given traction (strain, displacement), 0 for stress."""
+    """1 for readings (row of the operator) that scale with 1/modulus under a given traction (strain, displacement), 0
+    for stress.
+    """
     parts = []
     for array in planes:
         flags = [float(find_channel(c).kind.creeps) for c in array.channels]

@@ -1,8 +1,8 @@
 """Position of a picture: pixels to metres and back.
 
-A pixel is (column, row), counted from the middle of the first one in the upper left corner, as OpenCV counts. Places on the gel are (x, y) in
-metres: x to the right of the picture and y UP, so that every plot looks as the picture does, and x, y and the z that grows into the pad,
-towards a camera behind it, are right-handed.
+A pixel is (column, row), counted from the middle of the first one in the upper left corner, as in OpenCV. Places on
+the gel are (x, y) in metres: x to the right of the picture and y UP, so that every plot looks like the picture. With z
+into the pad, towards a camera behind it, the axes are right-handed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def opencv() -> Any:
 
 
 def grey(image: npt.ArrayLike) -> npt.NDArray[Any]:
-    """A picture as grey levels (row, column): of colour its luminance; depth and type are kept.
+    """A picture as grey levels (row, column): the luminance of a colour picture; depth and type are kept.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def grey(image: npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def eight_bit(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """A picture in eight bits: those of 16 bits and floats over their brightest pixel.
+    """A picture in eight bits; pictures of 16 bits and floats are scaled by their brightest pixel.
 
     Examples
     --------
@@ -100,7 +100,7 @@ class Lens:
     distortion : sequence of float
         k1, k2, p1, p2[, k3, ...]: 4, 5, 8, 12 or 14 numbers.
     error : float, optional
-        Root mean square of what the calibration leaves [pixels].
+        Root mean square of the residuals of the calibration [pixels].
 
     Examples
     --------
@@ -139,9 +139,9 @@ class Lens:
         if not flat.size:
             return given
         cv2 = opencv()
-        # the default of five steps leaves hundredths of a pixel in the corners
+        # The default of five steps leaves hundredths of a pixel in the corners.
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
-        # OpenCV 4 has another function for it
+        # OpenCV 4 has another function for this.
         undistorted = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
         args = (None, None) if undistorted is not cv2.undistortPoints else (None, None, None)
         found = np.asarray(undistorted(flat, self.matrix, self.distortion, *args, criteria))
@@ -149,7 +149,7 @@ class Lens:
         return np.asarray(found).reshape(given.shape)
 
     def distorted(self, pixels: npt.ArrayLike) -> Floats:
-        """Where the lens projects undistorted points."""
+        """Return the pixels to which the lens projects undistorted points."""
         given = _pairs(pixels, "pixels")
         flat = given.reshape(-1, 2)
         if not flat.size:
@@ -262,9 +262,9 @@ class View:
         origin: tuple[float, float] | None = None,
         lens: Lens | None = None,
     ) -> View:
-        """From metres per pixel, one or (along x, along y).
+        """A view from a scale in metres per pixel, one or (along x, along y).
 
-        ``size``: (columns, rows) of the picture; ``origin``: the pixel that is (0, 0), default the middle of the picture.
+        ``size``: (columns, rows) of the picture; ``origin``: the pixel at (0, 0), default the middle of the picture.
 
         Examples
         --------
@@ -281,7 +281,7 @@ class View:
 
     @classmethod
     def from_points(cls, pixels: npt.ArrayLike, places: npt.ArrayLike, *, lens: Lens | None = None) -> View:
-        """From four or more points whose places (x, y) [m] are known: a tilted camera too.
+        """A view from four or more points whose places (x, y) [m] are known; also for a tilted camera.
 
         Raises
         ------
@@ -303,7 +303,7 @@ class View:
             )
         flat = found if lens is None else lens.undistorted(found)
         cv2 = opencv()
-        # in units near one, so that metres and pixels meet on equal terms
+        # Use units near one, so that metres and pixels have equal weight.
         unit = float(np.ptp(known, axis=0).max())
         if not unit > 0:
             raise InvalidInput("the four points have one place; give four corners of a rectangle or the like.")

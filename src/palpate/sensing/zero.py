@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate._arrays import as_double, to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
-
-if TYPE_CHECKING:
-    from palpate.sensing.arrays import Array
+from palpate.sensing.arrays import Array, check_noise
 
 __all__ = [
     "FRAMES",
@@ -25,20 +23,23 @@ __all__ = [
     "Levels",
     "Rest",
     "far_frames",
+    "given_rest",
     "moved",
     "rest_frames",
+    "with_noise",
     "zero_of",
 ]
 
 #: Fewest frames at rest to estimate the noise: with 5, and some hundred readings that share it, its error is a few per cent.
 FRAMES_FOR_NOISE = 5
 
-#: A frame this many times further from the median frame than half of the frames are is excluded from the zero: a glitch or a touch. (Noise: up to 1.5
-#: times, of twenty readings; a drift in the meantime: twice.)
+#: A frame this many times farther from the median frame than half of the frames are is excluded from the zero: a glitch
+#: or a touch. (Noise gives up to 1.5 times, for twenty readings; a drift during the capture twice.)
 MAX_DEVIATION = 5.0
-#: Readings that stand so many times as far from 0 as any of them ever moves have offsets: contact moves what it loads.
+#: Readings farther from 0 than this many times the range over which any of them moves have offsets: contact changes the
+#: readings that it loads.
 STANDING = 2.0
-#: Part of the readings that do.
+#: Fraction of the readings for which this must hold.
 MOST = 0.75
 #: The note for that case.
 OFFSETS = (
@@ -46,8 +47,8 @@ OFFSETS = (
     "first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10)"
 )
 
-#: Readings without contact this many times further from 0 than they vary from frame to frame are no noise. (If a sensor averages over n frames, they
-#: vary by about 1/sqrt(n) of the noise: this allows a hundred.)
+#: Readings without contact farther from 0 than this many times their variation between frames are not noise. (If a
+#: sensor averages over n frames, they vary by about 1/sqrt(n) of the noise: this allows a hundred.)
 STILL = 10.0
 #: Fewest frames to estimate the variation.
 FRAMES = 8
@@ -57,15 +58,16 @@ STANDS = (
     "nothing touches in the first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10); or take a new one while nothing touches (Z on "
     "the page, Tracker.rezero)"
 )
-#: Frames for a test of whether those of a zero move.
+#: Smallest number of frames for a test of whether they move.
 FRAMES_THAT_MOVE = 5
-#: They do where the mean of the later half of one reading is so many standard deviations from that of the earlier half, ...
+#: They move if the mean of the later half of one reading differs from that of the earlier half by this many standard
+#: deviations, ...
 ONE_MOVED = 7.0
-#: ... or those of all readings of a channel together, as a mean square, and by ...
+#: ... or those of all readings of a channel together, as a root mean square, ...
 MANY_MOVED = 4.0
-#: ... so many standard deviations of that mean, ...
+#: ... with this significance, ...
 SURE = 4.0
-#: ... and by more than so many of the smallest steps that are seen: counts toggle by one.
+#: ... and by more than this many of the smallest steps seen, because counts toggle by one.
 COUNTS = 2.0
 #: The note for that case.
 MOVED = (
@@ -75,10 +77,11 @@ MOVED = (
 
 
 def moved(frames: Floats, index: Any) -> bool:
-    """Whether ``frames`` (frame, reading), those of a zero, drift or begin to be touched; ``index`` (reading,) is the channel of each reading.
+    """Whether ``frames`` (frame, reading) of a zero drift or begin to be touched; ``index`` (reading,) is the channel
+    of each reading.
 
-    The mean of the later half is compared with that of the earlier half, in units of the noise that neighbouring frames tell: noise that is the same
-    from frame to frame cancels, and a trend does not. Of fewer than five frames nothing is said.
+    The mean of the later half is compared with that of the earlier half, in units of the noise estimated from
+    neighbouring frames: a trend is visible in the first but not in the second. False for fewer than five frames.
 
     Examples
     --------
@@ -103,7 +106,7 @@ def moved(frames: Floats, index: Any) -> bool:
         mine = index == channel
         sizes = np.abs(steps[:, mine])
         least = float(sizes.min(initial=math.inf, where=sizes > 0))
-        # a reading noisier than its channel goes by its own noise, one that is quiet by chance by that of all
+        # A reading noisier than its channel uses its own noise; one that is quiet by chance uses the channel's.
         std = np.sqrt(np.maximum(of_one[mine], of_one[mine].mean()) * 2.0 / half)
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.where(shift[mine] > COUNTS * least, shift[mine] / std, 0.0)
@@ -143,7 +146,7 @@ def zero_of(frames: Floats) -> Floats:
 
 
 def far_frames(frames: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Which of the frames (frame, reading) are unlike most of them; NaN where missing."""
+    """Mask of the frames (frame, reading; NaN if missing) that differ from most others."""
     there = frames[:, np.isfinite(frames).any(axis=0)]
     if len(frames) < 3 or not there.size:
         return np.zeros(len(frames), dtype=bool)
@@ -163,7 +166,8 @@ class Rest:
     zero : array (channel, *array)
         Mean of the frames.
     noise : array (channel,) or None
-        Standard deviation of a frame less the zero, of each channel; None if the frames do not tell it (fewer than five, or all the same).
+        Standard deviation of a frame minus the zero, for each channel; None if the frames do not show it (fewer than
+        five, or all equal).
     wanders : bool
         Whether the readings drift, or something begins to touch (`moved`).
 
@@ -183,7 +187,7 @@ class Rest:
 
     @classmethod
     def of(cls, frames: Floats) -> Rest:
-        """From frames (frame, channel, *array)."""
+        """Zero and noise from frames (frame, channel, *array)."""
         frames = np.asarray(frames, dtype=np.float64)
         flat = frames.reshape(*frames.shape[:2], -1)
         kept = flat[~far_frames(flat.reshape(len(flat), -1))]
@@ -192,7 +196,7 @@ class Rest:
             return cls(zero, None, False)
         there = np.isfinite(kept)
         away = np.where(there, kept - zero.reshape(1, *flat.shape[1:]), 0.0)
-        # about the mean, not from frame to frame: a sensor that smooths its readings moves slowly
+        # Deviations from the mean, not between frames: a sensor that smooths its readings changes slowly.
         freedom = np.maximum(there.sum(axis=(0, 2)) - there.any(axis=0).sum(axis=1), 1)
         std = np.sqrt(np.nansum(away**2, axis=(0, 2)) / freedom)
         known = bool(np.isfinite(std).all() and (std > 0).all())
@@ -201,16 +205,39 @@ class Rest:
         return cls(zero, noise, moved(flat.reshape(len(flat), -1), index))
 
     def taken_from(self, planes: Sequence[Array]) -> list[Array]:
-        """The arrays for readings less the zero: their noise is that of the frames at rest where none is stated, and the ends of their ranges are as much lower."""
-        out, at = [], 0
-        for plane in planes:
-            part = slice(at, at + len(plane.channels))
-            at = part.stop
-            found = plane.rezeroed(self.zero[part])
-            if self.noise is not None and plane.noise is None:
-                found = replace(found, noise=[float(n) for n in self.noise[part]])
-            out.append(found)
-        return out
+        """The arrays for readings minus the zero: their noise is that of the frames at rest if none is stated, and
+        their limits shift by the zero.
+        """
+        ends = np.cumsum([len(p.channels) for p in planes])
+        zeros = np.split(self.zero, ends[:-1])
+        return [p.rezeroed(zero) for p, zero in zip(self.with_noise(planes), zeros)]
+
+    def with_noise(self, planes: Sequence[Array]) -> list[Array]:
+        """The arrays with the noise of the frames at rest if none is stated."""
+        if self.noise is None:
+            return list(planes)
+        return [p if p.noise is not None else q for p, q in zip(planes, with_noise(planes, self.noise))]
+
+
+def with_noise(planes: Sequence[Array], noise: Any) -> list[Array]:
+    """Return the arrays with this noise: one standard deviation for all channels, or one per channel of all planes in order.
+
+    Raises
+    ------
+    InvalidInput
+        Standard deviations that are not positive, or not one per channel.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing.zero import with_noise
+    >>> planes = [pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"])]
+    >>> with_noise(planes, [3.0, 5.0])[0].noise_std
+    (3.0, 5.0)
+    """
+    stds = check_noise(noise, [c for p in planes for c in p.channels]) or ()
+    ends = np.cumsum([len(p.channels) for p in planes])
+    return [replace(p, noise=stds[end - len(p.channels) : end]) for p, end in zip(planes, ends)]
 
 
 def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
@@ -245,8 +272,26 @@ def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
     return frames
 
 
+def given_rest(zero: Any, baseline: int, planes: Sequence[Array]) -> Rest | None:
+    """Return zero and noise of the given frames at rest, or None if the first ``baseline`` frames of a stream become the zero.
+
+    Raises
+    ------
+    InvalidInput
+        Frames of another shape, or both ``zero`` and ``baseline``.
+    """
+    if isinstance(baseline, bool) or not isinstance(baseline, int | np.integer) or baseline < 0:
+        got = repr(baseline) if np.ndim(baseline) == 0 else f"an array of shape {np.shape(baseline)}"
+        raise InvalidInput(f"baseline must be a number of frames >= 0; got {got}. Readings at rest go into zero=.")
+    if zero is None:
+        return None
+    if baseline:
+        raise InvalidInput(f"zero= and baseline={baseline!r} both say what the zero is: leave one out.")
+    return Rest.of(rest_frames(zero, planes))
+
+
 class Levels:
-    """Between what values each reading of a recording moves, gathered as its frames are looked at.
+    """Range over which each reading of a recording moves, collected while its frames are read.
 
     Examples
     --------
@@ -270,7 +315,7 @@ class Levels:
         self._steps: list[Floats] = []
 
     def look(self, frames: Floats) -> None:
-        """Some more frames (frame, channel, *array)."""
+        """Add frames (frame, channel, *array)."""
         low, high = np.fmin.reduce(frames, axis=0), np.fmax.reduce(frames, axis=0)
         self._low = low if self._low is None else np.fmin(self._low, low)
         self._high = high if self._high is None else np.fmax(self._high, high)
@@ -282,9 +327,9 @@ class Levels:
         self._steps.append(0.5 * _mean_square(np.diff(flat, axis=0, prepend=before)))
 
     def standing(self) -> bool:
-        """Whether the readings stand far from 0 for all that they move, as raw counts with offsets do.
+        """Whether most readings are far from 0 and move little, as raw counts with offsets do.
 
-        With fewer than three frames there is no note.
+        False for fewer than three frames.
         """
         if self._low is None or self._high is None or self._frames < 3:
             return False
@@ -295,7 +340,9 @@ class Levels:
         return bool(known.any() and largest > 0 and (nearest[known] > STANDING * largest).mean() > MOST)
 
     def still(self, nothing: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
-        """Whether the frames (frame,) in which nothing was found stand far from 0 for all that they vary from one to the next, in some channel."""
+        """Whether in some channel the frames (frame,) without contact are far from 0 and vary little from one to the
+        next.
+        """
         if not self._sizes:
             return False
         sizes, steps = np.concatenate(self._sizes), np.concatenate(self._steps)

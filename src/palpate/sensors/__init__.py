@@ -32,13 +32,13 @@ _NAMES = (
 
 @dataclass(frozen=True)
 class Preset:
-    """A sensor described.
+    """The description of a sensor.
 
     Attributes
     ----------
     name : str
     text : str
-        Of its skin.toml.
+        Text of its skin.toml.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Preset:
 
     @property
     def summary(self) -> str:
-        """What it is, in a line.
+        """What the sensor is, in one line.
 
         Examples
         --------
@@ -58,7 +58,7 @@ class Preset:
 
     @property
     def sources(self) -> str:
-        """Where its numbers come from, in a line; "" where all of them are yours.
+        """Where the numbers come from, in one line; "" if all of them are the user's.
 
         Examples
         --------
@@ -71,7 +71,7 @@ class Preset:
 
     @property
     def unknown(self) -> dict[str, str]:
-        """Unpublished values by their key in the file, and how to measure each.
+        """Unpublished values by their key in the file, each with how to measure it.
 
         Examples
         --------
@@ -82,7 +82,7 @@ class Preset:
         return dict(re.findall(r'^(\w+) = "unknown"\s*# <- (.*)$', self.text, re.MULTILINE))
 
     def write(self, path: str | Path) -> Path:
-        """Write the skin.toml; returns its path, for `palpate.camera.follow` and `Skin.from_file`.
+        """Write the skin.toml. Return its path, for `palpate.camera.follow` and `Skin.from_file`.
 
         Raises
         ------
@@ -107,7 +107,8 @@ class Preset:
         return target
 
     def changed(self, **numbers: str) -> Preset:
-        """With other numbers, by their keys in the file; lengths and moduli as text with a unit, and an uncertainty if there is one.
+        """Return the preset with other numbers, by their keys in the file; lengths and moduli are text with a unit,
+        and optionally an uncertainty.
 
         Raises
         ------
@@ -144,7 +145,7 @@ def _fill(name: str, text: str) -> None:
 
 
 def preset(name: str) -> Preset:
-    """A preset by its name.
+    """Return a preset by its name.
 
     Raises
     ------
@@ -165,7 +166,7 @@ def preset(name: str) -> Preset:
 
 
 def presets() -> dict[str, Preset]:
-    """All of them, by name.
+    """Return all presets by name.
 
     Examples
     --------

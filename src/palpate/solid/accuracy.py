@@ -1,4 +1,4 @@
-"""How far two meshes of one pad differ in what sensors read."""
+"""Measure how far two meshes of the same pad differ in the readings that they predict."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from palpate.sensing.grids import check_length
 
 __all__ = ["mesh_error"]
 
-#: Cells from the middle of a press to its rim, at least.
+#: Smallest number of cells between the middle of a press and its rim.
 ACROSS = 4.0
-#: Two pads are of one shape where their outlines and thicknesses agree to this part: a mesh of facets leaves a curve by 2 %.
+#: Two pads have the same shape if their outlines and thicknesses agree to this fraction: flat facets depart from a
+#: curve by up to 2 %.
 SAME = 0.02
 
 
@@ -33,7 +34,7 @@ def mesh_error(pad: Any, other: Any, array: Array, radius: float | None) -> floa
     squares = []
     for y, x in array.points:
         cells = int(2 * ACROSS)
-        # each pad by its own chart: those of two mesh files differ a little
+        # use each pad's own chart: those of two mesh files differ slightly
         surfaces = [p.grid(shape=(cells, cells), spacing=width, center=(float(x), float(y))) for p in (pad, other)]
         across = [a - m for a, m in zip(surfaces[0].axes, (float(y), float(x)))]
         press = np.sqrt(np.maximum(0.0, 1.0 - (across[0][:, None] ** 2 + across[1] ** 2) / size**2))

@@ -1,4 +1,4 @@
-"""Charts of the contact surfaces of meshes: a plane, a cap of a sphere, or any surface seen from above."""
+"""Charts of the contact surfaces of meshes: a plane, a cap of a sphere, or any surface that is visible from above."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["MeshChart", "PlaneChart", "fitted_chart"]
 
 Index = npt.NDArray[np.intp]
 
-#: A surface is a cap of a sphere where its vertices are no further from one than this part of its radius, and its area is a cap's within `SAME_AREA`:
-#: facets of 12 degrees lose 0.4 % of their area.
+#: A surface counts as a cap of a sphere if its vertices deviate from the sphere by less than this fraction of its
+#: radius, and if its area agrees with the cap's to `SAME_AREA`: facets of 12 degrees lose 0.4 % of the area.
 ROUND, SAME_AREA = 1e-3, 0.03
-#: Cosine of the steepest slope of a surface that is seen from above: cells there are five times as long as they look.
+#: Cosine of the steepest slope of a surface seen from above: cells there are five times as long as they appear.
 STEEPEST = 0.2
-#: Triangles that are tried for a place.
+#: Number of nearest triangles that are tried for a point.
 TRIED = 24
-#: A place outside a triangle by less than this part of it lies on it.
+#: A point outside a triangle by less than this fraction of it counts as inside.
 EDGE_TOLERANCE = 1e-9
 
 
@@ -36,7 +36,7 @@ class PlaneChart:
     outline: tuple[tuple[float, float], tuple[float, float]]
 
     def frames(self, x: Floats, y: Floats) -> Frames:
-        """The plane, with stretch 1 on the rectangle."""
+        """Return the frames of the plane, with stretch 1 inside the rectangle."""
         (x0, x1), (y0, y1) = self.outline
         axes = np.broadcast_to(np.eye(3), (*np.shape(x), 3, 3))
         on = (x > x0) & (x < x1) & (y > y0) & (y < y1)
@@ -45,9 +45,10 @@ class PlaneChart:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshChart:
-    """A surface of triangles or quadrilaterals above which nothing of it lies: its coordinates are x and y.
+    """A surface of triangles or quadrilaterals that is completely visible from above: x and y are its coordinates.
 
-    Normals are those of the vertices, interpolated; the stretch is that of each facet, so that areas are those of the mesh.
+    Normals are interpolated between the vertices; the stretch is constant on each facet, so that areas are those of
+    the mesh.
     """
 
     vertices: Floats
@@ -63,10 +64,10 @@ class MeshChart:
 
     @cached_property
     def _triangles(self) -> Floats:
-        """(triangle, corner, axis)."""
+        """Corners of the triangles (triangle, corner, axis)."""
         facets = np.asarray(self.facets)
         if facets.shape[1] == 4:
-            # two triangles each, for either orientation of its corners
+            # split each quadrilateral into two triangles, for either orientation of its corners
             around = np.array([_round(self.vertices[f]) for f in facets])
             facets = np.take_along_axis(facets, around, axis=1)
             facets = np.concatenate([facets[:, [0, 1, 2]], facets[:, [0, 2, 3]]])
@@ -74,7 +75,7 @@ class MeshChart:
 
     @cached_property
     def _areas(self) -> Floats:
-        """Twice the area along its normal, the normal with positive z (triangle, axis)."""
+        """Normal vectors (triangle, axis) with positive z, whose length is twice the area."""
         a, b, c = self._triangles.swapaxes(0, 1)
         found = np.cross(b - a, c - a)
         return np.asarray(found * np.where(found[:, 2:] < 0.0, -1.0, 1.0))
@@ -85,7 +86,7 @@ class MeshChart:
 
     @cached_property
     def _corner_normals(self) -> Floats:
-        """(triangle, corner, axis): the mean of those of the triangles that meet there, weighted by area."""
+        """Normals (triangle, corner, axis): the mean over the triangles that share a corner, weighted by area."""
         corners = self._triangles.reshape(-1, 3)
         size = float(np.ptp(corners, axis=0).max())
         _, where = np.unique(np.round(corners / size, 9), axis=0, return_inverse=True)
@@ -100,17 +101,19 @@ class MeshChart:
 
     @cached_property
     def outline(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of all facets."""
+        """Lowest and highest x, and lowest and highest y, of all facets [m]."""
         low, high = (getattr(self._triangles.reshape(-1, 3), name)(axis=0) for name in ("min", "max"))
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
     @cached_property
     def area(self) -> float:
-        """Of all facets [m^2]."""
+        """Area of all facets [m^2]."""
         return float(0.5 * np.linalg.norm(self._areas, axis=1).sum())
 
     def frames(self, x: Floats, y: Floats) -> Frames:
-        """The facet above or below each place; beside the surface the nearest one, with stretch 0."""
+        """Return the frames on the facet above or below each point; beside the surface those of the nearest facet,
+        with stretch 0.
+        """
         shape = np.shape(x)
         places = np.stack([np.ravel(x), np.ravel(y)], axis=1)
         tried = min(TRIED, len(self._triangles))
@@ -128,7 +131,7 @@ class MeshChart:
         positions[:, :2] = places
         normals = np.einsum("nc,nca->na", share, self._corner_normals[triangle])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        # tangents: x and y, turned as z is turned to the normal
+        # tangents: x and y, rotated like z into the normal
         n1, n2, n3 = normals.T
         first = np.stack([1.0 - n1**2 / (1.0 + n3), -n1 * n2 / (1.0 + n3), -n1], axis=-1)
         second = np.stack([-n1 * n2 / (1.0 + n3), 1.0 - n2**2 / (1.0 + n3), -n2], axis=-1)
@@ -139,13 +142,15 @@ class MeshChart:
 
 
 def _round(corners: Floats) -> Index:
-    """Order of four corners around their middle, seen from above."""
+    """Return the order of four corners around their middle, seen from above."""
     about = corners[:, :2] - corners[:, :2].mean(axis=0)
     return np.argsort(np.arctan2(about[:, 1], about[:, 0]))
 
 
 def fitted_chart(vertices: Floats, facets: Index, flat: float) -> Chart | None:
-    """What lays the facets out: None for a rectangle in a plane (to a part ``flat`` of its width), a sphere's chart for a cap around z, else one from above."""
+    """Return the chart of the facets: None for a rectangle in a plane (to a fraction ``flat`` of its width), the chart
+    of a sphere for a cap around z, otherwise that of a surface seen from above.
+    """
     points = vertices[np.unique(facets)]
     width = float(np.ptp(points, axis=0).max())
     if float(np.ptp(points[:, 2])) <= flat * width:
@@ -170,13 +175,13 @@ def fitted_chart(vertices: Floats, facets: Index, flat: float) -> Chart | None:
 
 
 def _area(corners: Floats) -> float:
-    """Of facets (facet, corner, axis)."""
+    """Return the areas of facets (facet, corner, axis)."""
     total = 0.0
     for facet in corners:
         if len(facet) == 3:
             total += 0.5 * float(np.linalg.norm(np.cross(facet[1] - facet[0], facet[2] - facet[0])))
             continue
-        # listed round or not: the larger of the three ways to cut it is the quadrilateral
+        # corners may be listed in any order: the largest of the three ways to cut it is the quadrilateral
         a, b, c, d = facet
         total += max(
             0.5 * float(np.linalg.norm(np.cross(p, q))) for p, q in ((c - a, d - b), (b - a, d - c), (d - a, b - c))

@@ -1,9 +1,10 @@
-"""Linear elasticity of a solid by quadratic finite elements, without locking at Poisson's ratios near a half.
+"""Linear elasticity of a solid by quadratic finite elements that do not lock at Poisson's ratios near a half.
 
-Displacement is quadratic (27 nodes in a hexahedron, 10 in a tetrahedron). The change of volume is projected on each element: on functions that are
-linear in (x, y, z) in a hexahedron, on a constant in a tetrahedron. That is the mixed element Q2/P1 (P2/P0) with its pressure taken out element by element
-(T. J. R. Hughes, The Finite Element Method, 1987, sections 4.4 and 4.5; D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, 2013,
-section 8.6): both are stable, the matrix is positive definite, and no unknowns are added.
+Displacement is quadratic (27 nodes in a hexahedron, 10 in a tetrahedron). On each element the change of volume is
+projected: on functions linear in (x, y, z) in a hexahedron, on a constant in a tetrahedron. This is the mixed element
+Q2/P1 (P2/P0) whose pressure is eliminated element by element (T. J. R. Hughes, The Finite Element Method, 1987,
+sections 4.4 and 4.5; D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, 2013, section
+8.6): both are stable, the matrix is positive definite, and no unknowns are added.
 """
 
 from __future__ import annotations
@@ -30,14 +31,15 @@ __all__ = ["Factor", "LocalFields", "Solid"]
 
 Index = npt.NDArray[np.intp]
 
-#: Entries of the matrices of elements that are computed at a time (200 MB).
+#: Number of entries of element matrices that are computed at a time (200 MB).
 AT_A_TIME = 25_000_000
-#: Right-hand sides to solve at a time.
+#: Number of right-hand sides that are solved at a time.
 BLOCK = 128
 
 
 class Solid:
-    """Stiffness of a mesh (scikit-fem's hexahedra or tetrahedra) of one isotropic material, held at the nodes of some facets.
+    """Stiffness of a mesh (scikit-fem's hexahedra or tetrahedra) of one isotropic material that is fixed at the nodes
+    of some facets.
 
     Unknown ``3 * node + i`` is u_i of a node.
     """
@@ -56,18 +58,20 @@ class Solid:
 
     @property
     def dofs(self) -> Index:
-        """(local, element): nodes of each element."""
+        """Nodes of each element (local, element)."""
         return np.asarray(self.basis.element_dofs)
 
     @cached_property
     def _gradients(self) -> tuple[Floats, Floats]:
-        """Gradients of the nodes' functions (local, axis, element, point), and weights (element, point)."""
+        """Gradients of the shape functions (local, axis, element, point), and weights (element, point)."""
         found = np.stack([np.broadcast_to(f[0].grad, (3, *self.basis.dx.shape)) for f in self.basis.basis])
         return found, np.asarray(self.basis.dx)
 
     @cached_property
     def _projection(self) -> tuple[Floats, Floats, Floats]:
-        """Middle (axis, element) and size (element) of each element, and what projects the change of volume: (element, function, local, axis)."""
+        """Middle (axis, element) and size (element) of each element, and the matrix (element, function, local, axis)
+        that projects the change of volume.
+        """
         gradients, weights = self._gradients
         places = np.asarray(self.basis.global_coordinates())  # (axis, element, point)
         volume = weights.sum(axis=1)
@@ -80,13 +84,15 @@ class Solid:
         return middle, size, np.linalg.solve(mass, loads.reshape(*n[:2], -1)).reshape(n)
 
     def _pressures(self, local: Floats) -> Floats:
-        """(function, *points) of places (axis, *points) about an element's middle, in parts of its size."""
+        """Return the pressure functions (function, *points) at positions (axis, *points) relative to an element's
+        middle, in units of its size.
+        """
         one = np.ones((1, *local.shape[1:]))
         return np.concatenate([one, local]) if self.hexahedra else one
 
     @cached_property
     def stiffness(self) -> Any:
-        """The whole matrix, sparse: energy is half u'Ku."""
+        """The full sparse matrix K, for the energy u'Ku / 2."""
         gradients, weights = self._gradients
         places = np.asarray(self.basis.global_coordinates())
         middle, size, project = self._projection
@@ -114,11 +120,13 @@ class Solid:
 
     @cached_property
     def factor(self) -> Factor:
-        """The factorised matrix of the free unknowns."""
+        """The factorised matrix of the unknowns that are free."""
         return Factor(self.stiffness[self.free][:, self.free])
 
     def solve(self, loads: Floats, moved: Floats | None = None) -> Floats:
-        """Displacement (unknown, k) for loads (unknown, k) [N] with the prescribed displacement ``moved`` (unknown, k) [m], by default zero."""
+        """Return the displacement (unknown, k) [m] for loads (unknown, k) [N] and the prescribed displacement
+        ``moved`` (unknown, k) [m] of fixed nodes, by default zero.
+        """
         out = np.zeros(loads.shape) if moved is None else moved.copy()
         if moved is not None:
             loads = loads - self.stiffness @ moved
@@ -127,15 +135,15 @@ class Solid:
 
     @cached_property
     def reactions(self) -> Reactions:
-        """What reads the stress on what is held."""
+        """Computes the stress on the fixed facets from the reactions."""
         basis = FacetBasis(self.mesh, self.element, facets=self.held_facets, intorder=6)
         return Reactions(basis, self.held, self.basis.N)
 
     def at_held(self, points: Floats, along: Floats) -> Floats:
-        """Prescribed displacements of the held nodes, by which sums over points (axis, sum, n) of the stress there ``along`` (axis, sum, n) are read (node of
-        `held`, axis, sum).
+        """Return prescribed displacements of the fixed nodes (node of `held`, axis, sum) that give sums of the stress
+        on fixed facets: over points (axis, sum, n), along ``along`` (axis, sum, n).
 
-        A sum of the reactions R times g is the work of the loads where what is held is moved by -g.
+        A sum of the reactions R times g equals the work of the loads if the fixed nodes move by -g.
         """
         sums, each = points.shape[1:]
         point, node, weight = self.reactions.at(points.reshape(3, -1).T)
@@ -145,13 +153,15 @@ class Solid:
 
     @cached_property
     def places(self) -> Places:
-        """The search for points in the mesh."""
+        """Finds points in the mesh."""
         return Places(self.mesh, self.hexahedra)
 
     def at(self, points: Floats, axes: Floats | None = None) -> tuple[Index, LocalFields]:
-        """Nodes (local, point) of the elements that contain points (axis, point), and the effect of their unknowns on the fields there.
+        """Return the nodes (local, point) of the elements that contain ``points`` (axis, point), and the effect of
+        their unknowns on the fields there.
 
-        Fields are along ``axes`` (point, component, axis), by default those of the mesh. A point a little outside is taken into the nearest element.
+        Fields are along ``axes`` (point, component, axis), by default those of the mesh. A point slightly outside the
+        mesh is assigned to the nearest element.
         """
         cells, local, _ = self.places.find(points)
         functions = polynomials(self.element, len(self.dofs))
@@ -167,7 +177,7 @@ class Solid:
         return self.dofs[:, cells], LocalFields(values, gradients, volume, self.shear, self.bulk, turn)
 
     def surface_load(self, facets: Index, pressure: float) -> Floats:
-        """Loads (unknown,) of a uniform pressure on facets, along their normals into the solid."""
+        """Return the loads (unknown,) [N] due to a uniform pressure on facets, along their normals into the solid."""
         basis = FacetBasis(self.mesh, self.element, facets=facets, intorder=6)
         out = np.zeros(3 * self.basis.N)
         for nodes, (function, *_) in zip(np.asarray(basis.element_dofs), basis.basis):
@@ -195,19 +205,19 @@ class LocalFields:
         self._shear, self._bulk = shear, bulk
 
     def displacement(self, i: str) -> Floats:
-        """u_i."""
+        """Return u_i."""
         return self._values[..., None] * self._axes[:, None, "xyz".index(i)]
 
     def gradient(self, i: str, j: str) -> Floats:
-        """du_i/dx_j."""
+        """Return du_i/dx_j."""
         return self._gradients[:, "xyz".index(j), :, None] * self._axes[:, None, "xyz".index(i)]
 
     def strain(self, ij: str) -> Floats:
-        """Strain, compression positive."""
+        """Return the strain, compression positive."""
         return -0.5 * (self.gradient(ij[0], ij[1]) + self.gradient(ij[1], ij[0]))
 
     def stress(self, ij: str) -> Floats:
-        """Stress, compression positive."""
+        """Return the stress, compression positive."""
         shape = 2.0 * self._shear * self.strain(ij)
         if ij[0] != ij[1]:
             return shape
@@ -216,7 +226,7 @@ class LocalFields:
 
 
 class Factor:
-    """A factorised positive definite matrix: by MKL's PARDISO where pypardiso is installed, else by SuperLU."""
+    """A factorised positive definite matrix, by MKL's PARDISO if pypardiso is installed, otherwise by SuperLU."""
 
     def __init__(self, matrix: Any) -> None:
         try:
@@ -231,7 +241,7 @@ class Factor:
         self._solver.factorize(self._upper)
 
     def solve(self, loads: Floats) -> Floats:
-        """Of (unknown, k)."""
+        """Solve for right-hand sides (unknown, k)."""
         out = np.empty(loads.shape)
         for start in range(0, loads.shape[1], BLOCK):
             part = np.ascontiguousarray(loads[:, start : start + BLOCK])

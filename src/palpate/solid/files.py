@@ -1,4 +1,4 @@
-"""What is worked out for sensors in a solid pad, in a file; pads are `palpate.SolidPad`, whose file imports this one."""
+"""Save and load the maps that a `palpate.SolidPad` has computed for sensors; pad.py imports this file."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from palpate.errors import InvalidInput
 
 __all__ = ["known_to", "load", "save"]
 
-#: What a pad has worked out that does not follow from its accuracy.
+#: Cached attributes of a pad that do not depend on its accuracy.
 WORKED_OUT = ("solid", "_top", "_kept")
 
 
 def known_to(pad: Any, accuracy: float) -> Any:
-    """The pad with another accuracy, and what it has worked out."""
+    """Return the pad with another accuracy, and with the maps that it has computed."""
     out = replace(pad, accuracy=accuracy)
     out.__dict__.update({name: pad.__dict__[name] for name in WORKED_OUT if name in pad.__dict__})
     return out

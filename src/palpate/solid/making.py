@@ -1,4 +1,4 @@
-"""What a `SolidPad` is made of: blocks, domes, bends and meshes from files, as the fields of one."""
+"""Build the parts of a `SolidPad`: blocks, domes, bends, and meshes from files."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ __all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "dome", "from_file", "is
 Index = npt.NDArray[np.intp]
 Made = dict[str, Any]
 
-#: Default number of elements through the thickness: the base's stress under a ball of 1.5 thicknesses is then within 2 % of a layer's
-#: (benchmarks/solid.py).
+#: Default number of elements through the thickness: with this number the stress at the base under a ball of 1.5
+#: thicknesses is within 2 % of that of a layer (benchmarks/solid.py).
 THROUGH = 4
-#: And of curved pads, whose surfaces have more of them.
+#: Default number for curved pads, whose surfaces have more elements.
 THROUGH_CURVED = 3
-#: Refuse meshes with more unknowns: the factor of 400,000 takes 10 GB.
+#: Meshes with more unknowns are refused: a factorisation with 400,000 takes 10 GB.
 LARGEST = 400_000
-#: A surface flatter than this part of the pad's width is a plane.
+#: A surface that is flat to this fraction of the pad's width counts as a plane.
 FLAT = 1e-6
 
 
@@ -101,7 +101,7 @@ def from_file(path: str | Path, *, base: str, contact: str, scale: float, turned
         raise InvalidInput(f"{path}: there is no such file.")
     try:
         mesh = Mesh.load(str(path))
-    except Exception as error:  # meshio's readers raise various exceptions
+    except Exception as error:  # meshio's readers raise many kinds of exceptions
         raise InvalidInput(f"{path} is no mesh that meshio reads ({error}). Export it as Gmsh's .msh.") from error
     names = dict(mesh.boundaries or {})
     for key, name in (("base", base), ("contact", contact)):
@@ -143,7 +143,7 @@ def _curved(flat: Any, chart: Chart, thickness: float, sides: str, rim: float | 
 
 
 def _facets(flat: Any, thickness: float, sides: str) -> tuple[Index, Index]:
-    """Corners of the facets that are held, and of those that can be touched, of a mesh in (x, y, depth)."""
+    """Return the corners of the fixed facets, and of those that can be touched, of a mesh in (x, y, depth)."""
     outside = flat.boundary_facets()
     depth = np.asarray(flat.p)[2][np.asarray(flat.facets)[:, outside]]
     upper, lower = (depth < 1e-6 * thickness).all(axis=0), (depth > (1.0 - 1e-6) * thickness).all(axis=0)
@@ -164,7 +164,7 @@ def _check_size(elements: float, step: float, what: str) -> None:
 
 
 def _check_inwards(vertices: Floats, elements: Index, contact: Index, chart: Chart) -> None:
-    """Refuse a mesh that lies on the other side of its contact surface."""
+    """Raise an error if the mesh lies on the other side of its contact surface."""
     top = contact[np.argmin(vertices[contact, 2].mean(axis=1))]
     middle = vertices[top].mean(axis=0)
     bodies = vertices[elements].mean(axis=1)
@@ -176,7 +176,9 @@ def _check_inwards(vertices: Floats, elements: Index, contact: Index, chart: Cha
 
 
 def is_flush(pad: Any) -> bool:
-    """Whether all that is held lies a thickness below the surface, along its normals: pressure and shear on it are those of the surface's axes."""
+    """Return whether all fixed nodes lie one thickness below the surface, along its normals; pressure and shear on
+    them then have the axes of the surface.
+    """
     if pad.chart is not None and pad.readings_along == "pad":
         return False
     corners = pad.vertices[pad.base]

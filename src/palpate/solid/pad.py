@@ -39,11 +39,11 @@ __all__ = ["SolidPad"]
 
 Index = npt.NDArray[np.intp]
 
-#: Largest Poisson's ratio: the matrix's condition grows as 1/(1 - 2 nu), and incompressible gels differ from this one by 0.06 % of their stiffness.
+#: Largest Poisson's ratio: the condition number grows as 1/(1 - 2 nu). Incompressible gels differ by 0.06 % of their stiffness.
 LARGEST_RATIO = 0.4999
-#: A sensing element further outside the mesh than this part of an element lies beside the pad: curved surfaces leave the mesh of flat facets by 0.02.
+#: A sensing element outside the mesh by more than this part of an element is beside the pad: flat facets miss curved surfaces by 0.02.
 OUTSIDE = 0.1
-#: Components of traction that channels on a rigid base are.
+#: Component of traction that a channel on a rigid base measures.
 ON_BASE = {"stress_xz": 0, "stress_yz": 1, "stress_zz": 2}
 #: Largest size of cached fields at the surface [bytes].
 CACHE_BYTES = 2_000_000_000
@@ -83,7 +83,7 @@ class SolidPad:
     readings_along : "surface" or "pad"
         Axes of the channels: on a curved pad ``displacement_x`` is along the tangent there, or with "pad" along the pad's own x axis, as a camera sees it.
     accuracy : float, optional
-        What the mesh leaves readings off by, in parts of them (`compared_with`): the gain's uncertainty of skins that state none.
+        Relative error of the readings due to the mesh (`compared_with`): the gain's uncertainty of skins that state none.
 
     Raises
     ------
@@ -191,7 +191,7 @@ class SolidPad:
         sides: Literal["free", "bonded"] = "free",
         element: float | None = None,
     ) -> SolidPad:
-        """A block, centred at x = y = 0.
+        """Build a block, centred at x = y = 0.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class SolidPad:
         base : "bonded"
             The lower side is glued to what is rigid.
         sides : "free" or "bonded"
-            What holds the four sides.
+            Whether the four sides are free or fixed.
         element : float, optional
             Size of an element [m]; by default a quarter of the thickness.
 
@@ -235,13 +235,13 @@ class SolidPad:
         Parameters
         ----------
         radius, thickness : float
-            Of the outer surface, and of the shell [m].
+            Radius of the outer surface, and thickness of the shell [m].
         height : float, optional
             From the rim to the top of the outer surface [m]; by default the radius: a half sphere.
         base : "bonded"
             The inner surface is glued to what is rigid.
         sides : "free" or "bonded"
-            What holds the rim.
+            Whether the rim is free or fixed.
         element : float, optional
             Size of an element [m]; by default a third of the thickness.
         readings_along : "surface" or "pad"
@@ -272,14 +272,14 @@ class SolidPad:
         element: float | None = None,
         readings_along: Literal["surface", "pad"] = "surface",
     ) -> SolidPad:
-        """A sheet bent about an axis along y, on a rigid core.
+        """Build a sheet bent about an axis along y, on a rigid core.
 
         Coordinates of cells and sensors are those of `palpate.sensing.CylinderChart`: the sheet unrolled.
 
         Parameters
         ----------
         radius : float
-            Of the surface that is touched [m]; positive outside of a bend (a finger), negative inside it (a crook).
+            Radius of the surface that is touched [m]; positive outside of a bend (a finger), negative inside it (a crook).
         length, width, thickness : float
             Along the arc, along y and through [m].
         base, sides, element, readings_along
@@ -343,7 +343,7 @@ class SolidPad:
 
     @property
     def thickness(self) -> float:
-        """Depth of the deepest point of what is rigid below the surface that is touched [m]."""
+        """Depth [m] of the deepest point of the rigid base below the surface that is touched."""
         return self._thickness
 
     @cached_property
@@ -355,7 +355,7 @@ class SolidPad:
 
     @cached_property
     def endless(self) -> BondedLayers:
-        """The layer of the same material and thickness that goes on for ever.
+        """A layer of the same material and thickness, of infinite extent.
 
         Examples
         --------
@@ -368,7 +368,7 @@ class SolidPad:
         return BondedLayers([layer])
 
     def states(self, wavenumber: Floats, direction: Floats, depth: float) -> Complexes:
-        """Fields of one wavevector in the `endless` layer, which decide what can be observed."""
+        """Fields of one wavevector in the `endless` layer; they decide which loads can be observed."""
         return self.endless.states(wavenumber, direction, depth)
 
     def compliance(self, depth: float) -> Floats:
@@ -424,7 +424,7 @@ class SolidPad:
         return PlaneChart(outline=self.outline) if self.chart is None else self.chart
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
-        """The map of an array, from traction on the cells of a surface; taxels beside the pad read zero."""
+        """Return the map of an array from traction on the cells of a surface; taxels beside the pad read zero."""
         self._check([array])
         if getattr(surface, "chart", None) != self.chart:
             raise InvalidInput(
@@ -479,7 +479,7 @@ class SolidPad:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """What holds where a skin states nothing: the `accuracy`.
+        """The `accuracy`, used if a skin states no uncertainty.
 
         Examples
         --------
@@ -548,7 +548,7 @@ class SolidPad:
                 )
 
     def _at(self, x: Floats, y: Floats, depth: Any) -> tuple[Floats, Floats]:
-        """Positions (*places, 3) below the surface along its normals, and the axes (*places, component, 3) that readings there are along."""
+        """Positions (*places, 3) below the surface along its normals, and the axes (*places, component, 3) of readings there."""
         frames = self._surface.frames(x, y)
         positions = frames.positions + np.asarray(depth)[..., None] * frames.axes[..., 2, :]
         return positions, frames.axes if self.readings_along == "surface" else np.broadcast_to(
@@ -557,7 +557,7 @@ class SolidPad:
 
     @cached_property
     def solid(self) -> Solid:
-        """The finite elements.
+        """The finite-element model.
 
         Examples
         --------
@@ -577,7 +577,7 @@ class SolidPad:
 
     @staticmethod
     def _facets(mesh: Any, wanted: Index) -> Index:
-        """Places of facets among those of a mesh."""
+        """Return the indices of facets among those of a mesh."""
         known = {tuple(f): i for i, f in enumerate(np.sort(mesh.facets, axis=0).T.tolist())}
         return np.array([known[tuple(sorted(f))] for f in np.asarray(wanted).tolist()], dtype=np.intp)
 
@@ -589,12 +589,12 @@ class SolidPad:
 
     @cached_property
     def _kept(self) -> OrderedDict[tuple[Any, ...], Floats]:
-        """Displacement (axis, node of the surface) for a unit of each reading, by where it is, its channel and its aperture."""
+        """Cached displacements (axis, node of the surface) for a unit of each reading, by its position, channel and aperture."""
         return OrderedDict()
 
     @cached_property
     def _element(self) -> float:
-        """Width of an element, about [m]."""
+        """Approximate width of an element [m]."""
         return math.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]) / len(self.contact))
 
     @cached_property
@@ -603,11 +603,11 @@ class SolidPad:
 
     @cached_property
     def _beside(self) -> float:
-        """How far beside a point its neighbours are looked up [m]: stress jumps where elements meet, and the mean of these is closer than each."""
+        """Distance [m] from a point at which stress is evaluated on either side: it jumps between elements, and the mean is more accurate."""
         return 1e-6 * float(self.thickness) / THROUGH
 
     def _fields(self, array: Array) -> Floats:
-        """(reading, axis, node of the surface): taxel by taxel, channel by channel."""
+        """Return fields (reading, axis, node of the surface), ordered by taxel, then channel."""
         spacing = float(np.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]))) / 100.0
         rules = [aperture_rule(w, array.depth, spacing, None) for w in array.apertures]
         widths = tuple(float(w) for w in array.apertures)
@@ -652,7 +652,7 @@ class SolidPad:
         return out
 
     def _cell_loads(self, surface: Grid) -> Iterator[tuple[int, int, Any]]:
-        """Component of traction, axis of the pad, and sparse (cell, node of the surface): force on each node of unit traction in a cell [m^2]."""
+        """Yield component of traction, axis of the pad, and sparse forces on nodes for unit traction in a cell (cell, node of the surface) [m^2]."""
         import scipy.sparse
 
         element = self._element

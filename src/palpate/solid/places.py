@@ -1,7 +1,7 @@
-"""Location of points in a mesh: the element, and the place in it.
+"""Find points in a mesh: the element that contains each, and its local coordinates there.
 
-scikit-fem's own finders take a mesh of flat facets, and refuse a point that lies a little outside. On a curved solid points of the surface do: they are
-taken into the nearest element.
+scikit-fem's own finders assume flat facets, and refuse a point slightly outside the mesh. On a curved solid points of
+the surface can be outside; here they are assigned to the nearest element.
 """
 
 from __future__ import annotations
@@ -19,17 +19,20 @@ __all__ = ["Places", "monomials", "polynomials"]
 
 Index = npt.NDArray[np.intp]
 
-#: Elements that are tried for a point: those whose middles are nearest; all around a vertex, where some are four times as long as wide.
+#: Number of elements tried for a point, nearest middles first: all around a vertex, where some are four times as long
+#: as wide.
 TRIED = 24
-#: And where none of these holds it.
+#: Number of elements tried if none of these contains the point.
 MORE_CANDIDATES = 200
-#: Newton's steps to the place in an element: it converges quadratically, an element being close to a parallelepiped.
+#: Newton steps to find the local coordinates; they converge quadratically, because an element is nearly a
+#: parallelepiped.
 STEPS = 12
-#: A point outside of an element by less than this part of it lies in it.
+#: A point outside an element by less than this fraction of it counts as inside.
 INSIDE_TOLERANCE = 1e-6
-#: If a point is further out than this, try more elements: quadratic elements of a sphere's quarter in two have errors of 3e-3.
+#: If a point is further outside than this, more elements are tried: quadratic elements that span a quarter of a sphere
+#: in two have errors of 3e-3.
 RETRY_DISTANCE = 0.02
-#: Points to locate at a time.
+#: Number of points that are located at a time.
 BLOCK = 20_000
 
 
@@ -47,7 +50,9 @@ class Places:
         return cKDTree(corners.mean(axis=1).T)
 
     def find(self, points: Floats) -> tuple[Index, Floats, Floats]:
-        """Of points (axis, n): their elements, the places in these (axis, n), and how far outside each point lies, in parts of its element (n,)."""
+        """Return for points (axis, n): their elements, the local coordinates there (axis, n), and how far outside its
+        element each lies, as a fraction of the element (n,).
+        """
         cells = np.empty(points.shape[1], dtype=np.intp)
         local, outside = np.empty(points.shape), np.empty(points.shape[1])
         for start in range(0, points.shape[1], BLOCK):
@@ -79,13 +84,13 @@ class Places:
         return cells, local, best
 
     def _inverted(self, points: Floats, cells: Index) -> Floats:
-        """Places (axis, n) in elements, by Newton's method; infinite if it does not converge."""
+        """Return local coordinates (axis, n) in elements by Newton's method; infinite if it does not converge."""
         out = np.full(points.shape, 0.5 if self.hexahedra else 0.25)
         todo = np.arange(points.shape[1])
         for _ in range(STEPS):
             place, slope = self.mapped(out[:, todo], cells[todo])
             step = np.linalg.solve(slope, (points[:, todo] - place).T[..., None])[..., 0].T
-            out[:, todo] = np.clip(out[:, todo] + step, -1.0, 2.0)  # points further out are in no element
+            out[:, todo] = np.clip(out[:, todo] + step, -1.0, 2.0)  # points further outside belong to no element
             todo = todo[np.abs(step).max(axis=0) > 1e-12]
             if not len(todo):
                 break
@@ -93,20 +98,22 @@ class Places:
         return out
 
     def mapped(self, local: Floats, cells: Index) -> tuple[Floats, Floats]:
-        """Points (axis, n) of places (axis, n) in elements, and the Jacobians (n, axis, local axis)."""
+        """Return the points (axis, n) of local coordinates (axis, n) in elements, and the Jacobians (n, axis, local
+        axis).
+        """
         values, gradients = monomials(local)
         here = self._polynomials[cells]
         return np.einsum("nam,nm->an", here, values), here @ gradients
 
     def _outside(self, local: Floats) -> Floats:
-        """How far outside of the reference element (n,)."""
+        """Return how far outside the reference element each point lies (n,)."""
         off = np.maximum(0.0, -local.min(axis=0))
         if self.hexahedra:
             return np.asarray(np.maximum(off, local.max(axis=0) - 1.0))
         return np.asarray(np.maximum(off, local.sum(axis=0) - 1.0))
 
     def _clamped(self, local: Floats) -> Floats:
-        """The nearest place in the reference element, about."""
+        """Return approximately the nearest point in the reference element."""
         if self.hexahedra:
             return np.clip(local, 0.0, 1.0)
         all_four = np.clip(np.concatenate([local, 1.0 - local.sum(axis=0, keepdims=True)]), 0.0, None)
@@ -114,7 +121,7 @@ class Places:
 
 
 def monomials(local: Floats) -> tuple[Floats, Floats]:
-    """x^a y^b z^c with a, b, c = 0, 1, 2 at places (axis, n): values (n, 27), and gradients (n, 27, axis)."""
+    """Return x^a y^b z^c with a, b, c = 0, 1, 2 at points (axis, n): values (n, 27), and gradients (n, 27, axis)."""
     one, zero = np.ones_like(local), np.zeros_like(local)
     powers = np.stack([one, local, local**2], axis=-1)  # (axis, n, power)
     slopes = np.stack([zero, one, 2.0 * local], axis=-1)
@@ -127,7 +134,9 @@ def monomials(local: Floats) -> tuple[Floats, Floats]:
 
 
 def polynomials(element: Any, count: int) -> Floats:
-    """The ``count`` shape functions of an element of scikit-fem in `monomials` (monomial, function): all of its Lagrange elements up to second degree are."""
+    """Return the ``count`` shape functions of an element of scikit-fem in terms of `monomials` (monomial, function).
+    This covers all of its Lagrange elements up to second degree.
+    """
     sites = np.random.default_rng(0).uniform(0.0, 1.0, (3, 64))
     values = np.stack([np.broadcast_to(element.lbasis(sites, i)[0], 64) for i in range(count)], axis=1)
     return np.asarray(np.linalg.lstsq(monomials(sites)[0], values, rcond=None)[0])

@@ -1,8 +1,10 @@
-"""Stress on what is held, from the reactions there.
+"""Compute the stress on the fixed facets from the reactions there.
 
-The reactions R_i are integrals of the stress t on what is held, times the functions N_i of its nodes; they converge faster than the stress of elements (T. J. R.
-Hughes et al., J. Comput. Phys. 163, 467, 2000). The density M t = R, M_ij the integrals of N_i N_j, alternates between corners and middles of elements. A reading is
-the polynomial that fits it best on the facets around a point (O. C. Zienkiewicz, J. Z. Zhu, Int. J. Numer. Methods Eng. 33, 1331, 1992), on a mesh of any shape.
+The reactions R_i are integrals of the stress t on the fixed facets times the shape functions N_i of their nodes; they
+converge faster than the stress of elements (T. J. R. Hughes et al., J. Comput. Phys. 163, 467, 2000). The solution t
+of M t = R, where M_ij is the integral of N_i N_j, alternates between corners and middles of elements. A reading
+therefore uses the polynomial that fits t best on the facets around a point (O. C. Zienkiewicz, J. Z. Zhu, Int. J.
+Numer. Methods Eng. 33, 1331, 1992), on a mesh of any shape.
 """
 
 from __future__ import annotations
@@ -19,24 +21,28 @@ __all__ = ["Reactions"]
 
 Index = npt.NDArray[np.intp]
 
-#: Powers (a, b) of x^a y^b: up to third degree, and those of fourth degree that are products. With x^4 and y^4 too what alternates is kept, without products
-#: the fit is too wide: base stress beside the layer's and a dome's beside one of finer elements (benchmarks/solid.py) is 2 to 3 times as far off.
+#: Powers (a, b) of x^a y^b: up to third degree, and the mixed ones of fourth degree. Adding x^4 and y^4 would keep the
+#: alternating part, and without the mixed ones the fit is too wide: stress at the base compared with a layer, and in a
+#: dome compared with finer elements (benchmarks/solid.py), would be off by 2 to 3 times as much.
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (2, 2), (3, 1), (1, 3))
-#: How many of them are fitted: the most that have a node and a half each.
+#: Candidate numbers of fitted powers: the largest with at least 1.5 nodes for each power is used.
 FITTED = (13, 10, 6, 3, 1)
-#: Facets whose plane passes a point this close, in parts of their size, may hold it: on a sphere, of elements an eighth of a circle wide.
+#: A facet may contain a point if its plane passes within this fraction of the facet's size: on a sphere, for elements
+#: that span an eighth of a circle.
 CLOSE = 0.1
-#: Facets that are tried.
+#: Number of facets that are tried.
 TRIED = 12
 
 
 class Reactions:
-    """What is held of a mesh: ``nodes`` in order, on ``facets`` with the integration points and functions of a basis of scikit-fem on them."""
+    """The fixed part of a mesh: ``nodes`` in order, on ``facets`` with the integration points and shape functions of a
+    scikit-fem basis.
+    """
 
     def __init__(self, basis: Any, nodes: Index, count: int) -> None:
         place = np.full(count, -1, dtype=np.intp)
         place[nodes] = np.arange(len(nodes))
-        local = place[np.asarray(basis.element_dofs)]  # (local, facet): -1 of those that are not on it
+        local = place[np.asarray(basis.element_dofs)]  # (local, facet): -1 for nodes that are not fixed
         self.weights = np.asarray(basis.dx)  # (facet, point)
         values = np.stack([np.broadcast_to(np.asarray(f[0]), self.weights.shape) for f in basis.basis])
         on = (local >= 0).T
@@ -44,7 +50,7 @@ class Reactions:
         if not (on.sum(axis=1) == size).all():
             raise ValueError("facets of a mesh have different numbers of nodes")
         facets = len(self.weights)
-        #: Nodes of each facet (facet, node), and their functions (facet, node, point).
+        #: Nodes of each facet (facet, node), and their shape functions (facet, node, point).
         self.nodes = local.T[on].reshape(facets, size)
         self.values = values.transpose(1, 0, 2)[on].reshape(facets, size, -1)
         self.points = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)  # (facet, point, axis)
@@ -62,7 +68,9 @@ class Reactions:
         self._known: dict[int, tuple[Index, Floats, Floats]] = {}
 
     def _around(self, points: Floats) -> tuple[Index, Index, Floats]:
-        """Entries (point, facet, share): the facets whose fits are averaged at points (n, axis), so that a reading changes steadily with its place."""
+        """Return entries (point, facet, share): the facets whose fits are averaged at points (n, axis), so that a
+        reading is a continuous function of position.
+        """
         tried = min(TRIED, len(self.middles))
         near = self._tree.query(points, k=tried)[1].reshape(len(points), tried)
         way = points[:, None] - self.middles[near]
@@ -74,11 +82,13 @@ class Reactions:
         return point, near[point, rank], (share / share.sum(axis=1, keepdims=True))[point, rank]
 
     def _patch(self, facet: int) -> tuple[Index, Floats, Floats]:
-        """Nodes of the fit around a facet, what makes their weights of the polynomials at a point, and the axes (3, axis) of these in parts of its size."""
+        """Return the nodes of the fit around a facet, the matrix that gives their weights from the polynomials at a
+        point, and the axes (3, axis) of the polynomials in units of the facet's size.
+        """
         if facet in self._known:
             return self._known[facet]
         around = sorted({f for node in self.nodes[facet].tolist() for f in self._of_node[node]})
-        # what is held on another side has a stress of its own
+        # leave out fixed facets on another side of the solid: their stress is unrelated
         around = [f for f in around if self.normals[f] @ self.normals[facet] > 0.5]
         inside = set(around)
         nodes = np.unique(self.nodes[around])
@@ -99,14 +109,14 @@ class Reactions:
             powers = _powers((self.points[f] - self.middles[facet]) @ axes.T, kept)
             mass[np.ix_(mine[there], mine[there])] += (values * weights) @ values.T
             moments[mine[there]] += (values * weights) @ powers
-        # the weights of least size whose integrals of polynomials are their values at the point
+        # the smallest weights for which the weighted reactions of every polynomial equal its value at the point
         spread = np.linalg.solve(mass, moments)
         made = spread @ np.linalg.inv(moments.T @ spread)
         self._known[facet] = nodes, made, axes
         return self._known[facet]
 
     def at(self, points: Floats) -> tuple[Index, Index, Floats]:
-        """Entries (point, node, weight) of the sums of reactions that are the stress at points (n, axis)."""
+        """Return entries (point, node, weight): sums of weighted reactions give the stress at points (n, axis)."""
         rows, columns, entries = [], [], []
         point, facets, share = self._around(points)
         for facet in np.unique(facets).tolist():
@@ -121,6 +131,6 @@ class Reactions:
 
 
 def _powers(places: Floats, count: int) -> Floats:
-    """(n, power) of places (n, 2)."""
+    """Return the powers (n, power) at positions (n, 2)."""
     x, y = places.T
     return np.stack([x**a * y**b for a, b in POWERS[:count]], axis=-1)

@@ -1,4 +1,6 @@
-"""Meshes of pads of one thickness on a rigid core: a flat mesh, laid on a curved surface and pulled inwards along its normals."""
+"""Build meshes of pads of constant thickness on a rigid core: a flat mesh is laid on a curved surface and extended
+inwards along its normals.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,12 @@ from palpate.sensing.curved import Chart
 
 __all__ = ["disc", "laid_on", "rectangle"]
 
-#: Where meshes are joined, places are rounded to less than this part of the radius.
+#: Where meshes are joined, positions are rounded to less than this fraction of the radius.
 JOINED = 1e-5
 
 
 def rectangle(length: float, width: float, thickness: float, step: float, through: int) -> Any:
-    """Hexahedra of a block, (x, y, depth)."""
+    """Return hexahedra of a block, in (x, y, depth)."""
     from skfem import MeshHex
 
     counts = [max(1, round(s / step)) for s in (length, width)]
@@ -26,7 +28,9 @@ def rectangle(length: float, width: float, thickness: float, step: float, throug
 
 
 def disc(radius: float, thickness: float, step: float, through: int) -> Any:
-    """Hexahedra of a round plate, (x, y, depth): a square block in the middle, and one from each of its sides to the rim."""
+    """Return hexahedra of a round plate, in (x, y, depth): a square block in the middle, and four blocks from its
+    sides to the rim.
+    """
     from skfem import MeshHex
 
     count = max(
@@ -48,7 +52,8 @@ def disc(radius: float, thickness: float, step: float, through: int) -> Any:
 
 
 def laid_on(flat: Any, chart: Chart, *, rim: float | None = None) -> tuple[Any, Floats]:
-    """A mesh of curved hexahedra (MeshHex2) whose upper side is the chart's surface, and where its nodes lie in the chart (node, 3).
+    """Return a mesh of curved hexahedra (MeshHex2) whose upper side is the surface of the chart, and the coordinates
+    of its nodes in the chart (node, 3).
 
     ``rim`` is the radius of a `disc`: nodes between its corners are put on the circle.
     """

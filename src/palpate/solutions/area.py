@@ -20,7 +20,7 @@ from palpate.solutions._common import check_half_space, finite, positive, slip_r
 
 __all__ = ["AreaContact", "flat_punch", "hertz_contact_radius", "hertz_point", "patch", "point_load"]
 
-#: Part of a force that is rounding of the whole.
+#: Fractions of a force below this are rounding errors.
 ROUNDING = 1e-15
 
 Shape = Literal["load", "patch", "hertz", "punch"]
@@ -74,7 +74,7 @@ class AreaContact:
     size : (float, float)
         Half-widths in x and y [m]: the contact radius twice for a circle.
     center : (float, float)
-        Where its middle (x, y) lies on the surface [m].
+        Position (x, y) of the middle on the surface [m].
 
     Examples
     --------
@@ -127,7 +127,7 @@ class AreaContact:
         out = np.zeros((3, ys.size, xs.size))
         for t in self.terms:
             share = np.diff(np.diff(_share(t, edges_x[None, :], edges_y[:, None]), axis=0), axis=1)
-            share[share < ROUNDING] = 0.0  # differences of what is 1/4
+            share[share < ROUNDING] = 0.0  # remove rounding errors of differences of 1/4
             out["xyz".index(t.component)] += t.force * share / (dx * dy)
         return out
 
@@ -198,7 +198,8 @@ class AreaContact:
 
 
 def _share(term: _Term, x: Floats, y: Floats) -> Floats:
-    """Part of a term's force on the rectangle from its middle to the corner (x, y), odd in each.
+    """Return the fraction of a term's force on the rectangle between its middle and the corner (x, y); odd in x and in
+    y.
 
     Of a circle of radius a, with R^2 = a^2 - x^2 - y^2 at a corner within it,
 
@@ -286,7 +287,7 @@ def patch(*, half_widths: tuple[float, float], traction: float, component: str =
 def hertz_point(*, force: float, contact_radius: float | None = None, radius: float | None = None) -> AreaContact:
     """A ball: p = (3P/(2 pi a^2)) sqrt(1 - r^2/a^2) within the ``contact_radius`` a [m], ``force`` P [N] (Hertz 1882).
 
-    The radius a of the contact is not that of the ball: `hertz_contact_radius` tells it from the ball's, the force and the pad. ``radius`` is the
+    The radius a of the contact is not that of the ball: `hertz_contact_radius` computes it from the ball's radius, the force and the pad. ``radius`` is the
     former name of ``contact_radius``, and warns.
 
     Raises

@@ -1,4 +1,4 @@
-"""Hertz contact of bodies whose curvature differs between two directions: an ellipse."""
+"""Hertz contact of bodies with different curvatures in two directions: the contact area is an ellipse."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from palpate.errors import InvalidInput
 
 __all__ = ["hertz_ellipse"]
 
-#: Eccentricities squared, 1 - (b/a)^2, between which the ratio of curvatures is tabulated: b/a from 1 down to 1e-4. What is more slender is a line.
+#: Number of steps and smallest ratio b/a for which the ratio of curvatures is tabulated. A more slender contact counts
+#: as a line.
 STEPS, SLENDER = 4000, 1e-4
 
 
 @lru_cache(maxsize=1)
 def _table() -> tuple[Floats, Floats, Floats]:
-    """log(b/a), log of the ratio of curvatures A/B and (K - E)/e^2, for falling b/a."""
+    """Return log(b/a), the log of the ratio of curvatures A/B, and (K - E)/e^2, for decreasing b/a."""
     from scipy.special import ellipe, ellipkm1
 
     ratio = np.exp(np.linspace(0.0, np.log(SLENDER), STEPS))
@@ -91,7 +92,7 @@ def hertz_ellipse(
         raise InvalidInput("force must not be negative [N], and modulus must be positive [Pa].")
     log_ratio, log_curvatures, along = _table()
     asked = np.log(c[..., 0] / c[..., 1])
-    # the table falls; interpolation wants it to rise
+    # the table decreases, but interpolation needs increasing values
     ratio = np.exp(np.interp(asked, log_curvatures[::-1], log_ratio[::-1]))
     shape = np.interp(asked, log_curvatures[::-1], along[::-1])
     a = np.cbrt(3.0 * p * shape / (np.pi * e * c[..., 0]))

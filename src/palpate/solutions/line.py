@@ -1,4 +1,4 @@
-"""Line contact (plane strain) on a half-plane: what presses, and its fields in closed form."""
+"""Line contact (plane strain) on a half-plane: loads and their fields in closed form."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class LineContact:
     half_width : float
         Half-width a of the contact [m] (0 for a line load).
     center : float
-        Where its middle lies on the surface [m].
+        Position of the middle on the surface [m].
 
     Examples
     --------

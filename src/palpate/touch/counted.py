@@ -12,7 +12,7 @@ _COUNT = re.compile(r" in (\d+) of (\d+) frames\b")
 
 
 def numberless(note: str) -> str:
-    """A note without its numbers: notes that differ in them alone say the same.
+    """A note with its numbers replaced, to compare notes that differ only in numbers.
 
     Examples
     --------

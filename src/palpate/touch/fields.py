@@ -6,7 +6,7 @@ In: the output of a method or a tracker. Out: `Fields`, from which numbers (`num
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,34 @@ from palpate.sensing.view import View
 from palpate.status import Status
 from palpate.uncertainty import Case, contact_kind
 
-__all__ = ["Fields", "pulling"]
+__all__ = ["ErrorParts", "Fields", "pulling"]
+
+
+@dataclass(frozen=True)
+class ErrorParts:
+    """What the intervals of a touch are made of, before calibration: `Touch.interval` and `Touch.std` put it together.
+
+    ``posterior`` holds the standard deviations by noise and prior, ``pad`` those by the uncertainty of pad and sensors (`palpate.Uncertainty`), and
+    ``scale`` the relative standard deviation of the factor common to all results: the scale of the readings, and the modulus if all depends on it.
+    """
+
+    posterior: Errors = field(metadata=per_frame())
+    pad: Stated | None = field(default=None, metadata=per_frame())
+    scale: float = 0.0
+
+    @classmethod
+    def of(cls, posterior: Errors | None, pad: Stated | None, scale: float) -> ErrorParts | None:
+        """The parts, or None from a method without error bars."""
+        return None if posterior is None else cls(posterior, pad, scale)
+
+    def adding(self, more: Mapping[str, Any]) -> ErrorParts:
+        """With further standard deviations by the pad, in quadrature."""
+        return replace(self, pad=Stated.added(self.pad, more))
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """The fields of a frame or a batch of frames; `palpate.Touch` documents each."""
+    """The fields of one frame or of a batch; `palpate.Touch` documents each."""
 
     values: Any = field(metadata=per_frame("component", "*"))
     surface: Grid
@@ -40,7 +62,7 @@ class Fields:
     unobservable_force: tuple[str, ...] = ()
     time: Floats | None = field(default=None, metadata=per_frame())
     meta: dict[str, Any] = field(default_factory=dict)
-    errors: Errors | None = field(default=None, metadata=per_frame())
+    _errors: ErrorParts | None = field(default=None, metadata=per_frame())
     converged: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
     touching: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame(missing=True))
     outliers: npt.NDArray[np.bool_] | None = field(default=None, metadata=per_frame("reading", missing=False))
@@ -62,8 +84,6 @@ class Fields:
     case: Case | None = None
     friction: float | None = None
     view: View | None = None
-    stated: Stated | None = field(default=None, metadata=per_frame())
-    common_std: float = 0.0
     discrepancy: Floats | None = field(default=None, metadata=per_frame(missing=0.0))
     force_bounds: Floats | None = field(default=None, metadata=per_frame("component", "bound"))
     strain: Floats | None = field(default=None, metadata=per_frame())
@@ -102,6 +122,24 @@ class Fields:
         return tuple(np.shape(self.values))[: -1 - self.surface.dimensions]
 
     @property
+    def has_intervals(self) -> bool:
+        """Whether the method gave error bars: `Touch.interval`, `Touch.std` and `Touch.exceeds` raise `Unsupported` otherwise.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import palpate as pp
+        >>> pp.Touch(np.zeros((2, 4)), pp.LineGrid(count=4, spacing=1e-3), ("x", "z"), "tikhonov").has_intervals
+        False
+        """
+        return self._errors is not None
+
+    @property
+    def _scale_std(self) -> float:
+        """Relative standard deviation of the factor common to all results."""
+        return 0.0 if self._errors is None else self._errors.scale
+
+    @property
     def methods(self) -> npt.NDArray[np.str_]:
         """The method that found each frame (*batch).
 
@@ -117,7 +155,7 @@ class Fields:
 
     @property
     def calibration_case(self) -> Case:
-        """The case of the error bars' constants.
+        """The case whose constants scale the error bars.
 
         Examples
         --------
@@ -132,7 +170,7 @@ class Fields:
 
 
 def pulling(touch: Fields) -> npt.NDArray[np.bool_]:
-    """Frames (*batch) that were found to pull as a whole."""
+    """Mask of frames (*batch) that pull as a whole."""
     if touch.pushing is None:
         return np.zeros(touch.batch, dtype=bool)
     d = touch.surface.dimensions

@@ -26,15 +26,17 @@ from palpate.units import is_number
 __all__ = ["calibration_note", "errors", "exceeds", "interval", "std", "uncalibrated"]
 
 
-#: Half-width of a 95 % interval for a load known only by sign and size, over that size, minus 1. Its distribution is exponential, the one of largest
-#: entropy (E. T. Jaynes, Physical Review 106, 620, 1957).
+#: Half-width of a 95 % interval for a load known only by sign and size, divided by that size, minus 1. The distribution
+#: is exponential, which has the largest entropy (E. T. Jaynes, Physical Review 106, 620, 1957).
 OUTSIDE_FACTOR = -math.log(0.025) - 1.0
+#: Level of the interval of one standard deviation to either side of a normal distribution.
+ONE_STD = math.erf(math.sqrt(0.5))
 
 
 def errors(touch: Numbers) -> Errors:
-    """The closed-form standard deviations; NaN if unknown, `Unsupported` if the method gives none."""
-    if touch.errors is not None:
-        return touch.errors
+    """The closed-form standard deviations; NaN if unknown, `Unsupported` if the method provides none."""
+    if touch._errors is not None:
+        return touch._errors.posterior
     if not _unknown(touch):
         known = known_methods().get(touch.method)
         if known is not None and known.error_bars:
@@ -51,7 +53,7 @@ def errors(touch: Numbers) -> Errors:
 
 
 def _unknown(touch: Numbers) -> bool:
-    """Whether error bars are only missing here: no frame has an answer, or those of a tracker are not computed yet."""
+    """Whether error bars are only temporarily missing: no frame has a result, or a tracker has not computed them yet."""
     codes = np.ravel(touch.status) if touch.status is not None else ()
     found = [Status.coded(int(code)) for code in codes]
     if not found:
@@ -88,7 +90,7 @@ def _each_method(touch: Numbers, function: Callable[[Constants], tuple[Floats, .
 
 def calibration_note(touch: Numbers) -> str:
     """A note on which constants are used if the case has none of its own."""
-    if touch.errors is None:
+    if not touch.has_intervals:
         return ""
     for method in dict.fromkeys(touch.methods.ravel().tolist()):
         try:
@@ -106,23 +108,22 @@ def calibration_note(touch: Numbers) -> str:
     return ""
 
 
-def std(touch: Numbers) -> Floats:
-    """Standard deviation of the traction (*batch, component, *surface) [Pa]."""
-    errors(touch)
-
-    def of(known: Constants) -> tuple[Floats, ...]:
-        value, raw, outside, _ = uncalibrated(touch, known, "traction")
-        traction = known.quantities["traction"]
-        return (np.hypot(traction.std * np.hypot(raw, outside / traction.scale), named(touch, "traction", value)),)
-
-    return _each_method(touch, of)[0]
+def std(touch: Numbers, of: str, friction: float | None) -> Floats:
+    """See `Touch.std`."""
+    low, high = interval(touch, ONE_STD, of, friction, floored=False)
+    with np.errstate(invalid="ignore"):  # both ends at infinity
+        return np.asarray(0.5 * (high - low))
 
 
-def interval(touch: Numbers, level: float, of: str, friction: float | None) -> tuple[Floats, Floats]:
-    """See `Touch.interval`."""
+def interval(
+    touch: Numbers, level: float, of: str, friction: float | None, *, floored: bool = True
+) -> tuple[Floats, Floats]:
+    """See `Touch.interval`; without ``floored`` pressure may reach below 0."""
     if not (is_number(level) and 0 < level < 1):
         raise InvalidInput(f"level must lie between 0 and 1; got {level!r}.")
     errors(touch)
+    if of == "slip_margin" and friction is None:
+        friction = touch.friction
 
     def bounds(known: Constants) -> tuple[Floats, Floats]:
         table = known.quantities
@@ -132,35 +133,36 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
         if (friction is not None) != (of == "slip_margin"):
             raise InvalidInput('friction=... belongs to interval(of="slip_margin"), and is needed there.')
         value, deviation, outside, floor = uncalibrated(touch, known, of, friction)
+        floor = floor if floored else np.full_like(floor, -math.inf)
         more = named(touch, of, value, friction)
         beyond = _outside_load(touch) if of == "force" else 0.0
-        # a pull is a push of the other sign, and so are its error bars
+        # A pull is a push with the opposite sign, and so are its error bars.
         pulls = pulling(touch)
         mirrored = pulls.any() and of not in ("slip_margin", "center_of_pressure")
         turned = np.reshape(pulls, (*pulls.shape, *(1,) * (np.ndim(value) - pulls.ndim)))
         if mirrored:
             value = np.where(turned, -value, value)
             if touch.fit is not None:
-                # the sign of a pull is uncertain if the model does not explain the readings
+                # If the model does not explain the readings, the sign of a pull is uncertain.
                 doubted = turned & np.reshape(np.asarray(touch.fit) < POOR_FIT, turned.shape)
                 floor = np.where(doubted, -math.inf, floor)
         low, high = table[of].bounds(level, value, deviation, outside, floor, stated=more, beyond=beyond)
         if of == "force" and "shear_force" in table:
-            # pressure only adds up, so that its sum is biased where that of shear is not
+            # The sum of non-negative pressure is biased, that of shear is not.
             sides = table["shear_force"].bounds(
                 level, value, deviation, outside, floor, stated=more, away=True, beyond=beyond
             )
             for side, shear in zip((low, high), sides):
                 side[..., :-1] = shear[..., :-1]
         if touch.converged is not None and not touch.converged.all():
-            # what an iteration still had to go may be to either side
+            # The remaining change of an iteration may have either sign.
             ended = touch.converged.reshape((*touch.converged.shape, *(1,) * (low.ndim - touch.converged.ndim)))
             whole = replace(table[of], shift=0.0).bounds(
                 level, value, deviation, outside, floor, stated=more, beyond=beyond
             )
             low, high = np.where(ended, low, whole[0]), np.where(ended, high, whole[1])
         if touch.pushing is not None and not touch.pushing.all():
-            # traction of either sign is neither biased, as pressure that only adds up is, nor bounded by zero
+            # Traction of either sign is neither biased, as non-negative pressure is, nor bounded by zero.
             both = ~touch.pushing & ~pulls
             free = both.reshape((*both.shape, *(1,) * (low.ndim - both.ndim)))
             either = replace(table[of], shift=0.0).bounds(
@@ -168,7 +170,8 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
             )
             low, high = np.where(free, either[0], low), np.where(free, either[1], high)
         if touch.touching is not None and not touch.touching.all():
-            # an empty frame's error is that of what would not show: nothing was found that could be biased, and a pull would not show either
+            # In a frame without contact the error is that of the largest undetected load: there is no biased value, and
+            # a pull would not be detected either.
             empty = ~touch.touching.reshape((*touch.touching.shape, *(1,) * (low.ndim - touch.touching.ndim)))
             plain = Calibration().bounds(level, value, deviation, outside, np.asarray(-math.inf), stated=more)
             low, high = np.where(empty, plain[0], low), np.where(empty, plain[1], high)
@@ -192,7 +195,9 @@ def interval(touch: Numbers, level: float, of: str, friction: float | None) -> t
 
 
 def by_calibration(touch: Numbers, level: float, of: str, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """The ends of an interval, those of the skin's calibration where it tells the quantity: value -+ Student's quantile times standard deviation."""
+    """The interval, replaced by that of the skin's calibration for quantities that it determines: value -+ Student's
+    quantile times standard deviation.
+    """
     of_it = {
         "force": (touch.calibrated, touch.calibrated_std),
         "center_of_pressure": (touch.calibrated_center, touch.calibrated_center_std),
@@ -238,7 +243,7 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
 
     found = _each_method(touch, chance)[0]
     if touch.force_bounds is not None and of == "force":
-        # no upper end: wider than the interval of 95 %
+        # No upper bound: wider than the 95 % interval.
         found = np.where(np.isinf(np.asarray(touch.force_bounds)[..., -1, 1]), np.maximum(found, 0.025), found)
     if touch.status is not None:
         # the size of an overload is unknown
@@ -249,7 +254,7 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
 def uncalibrated(
     touch: Numbers, known: Constants, of: str, friction: float | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Of a quantity: value, standard deviation by the model, error of what lies outside the array, and its lower bound."""
+    """For a quantity: value, standard deviation by the model, error due to load outside the array, and lower bound."""
     found = errors(touch)
     sign = np.full(len(touch.surface.components), -math.inf)
     sign[-1] = 0.0 if "z" in touch.components and not known.signed else -math.inf
@@ -270,21 +275,23 @@ def uncalibrated(
 
 
 def named(touch: Numbers, of: str, value: Floats, friction: float | None = None) -> Floats:
-    """Error due to an uncertain pad (standard deviation of a quantity, here of this ``value``): no constant of the method scales it."""
-    common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch.common_std * np.abs(value)
+    """Standard deviation of a quantity of this ``value`` due to an uncertain pad; no constant of the method scales it."""
+    common = np.zeros(np.shape(value)) if of == "center_of_pressure" else touch._scale_std * np.abs(value)
     if touch.discrepancy is not None and np.any(touch.discrepancy):
         common = np.hypot(common, _by_discrepancy(touch, of, value))
-    if touch.stated is None:
+    pad = None if touch._errors is None else touch._errors.pad
+    if pad is None:
         return np.asarray(common)
     if of == "slip_margin":
-        return np.hypot(common, _slip(touch, touch.stated, float(friction or 0.0))[1])
+        return np.hypot(common, _slip(touch, pad, float(friction or 0.0))[1])
     name = {"center_of_pressure": "center", "peak_pressure": "peak"}.get(of, of)
-    return np.hypot(common, getattr(touch.stated, name))
+    return np.hypot(common, getattr(pad, name))
 
 
 def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
-    """Standard deviation of a quantity due to the misfit of the pad's model: that share of it, of the load for a component of the force, of the
-    contact's radius (root mean square) for its centre. `_outside_load` adds load beyond the outermost taxels.
+    """Standard deviation of a quantity due to the discrepancy of the pad's model: that fraction of the quantity
+    itself; of the load for a component of the force; of the contact's radius (root mean square) for its centre.
+    `_outside_load` adds load beyond the outermost taxels.
     """
     share = np.asarray(touch.discrepancy, dtype=np.float64)
     share = share.reshape((*share.shape, *(1,) * (np.ndim(value) - share.ndim)))
@@ -306,11 +313,12 @@ def _by_discrepancy(touch: Numbers, of: str, value: Floats) -> Floats:
 
 
 def _outside_load(touch: Numbers) -> Floats:
-    """Extra half-width of the 95 % interval of a net force, away from zero: contact beyond the outermost taxels, and a larger load than found there.
+    """Additional half-width of the 95 % interval of a net force, away from zero: for contact beyond the outermost
+    taxels, and for more load there than was found.
 
-    If a pad's model leaves some of the readings unexplained, nothing checks it beyond the outermost taxels, where pads also end: only the sign and
-    the size of that load are known. The interval grows on one side only: on four real skins (`benchmarks/real.py`) all forces outside their intervals
-    lay above them.
+    If the pad's model has a discrepancy, nothing verifies it beyond the outermost taxels, where pads also end: only
+    the sign and the size of that load are known. The interval grows on one side only: on four real skins
+    (`benchmarks/real.py`) all forces outside their intervals were above them.
     """
     found = errors(touch)
     if touch.discrepancy is None:
@@ -320,18 +328,16 @@ def _outside_load(touch: Numbers) -> Floats:
 
 
 def _slip(touch: Numbers, found: Errors | Stated, friction: float) -> tuple[Floats, Floats]:
-    """Slip margin and its standard deviation, that of mu p - |q| in the cell that is nearest to slip."""
+    """Slip margin and its standard deviation: that of mu p - |q| in the cell nearest to slip."""
     value = to_numpy(touch.slip_margin(friction))
-    values, d = to_numpy(touch.values), touch.surface.dimensions
+    d = touch.surface.dimensions
     variance = np.moveaxis(found.traction**2, -1 - d, 0)
-    traction = np.moveaxis(values, -1 - d, 0)
-    shear, p = traction[:-1], traction[-1]
-    size = np.sqrt((shear**2).sum(axis=0))
+    shear, size = np.moveaxis(to_numpy(touch.values), -1 - d, 0)[:-1], to_numpy(touch._shear_size())
     along = (shear**2 * variance[:-1]).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         along = np.where(size > 0, along / size**2, variance[:-1].mean(axis=0))
     total = friction**2 * variance[-1] + along
-    margin = np.where(to_numpy(touch.contact()), friction * p - size, math.inf)
+    margin = to_numpy(touch._margins(friction))
     flat = margin.reshape(*margin.shape[: margin.ndim - d], -1)
     index = np.argmin(flat, axis=-1)[..., None]
     variance_there = np.take_along_axis(total.reshape(flat.shape), index, axis=-1)[..., 0]

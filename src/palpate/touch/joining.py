@@ -1,4 +1,4 @@
-"""Touches of single frames or batches as one."""
+"""Join touches of single frames or batches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers read off a traction map: force, moment, centre, contact, slip margin."""
+"""Numbers computed from a traction map: force, moment, centre, contact, slip margin."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Numbers"]
 
 
 class Numbers(Fields):
-    """What `Touch` computes from its traction; arrays of the caller's kind, batch axes first."""
+    """The numbers that `Touch` computes from its traction; arrays of the caller's kind, batch axes first."""
 
     def _require(self, *names: str) -> None:
         missing = [n for n in names if n not in self.components]
@@ -90,7 +90,8 @@ class Numbers(Fields):
 
     @property
     def center_of_pressure(self) -> Any:
-        """(*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`; NaN without contact.
+        """Centre of pressure, (*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`;
+        NaN without contact.
 
         Only the contact counts: far from it the recovered pressure is noise around zero, which a long lever would amplify.
 
@@ -117,7 +118,7 @@ class Numbers(Fields):
 
     @property
     def peak_pressure(self) -> Any:
-        """Largest pressure (*batch) [Pa]; of a frame that pulls as a whole its largest pull, negative.
+        """Largest pressure (*batch) [Pa]; for a frame that pulls as a whole, its largest pull, negative.
 
         Examples
         --------
@@ -145,7 +146,7 @@ class Numbers(Fields):
         return namespace(x).max(x, axis=tuple(range(-self.surface.dimensions, 0)))
 
     def contact(self, *, threshold: float = 0.1) -> Any:
-        """True (*batch, *surface) where the pressure exceeds ``threshold`` times its peak.
+        """Mask (*batch, *surface) of the cells whose pressure exceeds ``threshold`` times its peak.
 
         Examples
         --------
@@ -168,7 +169,8 @@ class Numbers(Fields):
         return (p > threshold * peak) & (peak > 0)
 
     def contact_area(self, *, threshold: float = 0.1) -> Any:
-        """Area (*batch) [m^2] (a width [m] on a line) where the pressure exceeds ``threshold`` times its peak.
+        """Area (*batch) [m^2] (a width [m] on a line) of the cells whose pressure exceeds ``threshold`` times its
+        peak.
 
         Examples
         --------
@@ -184,12 +186,12 @@ class Numbers(Fields):
         # NaN for unknown traction
         return self._integral(xp.where(xp.isnan(self._component("z")), self._component("z"), here))
 
-    def slip_margin(self, friction: float, *, threshold: float = 0.1) -> Any:
+    def slip_margin(self, friction: float | None = None, *, threshold: float = 0.1) -> Any:
         """Grasp stability (*batch) [Pa]: the smallest friction * p - |q| over the contact.
 
         Positive: every point of the contact could bear more shear. Negative: some point is beyond the friction limit, so it
         slides, or the friction is higher than said. ``threshold`` delimits the contact as in `contact`, because at its
-        edge both p and q vanish. NaN without contact.
+        edge both p and q vanish. NaN without contact. Default ``friction``: the one that the touch was found with.
 
         Raises
         ------
@@ -212,17 +214,22 @@ class Numbers(Fields):
         -100.0
         """
         self._require(*self.surface.components)
-        if not (is_number(friction) and friction > 0):
+        friction = self.friction if friction is None else friction
+        if friction is None or not (is_number(friction) and friction > 0):
             raise InvalidInput(f"friction must be a positive number; got {friction!r}.")
         xp = namespace(self.values)
-        margin = friction * self._component("z") - self._shear_size()
-        inside = self.contact(threshold=threshold)
-        margin = xp.where(inside, margin, xp.ones_like(margin) * math.inf)
-        smallest = -self._largest(-margin)
+        smallest = -self._largest(-self._margins(friction, threshold))
         return xp.where(xp.isfinite(smallest), smallest, xp.ones_like(smallest) * math.nan)
 
+    def _margins(self, friction: float, threshold: float = 0.1) -> Any:
+        """friction * p - |q| (*batch, *surface) [Pa], infinite outside the contact."""
+        margin = friction * self._component("z") - self._shear_size()
+        xp = namespace(margin)
+        return xp.where(self.contact(threshold=threshold), margin, xp.ones_like(margin) * math.inf)
+
     def _shear_size(self) -> Any:
-        xp = namespace(self.values)
-        if self.surface.dimensions == 1:
-            return xp.abs(self._component("x"))
-        return xp.sqrt(self._component("x") ** 2 + self._component("y") ** 2)
+        """|q| (*batch, *surface) [Pa]."""
+        d = self.surface.dimensions
+        shear = self.values[(..., slice(None, -1), *(slice(None),) * d)]
+        xp = namespace(shear)
+        return xp.sqrt(xp.sum(shear**2, axis=-1 - d))

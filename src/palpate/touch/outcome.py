@@ -1,4 +1,4 @@
-"""Counted outcomes of frames, so that parts of a recording add up to the whole."""
+"""Count the outcomes of frames, so that parts of a recording can be added up."""
 
 from __future__ import annotations
 
@@ -21,20 +21,23 @@ from palpate.touch.numbers import Numbers
 
 __all__ = ["ROUGH", "ROUGHLY", "Nuisance", "Outcome", "assumed", "notes_with"]
 
-#: How far the 95 % interval of the net force reaches to its longer side, in parts of the load, above which the force is said to be known roughly only: it may then be off by
-#: as much as is called wrong (`palpate.bench.trust.judge.WRONG`).
+#: The net force is reported as uncertain if the longer side of its 95 % interval exceeds this fraction of the load:
+#: errors of this size count as wrong (`palpate.bench.trust.judge.WRONG`).
 ROUGH = 0.3
-#: Note a misfit if the model leaves at least this share of the readings unexplained.
+#: Smallest discrepancy (fraction of the readings) that is reported.
 MISFIT_NOTE = 0.05
-#: Strain from which on linear elasticity is no more to be trusted (a convention of rubber: stress of a neo-Hookean bar is then off by a third).
+#: Largest strain for which linear elasticity is trusted (a convention for rubber: the stress of a neo-Hookean bar is
+#: then off by a third).
 LARGE_STRAIN = 0.3
-#: How that note begins.
+#: Beginning of the note on an uncertain force.
 ROUGHLY = "the net force is known roughly only"
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One offset or rotation: frames that hold it and the largest, and frames whose contact hides it and its largest deviation."""
+    """Counts for one offset or rotation: frames that contain it and the largest size; frames whose contact may hide it
+    and the largest deviation.
+    """
 
     label: str
     unit: str
@@ -59,7 +62,8 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Counts over ``frames`` frames; ``batch`` False: of a single one, which is said in other words. Outcomes add.
+    """Counts over ``frames`` frames. ``batch``: False for a single frame, whose notes have no counts. Outcomes can be
+    added.
 
     Examples
     --------
@@ -97,7 +101,7 @@ class Outcome:
 
     @classmethod
     def of(cls, touch: Numbers) -> Outcome:
-        """Counted in one touch."""
+        """The outcome of one touch."""
         status: dict[int, int] = {}
         if touch.status is not None:
             codes, counts = np.unique(touch.status, return_counts=True)
@@ -184,12 +188,12 @@ class Outcome:
         )
 
     def plain(self) -> dict[str, Any]:
-        """As JSON types; `restored` is the inverse."""
+        """Convert to JSON types; `restored` is the inverse."""
         return asdict(self)
 
     @classmethod
     def restored(cls, plain: Mapping[str, Any]) -> Outcome:
-        """What `plain` gave, also after JSON, which makes text of whole numbers that are keys."""
+        """Restore from `plain`, also after JSON, which turns integer keys into text."""
         return cls(
             **{
                 **plain,
@@ -200,7 +204,7 @@ class Outcome:
         )
 
     def words(self) -> list[str]:
-        """One sentence for each thing that happened."""
+        """Notes, one sentence for each kind of outcome."""
         said = []
 
         def some(count: int) -> str:
@@ -215,7 +219,8 @@ class Outcome:
                 count -= self.unlike_noise
                 if not count:
                     continue
-            # notes on convergence carry their own remedy: a tracker, a rule and a constrained method need different ones
+            # Notes on convergence contain their own remedy, which differs for a tracker, a rule and a constrained
+            # method.
             own = status is Status.NOT_CONVERGED
             remedy = f"; {status.remedy}" if status.remedy and not own else ""
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
@@ -275,7 +280,7 @@ class Outcome:
                 f"{begins} {up_to}{self.discrepancy:.0%} of these readings unexplained{some(self.discrepant)}; intervals allow for it"
             )
         if self.rough:
-            # the widest of many intervals is not typical: it is a frame with almost no contact
+            # The widest of many intervals is not typical: it belongs to a frame with almost no contact.
             wide = f"more than +- {ROUGH:.0%} of the load" if self.batch else f"+- {_of_load(self.roughest)}"
             said.append(f"{ROUGHLY}{some(self.rough)}: {wide} (95 %)")
         if self.poor:
@@ -289,7 +294,7 @@ class Outcome:
         return said
 
 
-#: How the note of a small contact begins, which is a reason for a force that is known roughly, and for nothing else.
+#: Beginning of the note on a small contact, which is a reason for an uncertain force and for nothing else.
 _SMALL = ("small contact:", "small contact in ")
 
 
@@ -309,14 +314,16 @@ def assumed(said: Iterable[str], outcome: Outcome | None) -> tuple[str, ...]:
 
 
 def _in(touch: Numbers, *statuses: Status) -> npt.NDArray[np.bool_]:
-    """Frames (*batch) of these statuses."""
+    """Mask of frames (*batch) with one of these statuses."""
     if touch.status is None:
         return np.zeros(touch.batch, dtype=bool)
     return np.isin(np.asarray(touch.status), [int(s) for s in statuses])
 
 
 def _strain(touch: Numbers) -> tuple[int, float, int]:
-    """Frames whose strain is too large for linear elasticity, the largest, and frames whose pressure is above the modulus."""
+    """Number of frames whose strain is too large for linear elasticity, the largest strain, and number of frames whose
+    pressure exceeds the modulus.
+    """
     if touch.strain is None:
         return 0, 0.0, 0
     strain = np.nan_to_num(np.asarray(touch.strain, dtype=np.float64))
@@ -328,7 +335,7 @@ def _strain(touch: Numbers) -> tuple[int, float, int]:
 
 
 def _discrepancy(touch: Numbers) -> tuple[int, float]:
-    """Frames with contact that the pad's model does not explain exactly, and the largest share that it leaves."""
+    """Number of frames with contact and a notable discrepancy, and the largest discrepancy."""
     if touch.discrepancy is None:
         return 0, 0.0
     share = np.nan_to_num(np.asarray(touch.discrepancy, dtype=np.float64))
@@ -336,8 +343,10 @@ def _discrepancy(touch: Numbers) -> tuple[int, float]:
 
 
 def _uncertainty(touch: Numbers) -> npt.NDArray[np.float64]:
-    """The longer side of the 95 % interval of the net force, worst component, in parts of the load (frame,); zero without contact or interval."""
-    if touch.errors is None:
+    """Longer side of the 95 % interval of the net force, for the worst component, as a fraction of the load (frame,);
+    zero without contact or interval.
+    """
+    if not touch.has_intervals:
         return np.zeros(0)
     surface = touch.surface
     low, high = (to_numpy(side) for side in interval(touch, 0.95, "force", None))
@@ -376,7 +385,7 @@ def _nuisances(touch: Numbers) -> tuple[Nuisance, ...]:
 
 
 def _of_load(share: float) -> str:
-    """A part of the load in per cent; above, how many times the load."""
+    """A fraction of the load in per cent; if larger than the load, as a multiple."""
     if not math.isfinite(share):
         return "an unknown part of the load"
     return f"{share:.0%} of the load" if share <= 1.0 else f"{plain_number(share, 2)} times the load"

@@ -1,4 +1,4 @@
-"""The result: traction on the surface, and what can be read off it."""
+"""The result: traction on the surface, and numbers computed from it."""
 
 from __future__ import annotations
 
@@ -67,13 +67,6 @@ class Touch(Numbers):
         Components whose net force does not affect the readings; `force` is NaN there.
     time : array (*batch) or None
         Time of each frame [s].
-    errors : Errors or None
-        Standard deviations in closed form by the model, before calibration; use `std` and `interval`.
-    stated : Stated or None
-        Standard deviations due to the uncertainty of pad and sensors (`palpate.Uncertainty`); part of `std` and `interval`.
-    common_std : float
-        Relative standard deviation of the common factor of all results: the scale of the readings, and the modulus if all of them depend on it; part
-        of `std` and `interval`.
     discrepancy : array (*batch) or None
         Share of the readings (root mean square) that the pad's model leaves unexplained, as learned from the frame; every interval allows for it.
     force_bounds : array (*batch, component, 2) or None
@@ -128,9 +121,9 @@ class Touch(Numbers):
 
     Notes
     -----
-    A Touch does not change: its NumPy arrays are read-only (copy one to change it). Maps (`traction`, `pressure`, `shear`, `std`,
-    `variance_reduction`, the interval of the traction) are labelled xarray objects; numbers read off them (`force`, `moment`,
-    `center_of_pressure`, `peak_pressure`, ... and their intervals) are plain arrays of the caller's kind with the batch axes first.
+    A Touch does not change: its NumPy arrays are read-only (copy one to change it). Maps (`traction`, `pressure`, `shear`,
+    `variance_reduction`) are labelled xarray objects; `values`, numbers read off them (`force`, `moment`, `center_of_pressure`, `peak_pressure`, ...),
+    every `interval` and every `std` are plain arrays of the caller's kind with the batch axes first.
     Positions and vectors are (x, y) or (x, y, z); array axes are (y, x).
 
     Examples
@@ -251,7 +244,7 @@ class Touch(Numbers):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """What was assumed of frames, in words: the line "assumed" of `summary`.
+        """Assumptions about the frames, in words: the line "assumed" of `summary`.
 
         Examples
         --------
@@ -363,9 +356,10 @@ class Touch(Numbers):
 
     # -- how sure ------------------------------------------------------------------------------------------------------
 
-    @property
-    def std(self) -> xarray.DataArray:
-        """Standard deviation of the traction [Pa], labelled like `traction`.
+    def std(self, of: str = "traction", *, friction: float | None = None) -> Any:
+        """Standard deviation of a quantity: half the width of its 68 % `interval`, which here may reach below 0.
+
+        Takes and returns what `interval` does. It is infinite where the interval has no upper end.
 
         Raises
         ------
@@ -378,15 +372,16 @@ class Touch(Numbers):
         >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
         >>> skin = pp.Skin(pad, pp.LineArray(count=15, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0))
         >>> readings = skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=10.0))
-        >>> std = skin.reconstruct(readings, method="adaptive").std
-        >>> std.dims, std.attrs["units"], bool(std.sel(component="z", x=0.0) < 100.0)  # of a peak of 2122 Pa
-        (('component', 'x'), 'Pa', True)
+        >>> touch = skin.reconstruct(readings, method="adaptive")
+        >>> bool(touch.std("force")[1] < 0.5), touch.std().shape == touch.values.shape  # of 10 N/m; of every cell
+        (True, True)
         """
-        return self._map(intervals.std(self), "std")
+        return from_numpy(intervals.std(self, of, friction), self.values)
 
     @property
     def variance_reduction(self) -> xarray.DataArray:
-        """How much of the traction in each cell is measured (1) rather than assumed (0): 1 - posterior over prior variance.
+        """Fraction of the prior uncertainty that the readings remove in each cell: 1 - posterior over prior variance;
+        1 is measured, 0 is assumed.
 
         NaN outside the contact. Where it is low, the map shows the prior, not data: features much finer than the depth, and cells beyond the array.
 
@@ -406,7 +401,7 @@ class Touch(Numbers):
         return self._map(intervals.errors(self).variance_reduction, "variance_reduction", unit="1")
 
     def interval(self, level: float = 0.95, of: str = "traction", *, friction: float | None = None) -> tuple[Any, Any]:
-        """Lower and upper end of the interval that holds the true value with probability ``level``.
+        """Lower and upper bound of the interval that contains the true value with probability ``level``.
 
         Parameters
         ----------
@@ -414,13 +409,21 @@ class Touch(Numbers):
             Between 0 and 1, e.g. 0.5 or 0.95.
         of : str
             "traction" (every cell and component), "force", "moment", "center_of_pressure", "peak_pressure" or
-            "slip_margin" (which needs ``friction``).
+            "slip_margin" (with ``friction``, by default that of the touch).
 
         Returns
         -------
         low, high : arrays
-            Shaped like the quantity: labelled for "traction", else of the caller's kind. Pressure, normal force and peak pressure do not
+            Shaped like the quantity (`values` for "traction"), of the caller's kind. Pressure, normal force and peak pressure do not
             reach below 0. NaN in frames without an answer (missing, capturing zero) and in those whose method gives no error bars.
+            ``touch.traction.copy(data=low)`` labels a map.
+
+        Raises
+        ------
+        InvalidInput
+            A level outside 0 to 1, or an unknown quantity.
+        Unsupported
+            The method gives no error bars (`has_intervals`).
 
         Notes
         -----
@@ -441,8 +444,6 @@ class Touch(Numbers):
         True
         """
         low, high = intervals.interval(self, level, of, friction)
-        if of == "traction":
-            return self._map(low, "low"), self._map(high, "high")
         return from_numpy(low, self.values), from_numpy(high, self.values)
 
     def exceeds(self, limit: float, of: str = "peak_pressure") -> Any:

@@ -1,4 +1,4 @@
-"""Numbers and their intervals in words, rounded to what the interval supports."""
+"""Format numbers with intervals, rounded to the digits that the interval supports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DIGITS = 4
 
 
 def decimals(half_width: float) -> int:
-    """Decimals that show two digits of half an interval's width; 0 if that is 10 or more.
+    """Number of decimals that show two digits of half an interval's width; 0 if that is 10 or more.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def decimals(half_width: float) -> int:
 def format_interval(
     value: float, low: float = math.nan, high: float = math.nan, *, factor: float = 1.0, unit: str = ""
 ) -> str:
-    """A number with its unit and its interval, all with the same decimals; ``factor`` brings it to the unit.
+    """A number with its unit and its interval, all with the same decimals; ``factor`` converts it to the unit.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def format_interval(
 
 
 def open_interval(low: float, high: float) -> str:
-    """An interval with one or both ends open; "" if an end is unknown.
+    """Text for an interval with one or both ends open; "" if a bound is unknown.
 
     Examples
     --------
@@ -68,12 +68,13 @@ def open_interval(low: float, high: float) -> str:
 
 
 def _fixed(value: float, n: int) -> str:
-    """With ``n`` decimals, and no minus before a zero."""
+    """A number with ``n`` decimals, and no minus before a zero."""
     return f"{round(value, n) + 0.0:.{n}f}"
 
 
 def force_unit(size: float, unit: str) -> tuple[float, str]:
-    """Factor and unit for forces as large as ``size``: newtons from 0.05 N on, as robots have them, and prefixes for what is smaller or very large.
+    """Factor and unit for forces of the size ``size``: newtons from 0.05 N on, as usual for robots, and prefixes for
+    smaller or very large ones.
 
     Examples
     --------

@@ -28,14 +28,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Forces", "columns", "table_of", "table_words", "write_table"]
 
-#: Rows of a table that is printed.
+#: Largest number of rows of a printed table.
 PRINTED = 20
-#: Axes of what has one number for each, by the dimensions of the surface.
+#: Axes of quantities with one number per axis, by the dimensions of the surface.
 _AXES = {"force": {1: ("x", "z"), 2: ("x", "y", "z")}, "moment": {1: ("y",), 2: ("x", "y", "z")}}
 
 
 def columns(touch: Numbers, *, friction: float | None = None, level: float = 0.95) -> dict[str, Any]:
-    """Time, status and numbers of each frame of a touch with their intervals, by the titles of the table; see `Touch.table`."""
+    """Time, status and numbers of each frame of a touch with their intervals, keyed by the titles of the table; see
+    `Touch.table`.
+    """
     if len(touch.batch) > 1:
         raise InvalidInput(
             f"a table has one row a frame, and this touch has the batch axes {touch.batch}: pick along the first, touch[0]."
@@ -179,7 +181,7 @@ class Forces:
 
 
 def table_of(parts: Sequence[dict[str, Any]]) -> pandas.DataFrame:
-    """One table of what `columns` gave of frame after frame."""
+    """One table from the results of `columns` for several frames or batches."""
     import pandas
 
     longest = max(parts, key=len)  # a missing frame may lack values that need the friction
@@ -194,7 +196,7 @@ def table_of(parts: Sequence[dict[str, Any]]) -> pandas.DataFrame:
 
 
 def write_table(table: pandas.DataFrame, path: str | Path) -> None:
-    """A table of `Touch.table` as CSV."""
+    """Write a table of `Touch.table` as CSV."""
     exact = [title for title in ("time (s)",) if title in table]  # seconds since 1970 need all their digits
     table.assign(**{t: [repr(round(float(v), 9)) for v in table[t]] for t in exact}).to_csv(
         path, index=False, float_format="%.6g", lineterminator="\n"
@@ -207,7 +209,8 @@ def _short(event: object) -> str:
 
 
 def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
-    """A table for printing: at most ``rows`` frames, evenly spread, a number with its 95 % interval in each column, rounded alike within a column.
+    """Format a table for printing: at most ``rows`` frames, evenly spread; each column has a number with its 95 %
+    interval, with the same decimals throughout.
 
     Examples
     --------

@@ -19,12 +19,12 @@ from palpate.touch.rounding import force_unit, format_interval
 
 __all__ = ["assumptions", "notes", "outcome", "summary"]
 
-#: A summary notes at least this part of the normal force outside the outermost taxels.
+#: Smallest fraction of the normal force outside the outermost taxels that a summary notes.
 OUTSIDE = 0.05
 
 
 def outcome(touch: Numbers) -> list[str]:
-    """What became of the frames of a touch, one sentence for each thing that happened."""
+    """Notes on the frames of a touch, one sentence for each kind of outcome."""
     return Outcome.of(touch).words()
 
 
@@ -47,13 +47,13 @@ def summary(one: Numbers, friction: float | None) -> str:
     line = one.surface.dimensions == 1
     force = np.asarray(to_numpy(one.force), dtype=np.float64)
     components = one.surface.components
-    # a tracker goes on with numbers that its model does not explain: nobody should read them off
+    # A tracker continues with numbers that its model does not explain, but nobody should use them.
     unexplained = one.status is not None and int(np.asarray(one.status)) == int(Status.UNEXPLAINED)
     if unexplained or not np.isfinite(force).any():
         return "\n".join([f"{'net force':<16}not known{_at_most(one, line=line)}", *_below(one)])
-    # some frames have no intervals: found by a method without error bars, or before a stream has made them
+    # Some frames have no intervals: solved by a method without error bars, or before a stream has computed them.
     calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
-    known = one.errors is not None and (calibrated or bool(np.isfinite(one.errors.force).any()))
+    known = one._errors is not None and (calibrated or bool(np.isfinite(one._errors.posterior.force).any()))
 
     def bounds(of: str, **given: float) -> tuple[Floats, Floats]:
         if not known:
@@ -75,7 +75,7 @@ def summary(one: Numbers, friction: float | None) -> str:
             say(f"net force {c}", float(force[i]), float(low[i]), float(high[i]), factor, unit)
         else:
             lines.append(f"{f'net force {c}':<16}taken as 0, not measured")
-    if one.errors is not None and not known:
+    if one.has_intervals and not known:
         lines.append(f"{'95 % interval':<16}not known for this frame (method {one.methods.item()})")
     if "z" in one.components:
         peak = float(one.peak_pressure)
@@ -89,8 +89,8 @@ def summary(one: Numbers, friction: float | None) -> str:
         for i, value in enumerate(centre):
             if np.isfinite(value):
                 say(f"centre {'xy'[i]}", float(value), float(low[i]), float(high[i]), factor, unit)
-        if one.errors is not None and float(one.errors.outside_force[-1]) > OUTSIDE * abs(float(force[-1])):
-            outside = float(one.errors.outside_force[-1])
+        outside = 0.0 if one._errors is None else float(one._errors.posterior.outside_force[-1])
+        if outside > OUTSIDE * abs(float(force[-1])):
             lines.append(
                 f"{'outside array':<16}{format_interval(outside, factor=force_factor, unit=force_name)} of the normal force, where nothing is measured"
             )
@@ -110,7 +110,7 @@ def summary(one: Numbers, friction: float | None) -> str:
         sure = 100 * float(one.sliding)
         lines.append(f"{'shear':<16}in one proportion to pressure, as where all of it slides: sure to {sure:.0f} %")
     if known:
-        # the first interval states the probability for all
+        # The first interval states the probability for all.
         first = next((i for i, text in enumerate(lines) if " (" in text), None)
         if first is not None:
             lines[first] = lines[first].replace(" (", " (95 %: ", 1)
@@ -118,8 +118,8 @@ def summary(one: Numbers, friction: float | None) -> str:
 
 
 def _at_most(one: Numbers, *, line: bool) -> str:
-    """The upper end of the interval of the normal force, the only number of an unexplained frame."""
-    if one.errors is None or "z" not in one.components:
+    """The upper bound of the normal force, the only number of an unexplained frame."""
+    if not one.has_intervals or "z" not in one.components:
         return ""
     end = float(np.ravel(to_numpy(interval(one, 0.95, "force", None)[1]))[-1])
     if not (math.isfinite(end) and end > 0.0):
@@ -129,7 +129,7 @@ def _at_most(one: Numbers, *, line: bool) -> str:
 
 
 def _below(one: Numbers) -> list[str]:
-    """What was assumed, in one line, and a line for each note."""
+    """The assumptions in one line, and a line for each note."""
     found = assumptions(one)
     return [*([f"{'assumed':<16}{'; '.join(found)}"] if found else []), *(f"note: {n}" for n in notes(one))]
 

@@ -1,7 +1,7 @@
-"""One frame after another: what touches the pad while it happens.
+"""Real-time contact: solve the frames of a stream one after another.
 
 In: frames of readings with their times, in order, from a prepared skin.
-Out: one touch a frame in a millisecond or two, with zero, drift, failing taxels and error bars.
+Out: one touch per frame in a millisecond or two, with zero, drift, failing taxels and error bars.
 Open first: `tracker.py`.
 """
 

@@ -1,14 +1,16 @@
-"""The last single solve of a contact, carried along from frame to frame.
+"""Correct the tracker's traction by the last single solve of the same contact.
 
-In: the tracker's own traction of a frame, and what a single solve found in the frame that it was asked for. Out: the traction that is answered,
+In: the tracker's own traction of a frame, and the single solve of an earlier frame y0. Out: the traction of the
+result,
 
     t(y) = P(t_own(y) + s w a (t_single(y0) - t_own(y0))),    a = min(L / L0, 1),    w = <p_own(y), p_own(y0)> / (|p_own(y)| |p_own(y0)|)
 
-with loads L and P the projection on the friction cone. A single solve knows its net force no better than the share of the readings that the pad's model leaves
-unexplained. Of a difference d between two net forces, with e that share of the load, the part s = d^2 / (d^2 + e^2) is more than that. One even penalty, which is what a frame can afford, is wrong in a way that depends on the contact:
-it grows with the load, and stays while the contact stays. A single solve of y0 has discs, local weights and shares of discrepancy to choose from, and is
-not. So the tracker tells what has changed since, and where pressure lies elsewhere (w falls from 1 to 0) it is by itself again. The interval still reaches
-the tracker's own answer (`single.Comparison.reaching`): of readings that have drifted the single solve is the worse one.
+with loads L and the projection P on the friction cone. The tracker uses one even penalty, because more does not fit
+into the time of a frame. Its error depends on the contact, grows with the load, and stays while the contact stays. A
+single solve also tries discs, local weights and discrepancies, and does not have this error. Its net force is
+uncertain by its discrepancy e, so that only the fraction s = d^2 / (d^2 + e^2) of a force difference d is applied. The
+correction fades as the pressure moves elsewhere (w falls from 1 to 0). The interval still includes the tracker's own
+result (`single.Comparison.reaching`), because the single solve is worse if the readings have drifted.
 """
 
 from __future__ import annotations
@@ -25,12 +27,13 @@ from palpate.touch import Touch
 
 __all__ = ["Anchor", "beyond"]
 
-#: A difference is carried to no larger load than so many times that of its frame: noise in it would grow with it.
+#: Largest load, relative to the load of the single solve, to which the difference is scaled: beyond it, noise in the
+#: difference would grow.
 FARTHEST = 1.0
 
 
 def beyond(difference: Floats, std: float) -> float:
-    """The part d^2 / (d^2 + e^2) of a difference d (component,) that is more than its standard deviation e explains.
+    """Fraction d^2 / (d^2 + e^2) of a difference d (component,) that its standard deviation e does not explain.
 
     Examples
     --------
@@ -44,7 +47,8 @@ def beyond(difference: Floats, std: float) -> float:
 
 
 class Anchor:
-    """What a single solve found of this contact; tractions are (component, cell) of the surface, of which ``columns`` are sought.
+    """The last single solve of this contact. Tractions are (component, cell) of the surface; only ``columns`` are
+    sought.
 
     Examples
     --------
@@ -64,14 +68,14 @@ class Anchor:
         self.clear()
 
     def clear(self) -> None:
-        """The contact has ended."""
+        """Forget the single solve: the contact has ended."""
         self._own: Floats | None = None
         self._difference: Floats | None = None
 
     def hold(self, own: Floats, single: Touch | None, part: float) -> None:
-        """Carry a single solve on whose contact pushes; let go of the last one where there is none.
+        """Keep a single solve if its contact pushes; otherwise forget the last one.
 
-        ``part`` of the difference is carried.
+        ``part`` is the fraction of the difference to apply.
         """
         if single is None or not (single.pushing is None or bool(single.pushing)):
             self.clear()
@@ -80,12 +84,14 @@ class Anchor:
         self.take(own, values.reshape(len(values), -1), part)
 
     def take(self, own: Floats, single: Floats, part: float = 1.0) -> None:
-        """What the tracker and a single solve found in one frame, and the ``part`` of their difference that is carried."""
+        """Store the tracker's and the single solve's traction of one frame, and the fraction ``part`` of their
+        difference to apply.
+        """
         if own.shape == single.shape and own[-1].sum() > 0 and np.isfinite(single).all():
             self._own, self._difference = own.copy(), part * (single - own)
 
     def _likeness(self, own: Floats) -> float:
-        """The cosine w between the pressure of a frame and that of the single solve's frame; 0 without one."""
+        """Cosine w between the pressures of this frame and of the single solve's frame; 0 without a single solve."""
         if self._own is None:
             return 0.0
         there, here = self._own[-1], own[-1]
@@ -93,7 +99,7 @@ class Anchor:
         return max(float(there @ here) / size, 0.0) if size > 0 else 0.0
 
     def carried(self, own: Floats) -> Floats:
-        """The traction that is answered, for the tracker's own."""
+        """The corrected traction for the tracker's ``own`` traction."""
         if self._own is None or self._difference is None:
             return own
         part = self._likeness(own) * min(float(own[-1].sum()) / float(self._own[-1].sum()), FARTHEST)

@@ -1,4 +1,4 @@
-"""Long work beside the stream, where a frame has a budget of time."""
+"""Run long work in a thread beside the stream, if frames have a time budget."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from palpate._threads import beside
 
 __all__ = ["Background"]
 
-#: Seconds that a piece of the work waits for the end of a frame, at most: a stream without pauses leaves it a piece of time all the same.
+#: Longest time [s] for which a piece of the work waits for the current frame: without pauses in the stream it still
+#: makes progress.
 LONGEST = 0.01
 
 
 class Background:
-    """Work done at once, or with ``threaded`` in one thread of its own, which lets a frame go first."""
+    """Run work immediately, or with ``threaded`` in a thread that pauses while a frame is being solved."""
 
     def __init__(self, *, threaded: bool) -> None:
         self.threaded = threaded
-        self._between = threading.Event()  # whether no frame is being answered
+        self._between = threading.Event()  # set while no frame is being solved
         self._between.set()
         self._worker: ThreadPoolExecutor | None = None
         if threaded:
@@ -34,7 +35,7 @@ class Background:
 
     @contextmanager
     def frame(self) -> Iterator[None]:
-        """A frame is being answered."""
+        """Context in which a frame is being solved."""
         self._between.clear()
         try:
             yield
@@ -45,7 +46,7 @@ class Background:
         self._between.wait(LONGEST)
 
     def result(self, name: str, work: Callable[[], Any]) -> Any:
-        """What ``work`` returns: at once without a thread, else None until the thread has it."""
+        """The result of ``work``: immediately without a thread; otherwise None until the thread has finished."""
         if self._worker is None:
             return work()
         if name not in self._pending:
@@ -56,11 +57,13 @@ class Background:
         return self._pending.pop(name).result()
 
     def __contains__(self, name: str) -> bool:
-        """Whether work of this name is under way."""
+        """Whether work of this name is pending."""
         return name in self._pending
 
     def wait(self, names: Sequence[str], deadline: float) -> bool:
-        """Wait for work of these names, to the time ``deadline`` of `time.perf_counter`; whether there was any and it is done."""
+        """Wait for work of these names until ``deadline`` (in `time.perf_counter`); return whether there was any and
+        it is finished.
+        """
         pending = [self._pending[n] for n in names if n in self._pending]
         left = max(deadline - clock.perf_counter(), 0.0)
         answering = not self._between.is_set()
@@ -72,11 +75,11 @@ class Background:
                 self._between.clear()
 
     def drop(self, name: str) -> None:
-        """Drop the result of this work, if it is under way."""
+        """Discard the result of this work, if pending."""
         self._pending.pop(name, None)
 
     def forget(self) -> None:
-        """Drop the results of what is under way."""
+        """Discard the results of all pending work."""
         self._pending.clear()
 
     def close(self) -> None:

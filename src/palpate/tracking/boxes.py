@@ -1,11 +1,12 @@
-"""A'A of the cells of a box, of arrays that read alike at every place.
+"""Fast A'A of the cells of a box, for arrays whose response is the same at every place.
 
-Where cells lie as far apart as taxels, two cells a step further are read as the two before, but for the taxels at both ends:
+If cells and taxels have the same spacing, shifting two cells by one step leaves their product unchanged except for the
+taxels at both ends:
 
     (A'A)(i + e, j + e) = (A'A)(i, j) + first(i + e) first(j + e)' - last(i) last(j)',
 
-first(i) being what the first row of taxels reads of a cell and last(i) what the last row does. So that products over all taxels are only
-needed along three sides of the box: a tenth of the work, and less of more taxels.
+where first(i) and last(i) are the responses of the first and the last row of taxels to a cell. So full products are
+only needed along three sides of the box: a tenth of the work, and less for larger arrays.
 """
 
 from __future__ import annotations
@@ -24,22 +25,22 @@ from palpate.tracking.pieces import product
 
 __all__ = ["Alike", "Box"]
 
-#: A box serves cells that are no less than this part of it.
+#: Use a box only if the cells fill at least this fraction of it.
 FULL = 0.5
-#: Of fewer readings the products themselves take no longer.
+#: With fewer readings, the direct product is as fast.
 FEWEST = 1000
 
 
 @dataclass(frozen=True)
 class Box:
-    """A'A of the cells in ``shape`` from ``corner`` on, in order: (cell * component, cell * component)."""
+    """A'A of all cells of the box of ``shape`` at ``corner``: (cell * component, cell * component)."""
 
     corner: tuple[int, int]
     shape: tuple[int, int]
     gram: Floats
 
     def places(self, where: tuple[Index, ...]) -> Index | None:
-        """Where cells stand in it; None where it does not hold them all."""
+        """Indices of cells within the box; None if some lie outside."""
         y, x = (w - c for w, c in zip(where, self.corner))
         height, width = self.shape
         inside = len(y) and y.min() >= 0 and x.min() >= 0 and y.max() < height and x.max() < width
@@ -47,7 +48,7 @@ class Box:
 
 
 class Alike:
-    """What such arrays read of cells. ``possible``: whether they are such arrays."""
+    """Responses of such arrays to cells. ``possible``: whether the arrays have the property."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         operator, readings = estimator.operator, estimator.readings
@@ -72,7 +73,7 @@ class Alike:
             start = stop
 
     def fits(self, where: tuple[Index, ...], entries: int) -> tuple[slice, slice] | None:
-        """The box round some cells, where it serves them and its A'A has no more than so many entries."""
+        """The bounding box of some cells, if they fill enough of it and its A'A has at most ``entries`` entries."""
         if not self.possible or not len(where[0]):
             return None
         y, x = (slice(int(w.min()), int(w.max()) + 1) for w in where)
@@ -81,7 +82,7 @@ class Alike:
         return (y, x) if serves else None
 
     def _seen(self, y: slice, x: slice, rows: slice, columns: slice) -> Floats:
-        """What some rows and columns of taxels read, whitened, of cells: (y, x, component, reading)."""
+        """Whitened responses of some rows and columns of taxels to cells: (y, x, component, reading)."""
         parts = []
         for windows, weights in zip(self._windows, self._weights):
             seen = np.moveaxis(windows[:, y, x, :, rows, columns][self._columns], 0, 2)
@@ -89,7 +90,7 @@ class Alike:
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
     def box(self, y: slice, x: slice) -> Box:
-        """A'A of the cells of a box."""
+        """Compute A'A of the cells of a box."""
         every, first, last = slice(None), slice(0, 1), slice(-1, None)
         height, width, c = y.stop - y.start, x.stop - x.start, len(self._columns)
 
@@ -106,13 +107,13 @@ class Alike:
         give_way()
         upper, lower = self._seen(y, x, first, every), self._seen(y, x, last, every)
 
-        # the first cell of each row with all rows from there on, from the last row to the first
+        # First cell of each row with all rows from there on, from the last row to the first.
         corner = lowest[-1]
         for i in range(height - 1, 0, -1):
             give_way()
             further = upper[i, 0] @ rows(upper[i:]).T - lower[i - 1, 0] @ rows(lower[i - 1 : -1]).T
             corner = np.concatenate([corner - further, lowest[i - 1]], axis=1)
-        # the first row with all rows, cell by cell
+        # First row with all rows, cell by cell.
         give_way()
         before, after = self._seen(y, x, every, first), self._seen(y, x, every, last)
         further = product(rows(before[0, 1:]), rows(before[:, 1:]).T) - product(
@@ -124,7 +125,7 @@ class Alike:
         for i in range(1, width):
             row[i, :, :, 0] = across[i]
             row[i, :, :, 1:] = row[i - 1, :, :, :-1] + further[i - 1]
-        # and row by row
+        # Then row by row.
         out = np.empty((height, width * c, height, width * c))
         out[0] = row.reshape(width * c, height, width * c)
         for i in range(1, height):
@@ -138,7 +139,7 @@ class Alike:
         return Box((y.start, x.start), (height, width), out.reshape(height * width * c, -1))
 
     def of(self, where: tuple[Index, ...], unused: Flags) -> Floats:
-        """What some readings see, whitened, of cells: (component * cell, reading)."""
+        """Whitened responses of some readings to cells: (component * cell, reading)."""
         parts, start = [], 0
         y, x = (w[:, None] for w in where)
         for windows, weights in zip(self._windows, self._weights):

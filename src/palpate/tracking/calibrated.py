@@ -1,4 +1,4 @@
-"""The tracker of a calibrated skin: the same zero and the same stream, with the net force of the calibration."""
+"""Tracker of a calibrated skin: as `Tracker`, with the net force of the calibration."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from palpate.tracking.zero import Zero
 
 __all__ = ["CalibratedTracker"]
 
-#: What is said where frames that moved were to be the zero.
+#: Note if the readings moved while the zero was taken.
 NO_ZERO = "the readings moved while the zero was taken, by more than their noise: the zero of the calibration serves instead. Give fewer frames (baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
 
 
 class CalibrationLike(Protocol):
-    """What a tracker asks of a calibration."""
+    """The part of a calibration that a tracker uses."""
 
     @property
     def factors(self) -> Floats: ...
@@ -46,10 +46,11 @@ class CalibrationLike(Protocol):
 
 
 class CalibratedTracker(Tracker):
-    """`Tracker` whose touches hold the net force of a calibration, with its intervals.
+    """`Tracker` whose touches have the net force of a calibration, with its intervals.
 
-    Where the elastic model holds, it is asked in the unit that the calibration found. Where it was rejected, it serves the zero alone, and traction is NaN. The
-    noise is that of the calibration's frames at rest: without it a stream that begins without a zero would take presses for drift of it.
+    If the calibration accepted the elastic model, the model runs on readings scaled by the calibration. If it rejected
+    the model, only its zero is used, and traction is NaN. The noise comes from the calibration's frames at rest;
+    without it, a stream that begins without a zero would take presses for drift.
 
     Examples
     --------
@@ -67,8 +68,8 @@ class CalibratedTracker(Tracker):
     def __init__(self, *args: Any, calibration: CalibrationLike, **options: Any) -> None:
         self._calibrated = calibration
         self.calibration = calibration.opened() if calibration.is_zero(options.get("baseline", 0)) else calibration
-        self._no_zero = False  # whether frames that moved were to be the zero
-        self._zero_note: str | None = None  # what is said of a zero that differs from that of the calibration
+        self._no_zero = False  # whether the readings moved while the zero was taken
+        self._zero_note: str | None = None  # note if the zero differs from the calibration's
         self._actual: Floats | None = None
         super().__init__(*args, **options)
         if len(self._std) != calibration.readings:
@@ -84,7 +85,7 @@ class CalibratedTracker(Tracker):
 
     @property
     def _unit(self) -> Floats:
-        """What each reading is multiplied by for the elastic model."""
+        """Factor of each reading for the elastic model."""
         return self.calibration.factors
 
     def _flat(self, reading: Any) -> tuple[Floats, Any]:
@@ -125,7 +126,7 @@ class CalibratedTracker(Tracker):
         return found
 
     def _go_back_to_zero(self) -> None:
-        """Take the zero of the calibration, where one is kept, instead of frames that moved."""
+        """Use the zero of the calibration, if it has one, because the readings moved."""
         zero = self._flat(self._calibrated.zero)[0] / self._std
         self._zero = Zero(zero, 0, self.drift_time, self._offsets.index)
         self._rest, self.calibration = Rest(), self._calibrated.opened()
@@ -133,7 +134,7 @@ class CalibratedTracker(Tracker):
     def _say(self, elapsed: float) -> None:
         check = self._check
         actual = np.abs(self._actual) / self._unit if self._actual is not None else None
-        # labelled presses gave larger readings: several that are alike are alike by chance, as those of coarse counts are
+        # Labelled presses gave larger readings, so equal values here are chance, as in coarse counts, not saturation.
         if actual is not None and not self._ranged and not (check.clipped & (actual >= self.calibration.largest)).any():
             check.overload = False
             check.clipped = np.zeros_like(check.clipped)

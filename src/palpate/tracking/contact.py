@@ -1,7 +1,7 @@
-"""What touches in a frame: contact that pushes, on all readings but a few, or else traction of either sign; and whether that explains them.
+"""Contact in one frame of a stream: pushing contact on all readings except outliers, or traction of either sign; and whether it fits.
 
-A frame that is explained as the ones before costs one solution. Where the misfit says otherwise, and at a regular look, the hypotheses are
-weighed in that very frame: cells where pressure is missing, readings that are wrong, a zero that has jumped, traction that pulls.
+A frame that fits like the ones before costs one solution. If the misfit is unusual, and at regular intervals, the tracker checks the alternatives in that frame: cells without pressure that need
+some, wrong readings, a zero that has jumped, traction that pulls.
 """
 
 from __future__ import annotations
@@ -35,52 +35,48 @@ from palpate.tracking.search import TAKEN, Search
 
 __all__ = ["EVERY", "Contact"]
 
-#: As the contact method has it.
+#: Same value as in the contact method.
 FAINT = Policy().extent.faint
 
-#: Everything is looked at (new contacts, taxels that contact does not explain) at least once in so many frames: a look costs about as
-#: much as a frame.
+#: Longest number of frames between two checks for new contacts and bad taxels; a check costs about as much as a frame.
 EVERY = 8
-#: A reading is bad where it is this many standard deviations, and this part of the largest, from what contact explains: the model
-#: of a pad may be wrong by some per cent of the largest reading.
+#: A reading is bad if its residual exceeds this many standard deviations and this fraction of the largest reading; the model of a pad may be wrong by some per cent of the largest reading.
 UNEXPLAINED, GROSS = 8.0, 0.1
-#: A wrong taxel bends the solution round it: of those that are not explained only the worst are judged, down to this part of the
-#: largest misfit; those that it hid come next, in so many turns at most.
+#: A bad reading distorts the solution around it. So only residuals above this fraction of the largest are judged in each turn; those hidden by them follow, in at most TURNS turns.
 WORST, TURNS = 0.6, 8
-#: Up to the first part of the readings (or so many) may be wrong without another thought; then pulling is weighed against it; beyond the
-#: second part it is the contact that is not found.
+#: If at most FEW of the readings (or FEWEST of them) are bad, accept the contact. Above that, compare it with pull. Above MOST, the contact is judged wrong, not the readings.
 FEW, FEWEST, MOST = 0.02, 3, 0.2
-#: The zero that jumped is found in so many rounds: noise that only pushes hides part of it in each.
+#: Rounds in which a jumped zero is estimated: non-negative pressure fits part of it in each.
 JUMPS = 4
-#: A frame is explained where no more is left than so many standard deviations (known from many frames here), and the part of the signal
-#: that the batch allows: a root mean square of 1.5 of a hundred readings is seven standard deviations of its own.
+#: A frame fits if its residual is at most this many times the noise, plus the fraction of the signal that the batch method allows. A root mean square of 1.5 over a hundred readings is seven of its
+#: standard deviations.
 EXCESS = 1.5
-#: After so many frames in a row whose time was over before their iteration, one is finished whatever it takes: a penalty learned with a hole in the
-#: readings, or a zero that drifts, is found in finished frames only, and 1 N read 290 N after a minute of unfinished ones.
+#: After this many consecutive frames without convergence, finish one frame whatever the time. Only finished frames reveal a penalty learned from incomplete readings, or a drifting zero: after a minute
+#: of unfinished frames 1 N read 290 N.
 PATIENCE = 32
-#: Seconds for which such a frame waits for the thread: a stream without pauses leaves it no time.
+#: Time [s] for which such a frame waits for the thread, since a stream without pauses leaves the thread no time.
 UNDER_WAY = 0.1
-#: So many penalties in a row are dropped for readings that were found to be wrong while they were learned.
+#: Largest number of consecutive penalties to discard because readings were found bad while they were learned.
 HOLED = 3
-#: Work under way after which the solution will be another.
+#: Background work whose result changes the solution.
 MOVING = ("learn", "move")
-#: How often in a frame such work is waited for, where there is time.
+#: How many times one frame waits for such work, if there is time.
 ROUNDS_OF_WAITING = 5
-#: A zero that jumped is told from contact where that covers no more than this part of the surface.
+#: A jumped zero can be told from contact only if the contact covers at most this fraction of the surface.
 COMPACT = 0.4
-#: A look is taken at once where the misfit is so many standard deviations of its own beyond the noise, and this part of the readings'
-#: energy (a dead taxel under a contact: per cents), or so many times what was found acceptable before.
+#: Check at once if the misfit exceeds the noise by UNUSUAL of its standard deviations and exceeds ENERGY of the readings' energy (a dead taxel under a contact causes per cents), or TOLERATED times
+#: what was accepted before.
 UNUSUAL, ENERGY, TOLERATED = 6.0, 5e-4, 1.5
-#: Traction of either sign leaves at least this part of the readings' degrees of freedom to noise where it explains them.
+#: Traction of either sign fits only if it leaves at least this fraction of the degrees of freedom to noise.
 LEAST_FREE = 0.05
-#: Pressure that wants to pull by this part of the highest score, and by as much as a contact is taken up for, speaks for a pull.
+#: Cells whose pressure would become negative suggest a pull if their score exceeds this fraction of the highest score, and the threshold for a new contact.
 WANTS = 0.05
-#: Log odds that a reading is wrong, and that a frame pulls: one reading in 3000, and one cell in 1000 by as much as is taken for contact.
+#: Prior log odds for a bad reading (one in 3000), and for a pull (as unlikely as a new contact in one of 1000 cells).
 COST_OF_READING, COST_OF_PULL = 8.0, TAKEN**2
 
 
 class Contact:
-    """The contact of a stream."""
+    """The contact of a stream, frame by frame."""
 
     def __init__(
         self,
@@ -106,14 +102,14 @@ class Contact:
         self.release()
 
     def release(self) -> None:
-        """No contact."""
+        """Forget the contact."""
         self._solution.clear()
         self._search.clear()
         self._errors.clear()
         self._pulling.clear()
         self._dragging.clear()
         self.drag: Drag | None = None
-        self._background.forget()  # what is under way belongs to the contact that has ended
+        self._background.forget()  # pending work belongs to the contact that has ended
         self._check.suspects[:] = False
         self._tolerated = ENERGY
         self.pushing = self.fits = True
@@ -130,38 +126,37 @@ class Contact:
         self._learned_of = self._check.unused.copy()  # the readings that were not used when learning began
         self.observes = True  # whether the last frame told the offsets
 
-    # -- what was found ------------------------------------------------------------------------------------------------
+    # -- results --------------------------------------------------------------------------------------------------------
 
     @property
     def cells(self) -> Index | None:
         """Cells of the traction, None without contact."""
-        if not self.pushing:
-            return self._pulling.cells
-        return None if self._solution.region is None else self._solution.region.cells
+        region = self._solution.region
+        return self._pulling.cells if not self.pushing else None if region is None else region.cells
 
     @property
     def traction(self) -> Floats:
-        """(component, cell) [Pa]."""
+        """Traction (component, cell) [Pa]."""
         return self._solution.traction if self.pushing else self._pulling.traction
 
     @property
     def exhausted(self) -> bool:
-        """Whether the iteration of this frame ended for its steps, not for its time."""
+        """Whether the iteration ended because of its number of steps, not its time."""
         return self._solution.exhausted
 
     @property
     def judged(self) -> bool:
-        """Whether its error bars are made."""
+        """Whether its error bars have been computed."""
         return self._errors.errors is not None
 
     @property
     def size(self) -> float:
-        """Sum of the magnitudes of pressure, in any unit."""
+        """Sum of the pressure's magnitudes over the cells, for comparison between frames."""
         return float(np.abs(self._solution.pressure if self.pushing else self._pulling.traction[-1]).sum())
 
     @property
     def _net_pull(self) -> bool:
-        """Whether traction of either sign pulls on the whole."""
+        """Whether traction of either sign pulls in total."""
         return float(self._pulling.traction[-1].sum()) < 0.0
 
     @property
@@ -170,19 +165,19 @@ class Contact:
 
     @property
     def stated(self) -> Stated | None:
-        """What the errors owe to a pad that is not known exactly."""
+        """Errors due to pad properties that are not known exactly."""
         return self._errors.stated
 
     def undetected(self, noise: float | None) -> Errors | None:
-        """Errors of a frame without contact: what would not be detected."""
+        """Errors of a frame without contact: the largest contact that would not be detected."""
         return self._errors.without_contact(noise)
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
     def solve(self, frame: Frame, *, regular: bool, restarted: bool) -> bool:
-        """Find what touches; False where the iteration did not end.
+        """Solve for the contact in a frame; False if the iteration did not converge.
 
-        ``regular``: take a look whatever the misfit; ``restarted``: the sensor began anew, its zero may have jumped.
+        ``regular``: check alternatives even if the misfit is normal; ``restarted``: the sensor restarted, so its zero may have jumped.
         """
         self.jumped = False
         regular = regular or self._fresh or restarted
@@ -191,12 +186,14 @@ class Contact:
         if late:
             frame, regular, self._behind = frame._replace(deadline=math.inf), True, 0
             self._background.wait(MOVING, self._under_way())
-        learned = self._learn(frame)
         used = self._check.unused
+        # the penalty is learned from readings that this frame's contact fills: filled by the last one, a load that has jumped is ragged there
+        filling = self.pushing and self.cells is not None and bool(used.any())
+        converged = self._push(frame) if filling else True
+        learned = self._learn(frame)
         known = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
         noise = frame.noise if known is None else known
         frame = frame._replace(noise=noise)
-        converged = True
         if not self.pushing:
             pulled = self._net_pull
             found = self._pull(frame)
@@ -206,14 +203,14 @@ class Contact:
             else:
                 self._take(found, noise)
         else:
-            converged = self._push(frame)
+            converged = self._push(frame) if learned or not filling else converged
             if self._beyond(noise, ENERGY) and not learned and self._learn(frame, misfit=True):
                 learned = True
                 converged = self._push(frame)
             unusual = self._beyond(noise, self._tolerated)
             until = self._under_way() if late else frame.deadline
             for _ in range(ROUNDS_OF_WAITING):
-                # what comes from the thread may send it to work again: another penalty, then other cells
+                # A result from the thread may require more work: a new penalty changes the cells.
                 if not (unusual and self._background.wait(MOVING, until)):
                     break
                 learned = self._learn(frame) or learned
@@ -231,7 +228,7 @@ class Contact:
             self._background.drop("learn")
             self._learn_again(frame, unused)
         elif self.pushing and learned and holes and self._at_once:
-            # a hole looks like detail: the penalty is learned again, from readings filled by a smooth contact
+            # Missing readings look like fine detail, so learn the penalty again from readings filled by a smooth contact.
             self._background.drop("learn")
             self._learn_again(frame, unused)
             self._push(frame)
@@ -245,23 +242,23 @@ class Contact:
         return converged
 
     def _learn_again(self, frame: Frame, unused: Flags) -> None:
-        """Forget a penalty that was learned from readings that are left out now."""
+        """Discard a penalty that was learned from readings that are now excluded."""
         largest = float(self._equations.diagonal.max())
         self._learning.again(np.where(unused, 0.0, frame.actual), frame.noise, largest)
 
     def _learn(self, frame: Frame, *, misfit: bool = False) -> bool:
-        """Penalty and noise, where the load is another; whether there is something new."""
+        """Learn penalty and noise if the load has changed; return whether they changed."""
         unused = self._check.unused
         if "learn" not in self._background:
             self._learned_of = unused.copy()
         elif self._holed < HOLED and (unused & ~self._learned_of).any():
-            # a hole looks like detail: a penalty learned with one in the readings is dropped, and learned from readings filled by a smooth contact
+            # Missing readings look like fine detail. Discard a penalty learned from them and learn it from readings filled by a smooth contact.
             self._holed += 1
             self._background.drop("learn")
             self._learn_again(frame, unused)
             self._learned_of = unused.copy()
         filled = self._filled(frame)
-        # readings that contact does not explain count here: with a penalty that is too smooth it explains little
+        # Include readings that the contact does not fit: if the penalty is too smooth, the contact fits few.
         came = np.where(self._check.suspects & np.isfinite(frame.actual), frame.actual, filled)
         new = self._learning.learn(
             filled,
@@ -279,8 +276,8 @@ class Contact:
         return new
 
     def _leaving(self, y: Floats, noise: float) -> Callable[[float], float]:
-        """What contact that pushes leaves of readings (root mean square per degree of freedom), of a penalty: in the region that there is, or that
-        it would begin with. Of all cells there may be less left, which takes a hundred times as long to find out.
+        """A function from penalty to the residual of pushing contact (root mean square per degree of freedom), in the present region or in the region it would start with. All cells might leave a
+        smaller residual, but would take a hundred times as long.
         """
         equations, estimator = self._equations, self._estimator
         region, nothing = self._solution.region if self.pushing else None, np.zeros(len(y), dtype=bool)
@@ -301,7 +298,7 @@ class Contact:
         return left
 
     def _finish(self, frame: Frame, converged: bool) -> None:
-        """Offsets and error bars."""
+        """Update offsets and error bars."""
         unused, marginal = self._check.unused, self._marginal
         if marginal is None:
             raise RuntimeError("the frame was not solved")
@@ -347,7 +344,7 @@ class Contact:
         self._offsets.update(observed.counts, innovation, self.noise)
 
     def _fit(self, found: Found, frame: Frame) -> float:
-        """Misfit probability of what is left."""
+        """Misfit probability of the residual."""
         used = ~found.unused
         noise = self._learning.in_contact(frame.actual[used])
         return self._misfit.probability(
@@ -361,9 +358,7 @@ class Contact:
         )
 
     def _firm(self) -> tuple[Index, Floats]:
-        """Cells and traction of the contact that is beyond doubt: noise that only pushes adds up over the cells where nothing does, and would
-        be taken out of the zero for ever.
-        """
+        """Cells and traction of the certain contact. Elsewhere non-negative pressure fits noise, and its sum would be subtracted from the zero in every frame."""
         region = self._solution.region
         if not self.pushing or region is None:
             return (np.zeros(0, dtype=np.intp) if self.cells is None else self.cells), self.traction
@@ -376,7 +371,7 @@ class Contact:
         return self._learning.parameter or 1.0
 
     def _filled(self, frame: Frame) -> Floats:
-        """The readings, with what contact explains in place of those that are not used; at an end of their range at least what they say."""
+        """The readings, with predictions in place of unused ones; saturated readings keep at least their value."""
         unused, clipped = self._check.unused, self._check.clipped
         if not unused.any():
             return frame.actual
@@ -386,12 +381,12 @@ class Contact:
         return np.where(unused, np.where(clipped, more, explained), frame.actual)
 
     def _explained(self) -> Floats:
-        """The readings that the present solution explains, in units of their standard deviations."""
+        """The readings predicted by the present solution, in units of their standard deviations."""
         if not self.pushing:
             return self._pulling.explained()
         return self._equations.explained(self._solution.region, self._solution.traction)
 
-    # -- hypotheses ----------------------------------------------------------------------------------------------------
+    # -- alternatives ---------------------------------------------------------------------------------------------------
 
     def _prepared(self, frame: Frame) -> tuple[Floats, Flags, Marginal]:
         unused = self._check.unused
@@ -399,7 +394,7 @@ class Contact:
         return y, unused, self._offsets.marginal(y, unused, frame.noise)
 
     def _push(self, frame: Frame) -> bool:
-        """Contact that only pushes, on the readings that are used."""
+        """Solve pushing contact on the readings in use."""
         y, unused, marginal = self._prepared(frame)
         equations, solution = self._equations, self._solution
         slope = equations.adjoint(y, unused)
@@ -409,7 +404,7 @@ class Contact:
             slope = slope - equations.of_offsets(gain @ marginal.sums, unused)
         self._renew()
         if solution.region is None and self._check.clipped.any():
-            # where readings are at an end of their range is where it presses most
+            # Pressure is highest where readings are saturated.
             score = equations.score(
                 equations.adjoint(np.where(self._check.clipped, frame.actual, y), unused & ~self._check.clipped)
             )
@@ -424,19 +419,19 @@ class Contact:
         return converged
 
     def _pull(self, frame: Frame) -> Found:
-        """Traction of either sign."""
+        """Solve traction of either sign."""
         y, unused, marginal = self._prepared(frame)
         self._pulling.solve(y, frame.noise, unused, self._parameter, marginal)
         self._marginal = marginal
         return self._left(frame, self._pulling.explained(), self._pulling.shared())
 
     def _beyond(self, noise: float, tolerated: float) -> bool:
-        """Whether the misfit is more than noise and this part of the readings' energy."""
+        """Whether the misfit exceeds the noise plus a fraction ``tolerated`` of the readings' energy."""
         n = self._used
         return self._objective > noise**2 * (n + UNUSUAL * math.sqrt(2.0 * n)) + tolerated * self._energy
 
     def _left(self, frame: Frame, explained: Floats, shared: Floats) -> Found:
-        """What a solution leaves of a frame."""
+        """Residual of a solution in this frame."""
         if self._marginal is None:
             raise RuntimeError("the frame was not solved")
         unused = self._check.unused
@@ -450,13 +445,13 @@ class Contact:
         return Found(rest, left, unused.copy(), fits)
 
     def _here(self, frame: Frame) -> Found:
-        """What the present contact that pushes leaves of a frame."""
+        """Residual of the present pushing contact in this frame."""
         solution = self._solution
         explained = self._equations.explained(solution.region, solution.traction, single=True)
         return self._left(frame, explained, solution.shared())
 
     def _wrong(self, frame: Frame, found: Found) -> tuple[Flags, float]:
-        """Readings that the solution does not explain, the worst first; and beyond what they are wrong."""
+        """Mask of readings with the largest residuals, and the limit beyond which a residual counts as wrong."""
         used, rest = ~found.unused, found.rest
         typical = max(frame.noise, float(np.median(np.abs(rest[used]))) / NORMAL)
         largest = float(np.abs(np.where(used, frame.actual, 0.0)).max())
@@ -467,11 +462,11 @@ class Contact:
         return worst | (self._check.suspects & (size > limit)), limit
 
     def _judged(self, frame: Frame) -> Flags:
-        """Readings that came."""
+        """Readings to be judged: present and not saturated."""
         return np.isfinite(frame.actual) & ~self._check.clipped
 
     def _weigh(self, frame: Frame, restarted: bool) -> bool:
-        """Weigh the hypotheses and take the best."""
+        """Compare the alternatives and take the best."""
         check = self._check
         before = check.suspects.copy()
         if restarted and self._offsets.may_have_jumped(frame.actual):
@@ -506,7 +501,7 @@ class Contact:
         return self._accept_push(frame, pushed, converged)
 
     def _jumped(self, frame: Frame) -> tuple[Found | None, bool]:
-        """Contact that only pushes on a zero that has jumped, or None where that does not explain the frame."""
+        """Pushing contact with a zero that has jumped; None if that does not fit the frame."""
         offsets, solution = self._offsets, self._solution
         state = offsets.state()
         for _ in range(JUMPS):
@@ -542,7 +537,7 @@ class Contact:
         return converged
 
     def _with_discrepancy(self, frame: Frame, found: Found) -> tuple[Frame, Found]:
-        """Learn what the pad's model leaves unexplained; a frame with no more than that is explained."""
+        """Learn the discrepancy of the pad's model; accept a frame whose residual it explains."""
         noise, known, used = self._learning.noise, self._learning.discrepancy, ~found.unused
         if noise is None or not known.zeroed or not used.any():
             return frame, found
@@ -557,7 +552,7 @@ class Contact:
         return frame, found
 
     def _taken(self, count: int) -> float:
-        """Degrees of freedom of so many readings that the contact takes up, one less at the most."""
+        """Degrees of freedom that the contact uses of ``count`` readings, at most one less than these."""
         taken = self._errors.taken
         if math.isnan(taken):
             pressed = np.count_nonzero(self._solution.pressure) / self._estimator.taxels
@@ -569,14 +564,14 @@ class Contact:
         self._level(found, noise)
 
     def _level(self, found: Found, noise: float) -> None:
-        """The noise that error bars go by."""
+        """Set the noise level used for error bars."""
         level = noise if found.fits else max(noise, found.left)
         if not 0.8 * level < self.noise < 1.25 * level:
             self._errors.outdate()
             self.noise = level
 
     def _pushed(self, frame: Frame) -> tuple[Found, bool, bool]:
-        """Contact that only pushes, with cells added where it is missing and readings left out that it does not explain."""
+        """Solve pushing contact, add cells where pressure is missing, and exclude readings that it does not fit."""
         check, equations, solution = self._check, self._equations, self._solution
         if solution.region is None or not self.pushing:
             self._search.clear()
@@ -603,7 +598,7 @@ class Contact:
             if missing.any() and not new:  # a wrong reading bends the solution round it
                 self._search.missing(missing)
             check.suspects = wrong
-            # what is missing is added in the frames that come, where a frame has a budget
+            # With a time budget, missing cells are added in later frames.
             if turn == TURNS - 1 or not (new or (missing.any() and self._at_once)):
                 break
             region = solution.region
@@ -614,7 +609,7 @@ class Contact:
         return found, converged, pulls
 
     def _pulled(self, frame: Frame) -> Found:
-        """Traction of either sign, with readings left out that it does not explain."""
+        """Solve traction of either sign, and exclude readings that it does not fit."""
         check = self._check
         found = self._pull(frame)
         for _ in range(TURNS):
@@ -628,33 +623,33 @@ class Contact:
                 break
             check.suspects = wrong
             found = self._pull(frame)
-        # traction that takes up all that is measured explains anything
+        # Traction with as many degrees of freedom as readings fits anything.
         used = float((~found.unused).sum())
         free = used - self._estimator.effective_freedom(self._parameter)
         return found._replace(fits=found.fits and free >= LEAST_FREE * used)
 
-    # -- cells ---------------------------------------------------------------------------------------------------------
+    # -- cells ----------------------------------------------------------------------------------------------------------
 
     def _making(self, cells: Index) -> Making:
-        """The making of a region, for the readings and the penalty of this frame."""
+        """The task of building a region, for the readings and the penalty of this frame."""
         return Making(self._equations, cells, self._parameter, self._check.unused)
 
     def _renew(self) -> None:
-        """The region's inverse, where the penalty or the readings that are used have changed."""
+        """Rebuild the region's inverse if the penalty or the set of readings has changed."""
         region = self._solution.region
         if region is None or self._holds(region):
             return
-        # for another penalty it is made anew in any case: no larger than need be
+        # A new penalty needs a new inverse anyway, so drop unneeded cells.
         cells = self._enough(region) if region.parameter != self._learning.parameter else region.cells
         if self._background.threaded and self._serves(region):
-            # until the region for another penalty is made, the one that there is serves (`_move`)
+            # Keep using the old region until the new one is built (`_move`).
             if "move" not in self._background:
                 self._background.result("move", self._making(cells).__call__)
             return
         self._solution.move(self._making(cells)())
 
     def _enough(self, region: Region) -> Index:
-        """Cells that a region needs, where they are fewer than it has."""
+        """The cells that a region needs, if fewer than it has."""
         needed = self._search.needed(region, self._solution.pressure)
         fewer = 0 < len(needed) < len(region.cells) and np.isin(needed, region.cells).all()
         return needed if fewer else region.cells
@@ -663,20 +658,20 @@ class Contact:
         return region.parameter == self._learning.parameter and np.array_equal(region.unused, self._check.unused)
 
     def _serves(self, region: Region) -> bool:
-        """Whether a region is for the readings that are used: a penalty that is a little old waits for the thread."""
+        """Whether a region was built for the readings in use. With a thread, a slightly outdated penalty is acceptable."""
         if not self._background.threaded:
             return self._holds(region)
         return np.array_equal(region.unused, self._check.unused)
 
     def _move(self, score: Floats) -> None:
-        """Keep the contact inside the region with a margin."""
+        """Keep the contact and a margin inside the region."""
         region = self._solution.region
         if region is None:
             self._moved(self._making(self._search.first(score))())
         elif "move" in self._background:
             found = self._background.result("move", lambda: None)
             if found is not None:
-                # penalty and readings may have changed meanwhile
+                # Penalty and readings may have changed in the meantime.
                 self._moved(found if self._serves(found) else self._making(found.cells)())
         else:
             cells = self._search.next(region, self._solution.pressure)
@@ -690,7 +685,7 @@ class Contact:
                 self._moved(found)
 
     def _under_way(self) -> float:
-        """Until when a frame that is late waits for the thread."""
+        """Deadline until which a late frame waits for the thread, in `time.perf_counter`."""
         return clock.perf_counter() + UNDER_WAY
 
     def _moved(self, region: Region) -> None:

@@ -1,9 +1,9 @@
-"""What a pad's model leaves unexplained: a part of the readings, learned over the recording.
+"""Model error of the pad as a fraction of the readings, learned over a recording.
 
     readings = A t + noise + discrepancy,    discrepancy ~ N(0, share^2 * mean square of the readings)
 
-The share of a frame is what contact leaves beyond the noise, per degree of freedom that the contact did not take. It counts as noise when the contact
-is found, and widens every interval as an error that all readings share.
+The share of a frame is the residual of the contact beyond the noise, per degree of freedom that the contact did not
+use. It counts as noise while the contact is solved, and widens every interval as an error common to all readings.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from palpate.touch import Touch
 __all__ = ["LARGEST", "Discrepancy", "share_of", "widened", "without_numbers"]
 
 _POLICY = Fit()
-#: Of readings whose noise a zero tells, a pad's model leaves at least the first share; beyond the second it does not explain them.
+#: Smallest and largest share, if a zero gives the noise. Beyond the largest, the model does not fit the readings.
 LEAST, LARGEST = _POLICY.shares[0], _POLICY.shares[-1]
-#: Looks that the share is the mean of, and standard deviations of its own by which what is left is beyond noise.
+#: Number of frames averaged, and standard deviations by which a residual must exceed the noise to count.
 LOOKS, BEYOND = 32, 3.0
 
 
 class Discrepancy:
-    """The share of the readings that the model leaves unexplained; ``zeroed``: whether frames at rest tell the noise.
+    """Discrepancy of the model as a fraction of the readings. ``zeroed``: whether frames at rest give the noise.
 
     Examples
     --------
@@ -51,46 +51,49 @@ class Discrepancy:
 
     @property
     def share(self) -> float:
-        """Root mean square of the shares that were seen."""
+        """Root mean square of the shares of past frames."""
         return math.sqrt(self._square)
 
     @property
     def least(self) -> float:
-        """The share that is left at least; 0 where nothing tells it from noise."""
+        """Smallest share to assume; 0 if the noise is unknown, because it cannot be separated from the discrepancy."""
         return LEAST if self.zeroed else 0.0
 
     @property
     def posterior(self) -> float:
-        """The share with what is known before a frame says more; 0 where nothing tells noise from what the model leaves."""
+        """The share combined with its prior; 0 if the noise is unknown."""
         if not self.zeroed or not self._looks:
             return 0.0
         return posterior(self.share, self._free, _POLICY)
 
     def look(self, share: float, *, free: float) -> None:
-        """A frame of which contact leaves this share, with so many degrees of freedom left to noise."""
+        """Add the share of one frame, which has ``free`` degrees of freedom in its residual."""
         self._looks = min(self._looks + 1, LOOKS)
         self._square += (min(share, LARGEST) ** 2 - self._square) / self._looks
         self._free += (max(free, 0.0) - self._free) / self._looks
 
     def raised(self, share: float) -> None:
-        """The share is at least this: a frame shows it."""
+        """Raise the share to at least this value, because a frame requires it."""
         self._square = max(self._square, min(share, LARGEST) ** 2)
 
     def noise(self, noise: float, size: float) -> float:
-        """Noise and discrepancy together, of readings with the root mean square ``size``."""
+        """Noise and discrepancy combined, for readings of root mean square ``size``."""
         return math.hypot(noise, max(self.share, self.least) * size)
 
 
 def share_of(left: float, noise: float, size: float, *, used: float, free: float) -> float:
-    """The share of readings with the root mean square ``size`` of which a contact leaves ``left`` (root mean square) over ``used`` readings."""
+    """Share of a frame: ``size`` is the root mean square of the readings, ``left`` that of the residual over ``used``
+    readings with ``free`` degrees of freedom.
+    """
     free = max(free, 1.0)
     beyond = left**2 * used / free - noise**2 * (1.0 + BEYOND * math.sqrt(2.0 / free))
     return math.sqrt(max(beyond, 0.0)) / size if size > 0 else 0.0
 
 
 def widened(stated: Stated | None, traction: Floats, grid: Grid, share: float) -> Stated:
-    """``stated`` with an error of this ``share`` (standard deviation): of the load in every force, of the contact's radius (root mean square) in its
-    centre, of itself in what else is read off the ``traction`` (component, *surface).
+    """``stated`` plus an error of this ``share`` (standard deviation): as a fraction of the load in every force; of
+    the contact's radius (root mean square) in its centre; of itself in every other number from the ``traction``
+    (component, *surface).
     """
     size = np.sqrt((traction**2).sum(axis=0))
     size = size * (grid.areas / grid.cell)
@@ -106,16 +109,16 @@ def widened(stated: Stated | None, traction: Floats, grid: Grid, share: float) -
         "center": share * np.sqrt(far[::-1]),  # x, then y
         "peak": np.asarray(share * float(np.abs(traction[-1]).max())),
     }
-    if stated is None:
-        return Stated(**more)
-    return Stated(**{name: np.hypot(getattr(stated, name), value) for name, value in more.items()})
+    return Stated.added(stated, more)
 
 
 def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Floats) -> Touch:
-    """A touch whose ``readings`` (in units of their deviations, NaN where none came) nothing explains, as a frame by itself tells it: no number, and a
-    bound, as wide as the interval that the numbers had at least. The stream goes on with them.
+    """A touch whose readings no explanation fits, with the same result as for a single frame: values NaN, and bounds
+    at least as wide as the interval before. ``readings`` are in units of their standard deviations, NaN if missing.
+    The stream continues with the numbers found.
     """
-    if touch.errors is None:
+    parts = touch._errors
+    if parts is None:
         bound, errors = None, None
     else:
         hides, known = (
@@ -124,12 +127,11 @@ def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Flo
         )
         low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in known)
         bound = np.stack([np.fmin(hides[:, 0], low), np.fmax(hides[:, 1], high)], axis=-1)
-        errors = nothing_known(touch.errors)
+        errors = replace(parts, posterior=nothing_known(parts.posterior), pad=None)
     return replace(
         touch,
         values=math.nan * touch.values,
-        errors=errors,
-        stated=None,
+        _errors=errors,
         force_bounds=bound,
         drag=None,
         drag_std=None,

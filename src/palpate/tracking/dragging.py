@@ -1,12 +1,13 @@
-"""Tangential over normal force, and the part of the contact that sticks, from the readings of a stream.
+"""Ratio of tangential to normal force, and the part of the contact that sticks, from the readings of a stream.
 
-The penalty shrinks shear, and friction takes noise off one side: 3 % noise left 0.7 of the force of a slip at a friction of 0.25. What the solution
-leaves of the readings knows: r = y - A t is fitted with shear in proportion to pressure, which is how it is distributed at slip, beside offsets of the
-channels,
+The penalty shrinks shear, and friction cuts off noise on one side: with 3 % noise, 0.7 of the force of a slip at a
+friction of 0.25 remained. The residual corrects this: r = y - A t is fitted with shear proportional to pressure, which
+is its distribution at slip, and with offsets of the channels,
 
     c = argmin |r - A_q p c - B o|^2,    Q/P = (Q(t) + c P)/P.
 
-The distribution of shear is compared in the readings, too: y - A_z p is fitted with mu (p(x) - s p(x/s)) for each part s that sticks.
+The distribution of shear is compared in the readings too: y - A_z p is fitted with mu (p(x) - s p(x/s)) for several
+sizes s of the sticking part.
 """
 
 from __future__ import annotations
@@ -28,22 +29,26 @@ from palpate.tracking.region import SMALLEST, NormalEquations, Region
 
 __all__ = ["Drag", "Dragging"]
 
-#: As the contact method has it.
+#: Same value as in the contact method.
 FAINT = Policy().extent.faint
 
-#: Templates are made anew after so many frames.
+#: Templates are rebuilt after this many frames.
 AGAIN = 8
-#: Fewer cells have no shape; cells are forgotten where the contact has become so many times smaller.
+#: Smallest number of cells that have a shape; cells are dropped if the contact has become LARGER times smaller.
 FEWEST, LARGER = 3, 4
-#: Templates are made of the pressure found: error of the shear they predict, as a part of it, and over how many patterns it spreads.
+#: Templates use the estimated pressure: relative error of the shear they predict, and the number of patterns over which
+#: it spreads.
 TEMPLATE, PATTERNS = 0.05, 4.0
-#: The same where the channels alone do not tell pressure from shear: what is wrong with the pressure looks like shear. With the error above, five of ten balls that stick
-#: were said to slip; with this one none of twenty, and of ten that slide one (friction that is given tells more).
+#: The same for channels that cannot separate pressure from shear, where errors of the pressure look like shear. With
+#: the smaller error, five of ten sticking balls were reported to slip; with this one none of twenty, and one of ten
+#: that slide (a given friction helps more).
 AMBIGUOUS = 0.2
 
 
 class Drag(NamedTuple):
-    """Q/P (tangential component,), the standard deviation of its size, and the log likelihood of each of `STICK`."""
+    """Q/P (tangential component,), the standard deviation of its size, and the log likelihood of each size of the
+    sticking part in `STICK`.
+    """
 
     ratio: Floats
     std: float
@@ -51,7 +56,7 @@ class Drag(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """Of the contact's cells: A'A (unknown, unknown) and B'A (channel, unknown) of the readings that are used."""
+    """For the cells of the contact: A'A (unknown, unknown) and B'A (channel, unknown) of the readings in use."""
 
     cells: Index
     unused: Flags
@@ -60,8 +65,9 @@ class _Kept(NamedTuple):
 
 
 class _Templates(NamedTuple):
-    """Shear over friction (template, cell) of a pressure whose sum is 1, offsets taken out of its normal equations (template, tangential, tangential);
-    and what takes them out: ``firm`` (channel, channel), ``cross`` (template, channel, tangential).
+    """Templates of shear over friction (template, cell) for a pressure with sum 1, and the inverses of their normal
+    equations without offsets (template, tangential, tangential). ``firm`` (channel, channel) and ``cross`` (template,
+    channel, tangential) remove the offsets.
     """
 
     shear: Floats
@@ -70,8 +76,8 @@ class _Templates(NamedTuple):
     firm: Floats
 
     def fitted(self, left: Floats, sums: Floats, which: slice) -> tuple[Floats, Floats]:
-        """Size of the templates' shear (template, tangential) in readings of which A'r = ``left`` (component, cell) and B'r = ``sums``; and by how
-        much |r|^2 shrinks.
+        """Fitted size of each template (template, tangential), given A'r = ``left`` (component, cell) and B'r =
+        ``sums``; and the decrease of |r|^2.
         """
         right = self.shear[which] @ left[:-1].T - (self.firm @ sums) @ self.cross[which]
         size = np.einsum("sij,sj->si", self.inverse[which], right)
@@ -79,7 +85,7 @@ class _Templates(NamedTuple):
 
 
 class Dragging:
-    """The drag of the present contact."""
+    """Ratio of tangential to normal force of the present contact."""
 
     def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
         self._estimator, self._equations = estimator, equations
@@ -88,7 +94,7 @@ class Dragging:
         self.clear()
 
     def clear(self) -> None:
-        """No contact."""
+        """Forget the contact."""
         self._kept: _Kept | None = None
         self._templates: _Templates | None = None
         self._age = 0
@@ -103,7 +109,9 @@ class Dragging:
         noise: float,
         largest: float,
     ) -> Drag | None:
-        """From A'y (component, cell of the surface) and B'y of the readings less their offsets; None where shear is not sought."""
+        """The ratio from A'y (component, cell of the surface) and B'y of the readings minus their offsets; None if
+        shear is not sought.
+        """
         region = solution.region
         if not self._possible or region is None or not noise > 0:
             return None
@@ -141,7 +149,7 @@ class Dragging:
         return Drag(ratio, std, 0.5 * (gain - gain.max()) / doubt)
 
     def _made(self, kept: _Kept, pressure: Floats, counts: Floats) -> _Templates:
-        """Templates of the shear of a pressure whose sum is 1, beside offsets with the normal equations ``counts``."""
+        """Templates of the shear for a pressure with sum 1, with the normal equations ``counts`` of the offsets."""
         grid = self._estimator.operator.surface
         places = np.unravel_index(kept.cells, grid.shape)
         places = tuple(p - p.min() for p in places)
@@ -160,7 +168,7 @@ class Dragging:
         return _Templates(shear, np.linalg.inv(normal), cross, firm)
 
     def _known(self, strong: Index, region: Region, unused: Flags) -> _Kept:
-        """What is kept for the cells of the contact and some round them, of the region: products of others are not at hand."""
+        """Products for the cells of the contact and some around them, cached; only cells of the region are available."""
         kept = self._kept
         if (
             kept is not None

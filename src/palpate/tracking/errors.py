@@ -1,4 +1,4 @@
-"""Error bars of a stream, made anew when the contact has changed."""
+"""Error bars of a stream, recomputed when the contact has changed."""
 
 from __future__ import annotations
 
@@ -29,58 +29,60 @@ from palpate.tracking.region import NormalEquations
 
 __all__ = ["ErrorBars", "open_above"]
 
-#: As the contact method has it.
+#: Same value as in the contact method.
 FAINT = Policy().extent.faint
 
 Shrink = Callable[[Floats], Floats]
-#: Errors, what is owed to a pad that is not known exactly, what is told about offsets, and degrees of freedom taken.
+#: Errors, errors due to the pad, information about offsets, and degrees of freedom used.
 Made = tuple[Errors | None, Stated | None, Observed | None, float]
 
-#: Error bars are made again after so many frames (a second at 200 Hz), or when the number of cells in contact has changed by this
-#: part: the standard deviation of a force goes about with the square root of it, by an eighth.
+#: Recompute error bars after this many frames (a second at 200 Hz), or if the number of cells in contact has changed by
+#: this fraction; the standard deviation of a force then changes by an eighth.
 REFRESH, CHANGED = 200, 0.25
-#: A contact is taken to be the same in so many frames, when what they tell about offsets is counted.
+#: Number of frames for which a contact counts as unchanged, when its information about offsets is added up.
 SAME = 100.0
-#: Work on the error bars of traction of either sign.
+#: Name of the background work on error bars of a pull.
 PULLING = "errors of a pull"
-#: Frames after which error bars are made again for other readings that are used: these may come and go.
+#: Frames after which error bars are recomputed if the set of readings changed, which may change back.
 SOON = 8
 
 
 class ErrorBars:
-    """The errors of the present contact, or of a frame without one."""
+    """Errors of the present contact, or of a frame without one."""
 
     def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
         self._estimator, self._equations = estimator, equations
         self._no_contact: tuple[float, Errors] | None = None
         self._age, self._cells = 0, 0
-        self._pulls = False  # whether they are of traction of either sign
-        self._of_offsets: tuple[bytes, Floats] | None = None  # A'B of the readings that were used last
+        self._pulls = False  # whether they belong to traction of either sign
+        self._of_offsets: tuple[bytes, Floats] | None = None  # A'B of the readings used last
         self.errors: Errors | None = None
-        self.stated: Stated | None = None  # what is owed to a pad that is not known exactly
-        self.observed: Observed | None = None  # about the channels' offsets
-        self.taken = math.nan  # degrees of freedom of the readings that the contact takes up
+        self.stated: Stated | None = None  # errors due to a pad that is not known exactly
+        self.observed: Observed | None = None  # information about the channels' offsets
+        self.taken = math.nan  # degrees of freedom used by the contact
 
     def clear(self) -> None:
-        """The contact has ended."""
+        """Forget the errors: the contact has ended."""
         self.errors, self.stated, self.observed, self.taken = None, None, None, math.nan
         self._pulls = False
 
     def serves(self, solution: Iteration) -> bool:
-        """Whether the errors that there are were made for a contact like the present one."""
+        """Whether the present errors were computed for a similar contact."""
         count = int((solution.pressure > FAINT * float(solution.pressure.max(initial=0.0))).sum())
         return abs(count - self._cells) <= CHANGED * max(self._cells, 1)
 
     def age(self) -> None:
-        """Make them again soon: what is known of offsets is for other readings."""
+        """Recompute soon: the information about offsets belongs to other readings."""
         self._age += REFRESH // SOON
 
     def outdate(self, *, later: bool = False) -> None:
-        """Make them again: noise or penalty are others. ``later``: in the frame after this one, which has enough to do."""
+        """Mark the errors for recomputation, because noise or penalty have changed. With ``later`` they are recomputed
+        in the next frame, to spread the work.
+        """
         self._age = REFRESH - 1 if later else REFRESH + 1
 
     def without_contact(self, noise: float | None) -> Errors | None:
-        """Errors of a frame without contact: what would not be detected."""
+        """Errors of a frame without contact: the largest contact that would not be detected."""
         if noise is None:
             return self.errors
         if self._no_contact is None or self._no_contact[0] != noise:
@@ -96,7 +98,7 @@ class ErrorBars:
         background: Background,
         offsets: Offsets,
     ) -> None:
-        """Make them again where they are old, or the contact is another."""
+        """Recompute the errors if they are old or if the contact has changed."""
         region, estimator = solution.region, self._estimator
         if self._pulls:
             background.drop(PULLING)
@@ -147,7 +149,7 @@ class ErrorBars:
         background: Background,
         offsets: Offsets,
     ) -> None:
-        """The same for traction of either sign, of which those of a contact that only pushes say nothing."""
+        """As `refresh`, for traction of either sign."""
         estimator, cells = self._estimator, pulling.cells
         if not self._pulls:
             background.drop("errors")
@@ -172,14 +174,14 @@ class ErrorBars:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
             return (errors, stated, observed, _taken(model)), len(cells)
 
-        # an answer without error bars is none: the first are made at once
+        # A result needs error bars, so the first are computed at once.
         found = work() if self.errors is None else background.result(PULLING, work)
         if found is not None:
             (self.errors, self.stated, self.observed, self.taken), self._cells = found
             self._age = 0
 
     def _observed(self, frame: _Prepared, penalty: Floats, unused: Flags) -> Observed:
-        """What a frame tells about offsets."""
+        """Information about offsets in one frame."""
         import scipy.linalg
 
         estimator, equations = self._estimator, self._equations
@@ -200,7 +202,9 @@ class ErrorBars:
         return Observed(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
 
     def _owe(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
-        """What is stated of modulus, depth, thickness and gains does to a model's errors; ``std`` is the unit of its readings."""
+        """Add the stated errors of modulus, depth, thickness and gains to a model; ``std`` is the unit of its
+        readings.
+        """
         estimator, used = self._estimator, ~unused
         problem = estimator.problem
         if not problem.doubts.any:
@@ -218,7 +222,7 @@ class ErrorBars:
         return stale or abs(count - self._cells) > CHANGED * max(self._cells, 1)
 
     def _prepared(self, cells: Index, y: Floats, noise: float, unused: Flags, columns: Floats) -> _Prepared:
-        """A frame's normal equations on some cells; ``columns`` (reading, channel) are those of the offsets."""
+        """Normal equations of a frame on some cells; ``columns`` (reading, channel) are those of the offsets."""
         estimator, used = self._estimator, ~unused
         readings, level = estimator.readings, estimator.level(1)
         std = max(noise, MODEL_ERROR * float(np.abs(y).max()))
@@ -232,7 +236,8 @@ class ErrorBars:
                 data = replace(data, known=gram / std**2)
             crossed = np.asarray(data.matrix.T @ shared, dtype=np.float64)
             return _Prepared(std, data, white, shared, crossed)
-        # two products with the operator say all that is asked of the columns, which take many times as long
+        # Two products with the operator give what is needed of the columns, many times faster than the columns
+        # themselves.
         give_way()
         linear = estimator.misfit_gradient(y / std, scale, used)[:, cells]
         later = Later(lambda: level.matrix(cells, scale, used), len(white))
@@ -241,7 +246,7 @@ class ErrorBars:
         return _Prepared(std, Normal(level, cells, later, linear, gram / std**2), white, shared, crossed)
 
     def _crossed(self, columns: Floats, unused: Flags) -> Floats:
-        """A'B (channel, component, cell of the surface), in double precision: differences of its squares count."""
+        """A'B (channel, component, cell of the surface), in double precision because differences of squares follow."""
         key, kept, estimator = unused.tobytes(), self._of_offsets, self._estimator
         if kept is None or kept[0] != key:
             std = estimator.readings.std
@@ -253,8 +258,8 @@ class ErrorBars:
 
 
 class _Prepared(NamedTuple):
-    """A frame's normal equations, whitened by ``std`` times the readings' own deviations; its readings (reading,) and the offsets' columns B (reading,
-    channel), whitened; and A'B (unknown, channel).
+    """Normal equations of a frame, whitened by ``std`` times the readings' standard deviations; the whitened readings
+    (reading,) and offset columns B (reading, channel); and A'B (unknown, channel).
     """
 
     std: float
@@ -264,7 +269,9 @@ class _Prepared(NamedTuple):
     crossed: Floats
 
     def marginalised(self, cov: Floats) -> tuple[Normal, Shrink]:
-        """The equations with offsets marginalised, whitened by (1 + B V B')^(-1/2) with V = ``cov``; and what does the same to other rows (reading, ...)."""
+        """The equations with offsets marginalised, whitened by (1 + B V B')^(-1/2) with V = ``cov``; and a function
+        that applies the same to other rows (reading, ...).
+        """
         data, crossed = self.data, self.crossed
         values, vectors = np.linalg.eigh(cov)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -288,7 +295,7 @@ class _Prepared(NamedTuple):
 
 
 def _taken(model: ContactModel) -> float:
-    """Trace of A (A'A + penalty)^-1 A' over the face."""
+    """Degrees of freedom used: trace of A (A'A + penalty)^-1 A' over the face."""
     face, factor = model.solution.face, model.solution.factor
     if face is None or factor is None or not len(face.index):
         return 0.0
@@ -296,5 +303,5 @@ def _taken(model: ContactModel) -> float:
 
 
 def open_above(errors: Errors) -> Errors:
-    """Errors of a load of which only the least is known: the interval of its force has no upper end."""
+    """Errors of a load known only from below: the interval of its force has no upper bound."""
     return replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))

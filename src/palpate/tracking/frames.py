@@ -1,4 +1,4 @@
-"""A frame that is to be explained, and what a hypothesis leaves of it."""
+"""A frame to solve, and the residual of a solution."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["Found", "Frame"]
 
 
 class Frame(NamedTuple):
-    """A frame to be explained: readings without zero and offsets (NaN where missing), noise, when it must be done, and how much noisier it is
-    for the noise of the zero.
+    """A frame to solve: readings without zero and offsets (NaN if missing), noise, deadline, and the factor by which
+    the noise of the zero increases the noise.
     """
 
     actual: Floats
@@ -22,7 +22,7 @@ class Frame(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What a hypothesis leaves of each reading, its root mean square, and which readings it does not use."""
+    """Residual of each reading, its root mean square, the readings that were not used, and whether the solution fits."""
 
     rest: Floats
     left: float

@@ -1,6 +1,7 @@
-"""Parts of the normal matrix A'A of whitened readings, for cells that a contact moves over.
+"""Parts of the normal matrix A'A of whitened readings, cached for the cells that a contact moves over.
 
-Readings of independent noise: columns of A and their products are kept while the contact moves, so that only those of cells it comes to are made.
+For readings with independent noise: columns of A and their products are kept while the contact moves, so that only
+those of new cells are computed.
 """
 
 from __future__ import annotations
@@ -19,21 +20,23 @@ from palpate.tracking.pieces import product, square
 
 __all__ = ["Grams", "picked"]
 
-#: Columns are forgotten where they are so many times those that are asked for, and never more than so many entries are kept (160 MB).
+#: Drop cached columns if they are this many times more than needed; never keep more than this many entries (160 MB).
 LARGER, ENTRIES = 3.0, 20_000_000
-#: Cells whose columns are made at a time: a millisecond or two, of some thousand readings.
+#: Cells whose columns are computed at a time: a millisecond or two for some thousand readings.
 AT_A_TIME = 32
 
 
 def picked(matrix: Floats, components: int, count: int, places: Index) -> Floats:
-    """The part of a normal matrix of ``count`` cells that belongs to some of them (a copy)."""
+    """The part of a normal matrix of ``count`` cells that belongs to the cells ``places`` (a copy)."""
     picks = (np.arange(components)[:, None] * count + places[None, :]).ravel()
     return np.asarray(matrix.take(picks, axis=0).take(picks, axis=1))
 
 
 @dataclass(frozen=True)
 class _Kept:
-    """Some cells, in the order in which they came: influences (cell * component, reading) in blocks, and A'A (cell * component, cell * component)."""
+    """Cached cells, in order of arrival: influences (cell * component, reading) in blocks, and A'A (cell * component,
+    cell * component).
+    """
 
     cells: Index
     blocks: tuple[Floats, ...]
@@ -44,21 +47,21 @@ class _Kept:
         return np.argsort(self.cells)
 
     def places(self, cells: Index) -> Index:
-        """Where some of the cells stand."""
+        """Indices of some of the cached cells."""
         return np.asarray(self.order[np.searchsorted(self.cells, cells, sorter=self.order)])
 
 
 class Grams:
-    """A'A of some cells, of all readings or without a few. Never changed in place: threads may ask side by side."""
+    """A'A of some cells, with all readings or without a few. Never changed in place, so that threads may share it."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         self._estimator = estimator
         self._kept: _Kept | None = None
         self._alike = Alike(estimator)
-        self._boxes: tuple[Box, ...] = ()  # the last ones: a region moves, and what is asked of the one before goes on
+        self._boxes: tuple[Box, ...] = ()  # the last two: work on the previous region may still run
 
     def holds(self, cells: Index) -> bool:
-        """Whether the cells are at hand."""
+        """Whether A'A of these cells is cached."""
         where = np.unravel_index(cells, self._estimator.operator.surface.shape)
         if any(box.places(where) is not None for box in self._boxes):
             return True
@@ -78,7 +81,7 @@ class Grams:
         return out
 
     def _boxed(self, cells: Index, unused: Flags) -> Floats | None:
-        """The same from the box round the cells, where that is less work."""
+        """Compute A'A from the bounding box of the cells; None if that is not less work."""
         alike, c = self._alike, len(self._estimator.columns)
         where = np.unravel_index(cells, self._estimator.operator.surface.shape)
         box, places = next(((b, p) for b in self._boxes if (p := b.places(where)) is not None), (None, None))
@@ -125,7 +128,7 @@ class Grams:
         return kept
 
     def _influences(self, cells: Index) -> Floats:
-        """(cell * component, reading), whitened."""
+        """Whitened influences (cell * component, reading)."""
         estimator = self._estimator
         std, c = estimator.readings.std, len(estimator.columns)
         give_way()

@@ -1,4 +1,4 @@
-"""Readings that cannot be right: counted, left out, and taken back when they are good again."""
+"""Bad readings: count them, exclude them, and use them again when they are good."""
 
 from __future__ import annotations
 
@@ -15,47 +15,49 @@ from palpate.sensing.limits import at_ends
 
 __all__ = ["Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
 
-#: As the contact method has it.
+#: Same value as in the contact method.
 FAR = Policy().screening.deviations
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 Single = npt.NDArray[np.float32]
 
-#: A reading is left out after so many bad frames (or looks) in a row: a glitch of a frame or two is none. It is taken back after
-#: so many good ones: eight times as many, so that a loose contact does not come and go.
+#: Consecutive bad frames (or checks) after which a reading is excluded; a glitch of a frame or two is none. It returns
+#: after eight times as many good ones, so that a loose contact does not come and go.
 BAD, GOOD = 5, 40
-#: Frames in which a reading, or the whole sensor, may repeat itself exactly: a quarter of a second at 200 Hz.
+#: Frames for which a reading, or the whole sensor, may repeat itself exactly: a quarter of a second at 200 Hz.
 STUCK = 50
-#: Readings are stuck where they repeat themselves so often in a row that, as often as they did before, it happens once in so many frames ...
+#: A reading is stuck if its run of repeats is, at the rate it repeated before, less probable than this per frame ...
 CHANCE = 1e-6
-#: ... of at least so many before, so many times at least, ...
+#: ... after at least BEFORE frames, with at least FEWEST_REPEATS repeats, ...
 BEFORE, FEWEST_REPEATS = 20, 3
-#: ... and so many times as often as most: a coarse converter repeats itself everywhere.
+#: ... and a run this many times longer than that of most readings: a coarse converter repeats itself everywhere.
 ALONE = 5
-#: A reading rests at its zero where it is less than this part of the largest.
+#: A reading is at rest if it is below this fraction of the largest.
 RESTING = 0.01
-#: A sensor is taken for frozen only where so small a part of its frames repeated themselves before.
+#: A sensor counts as frozen only if at most this fraction of its earlier frames repeated themselves.
 SELDOM = 0.1
-#: So many readings of a channel at one value, its largest, are at a ceiling, where at least this part of the others differ.
+#: A channel is saturated if at least CEILING readings share its largest value, and at least this fraction of the others
+#: differ.
 CEILING, ALIKE = 2, 0.9
-#: Beyond this part of a channel's readings at an end of their range the others do not tell the load. Of balls on 6 x 6 and 10 x 10 taxels the
-#: truth was above the upper end of the interval in none of 16 frames with up to 15 %, and in one of 6 with up to 25 %.
+#: Above this fraction of saturated readings in a channel, the others do not determine the load. For balls on 6 x 6 and
+#: 10 x 10 taxels, the truth was above the interval in none of 16 frames with up to 15 % saturated, and in one of 6 with
+#: up to 25 %.
 MOST_CLIPPED = 0.2
-#: A frame is answered where at least this part of the readings is finite, in range and not left out: with half of the taxels
-#: the spacing of those left is 1.4 times as wide.
+#: A frame is solved if at least this fraction of the readings is finite, in range and in use; with half of the taxels
+#: the spacing is 1.4 times as wide.
 ENOUGH = 0.5
 
 
 @dataclass
 class Health:
-    """What became of the frames so far, and of the taxels.
+    """Counts of the frames so far, and the state of the taxels.
 
-    ``str()`` of it says it in words. ``frames`` were given; ``late`` came with the time of the frame before, ``restarts`` with an
-    earlier one, as where a sensor's clock begins anew; ``unknown`` could not be answered (see `Status`); ``approximate`` were
-    answered before the tolerance was reached; ``repeated`` were the same as the frame before, bit by bit; in ``rezeroed`` the zero
-    followed drift. ``left_out`` (reading) is True for readings that are not used now, with ``reasons`` (reading): "", "missing",
-    "stuck", "out of range" or "unexplained"; ``label`` names a reading.
+    ``str()`` gives a summary. ``frames``: received; ``late``: with the time of the frame before; ``restarts``: with an
+    earlier time, because the sensor's clock restarted; ``unknown``: without a result (see `Status`); ``approximate``:
+    result before the tolerance was reached; ``repeated``: identical to the frame before, bit by bit; ``rezeroed``:
+    frames in which the zero followed drift. ``left_out`` (reading) is True for readings that are not used now, with
+    ``reasons`` (reading): "", "missing", "stuck", "out of range" or "unexplained"; ``label`` names a reading.
 
     Examples
     --------
@@ -92,9 +94,10 @@ class Health:
 
 
 def clipped(flat: Floats, index: npt.NDArray[np.intp]) -> Flags:
-    """Readings at an evident ceiling: several of one channel (``index``) at exactly its largest magnitude, where hardly any others are alike.
+    """Mask of saturated readings: several of one channel (``index``) have exactly its largest magnitude, while few
+    others are equal.
 
-    A coarse converter repeats itself everywhere, a clipped one at its ends only.
+    A coarse converter repeats values everywhere, a saturated one only at its ends.
     """
     out = np.zeros(len(flat), dtype=bool)
     finite = np.isfinite(flat)
@@ -113,10 +116,10 @@ def clipped(flat: Floats, index: npt.NDArray[np.intp]) -> Flags:
 
 
 class ReadingCheck:
-    """Which readings are used, frame by frame; it writes what it finds into a `Health`.
+    """Decides frame by frame which readings are used; records its findings in a `Health`.
 
-    ``limits`` (reading) are the largest magnitudes that the pad gives, ``ends`` low and high of the range of each reading where they are given; ``std``
-    is the unit of readings less their zero.
+    ``limits`` (reading) are the largest magnitudes that the pad can cause, ``ends`` the low and high limits of each
+    reading's range if given; ``std`` is the unit of readings minus their zero.
     """
 
     def __init__(
@@ -130,7 +133,7 @@ class ReadingCheck:
         self._repeated, self._compared = (
             np.zeros(n, dtype=np.int64),
             0,
-        )  # repeats, and frames in which not all readings repeated themselves
+        )  # repeats, and frames in which not all readings repeated
         self._stuck = np.zeros(n, dtype=bool)
         self._resting = np.zeros(n, dtype=bool)  # next to their zero in the last frame
         self._last: Floats | None = None
@@ -146,13 +149,13 @@ class ReadingCheck:
         return self.health.left_out | self._absent | self.suspects
 
     def usable(self, flat: Floats) -> Flags:
-        """Readings of a frame that are finite and in range; keeps count of those that are not, and of those that repeat themselves."""
+        """Mask of the readings that are finite and in range; also counts the others, and those that repeat themselves."""
         health = self.health
         finite = np.isfinite(flat)
         with np.errstate(invalid="ignore"):
             wild = finite & (np.abs(flat) > self._limits)
         gone = ~finite | wild
-        whole = bool((gone & ~health.left_out).mean() > 1.0 - ENOUGH)  # the sensor's fault, not that of its taxels
+        whole = bool((gone & ~health.left_out).mean() > 1.0 - ENOUGH)  # the sensor fails as a whole, not single taxels
         if not whole:
             self._gone = np.where(gone, self._gone + 1, 0)
             self._bad[gone & health.left_out] += 1
@@ -171,7 +174,7 @@ class ReadingCheck:
                 self._stuck = self._stand_still() & finite & ~wild
                 self.count(self._stuck, "stuck")
         self._last = flat
-        # a bad reading is given back after many good frames
+        # An excluded reading returns after many good frames.
         settled = finite & ~wild & (self._repeats == 0)
         if health.left_out.any():
             again = settled & health.left_out & (health.reasons != "unexplained")
@@ -181,43 +184,46 @@ class ReadingCheck:
         return ~gone & ~self._stuck
 
     def _stand_still(self) -> Flags:
-        """Readings that repeat themselves, which they seldom did before, while others still change."""
+        """Mask of stuck readings: they repeat themselves, which they seldom did before, while others still change."""
         if self._repeats.max() < FEWEST_REPEATS:
             return np.zeros(len(self._repeats), dtype=bool)
         before = self._compared - self._repeats
         rate = (self._repeated - self._repeats + 1.0) / (before + 2.0)
         often = (self._repeats * np.log(rate) < math.log(CHANCE)) & (before >= BEFORE)
-        # at an end of its range a reading repeats itself because it is there, and at its zero it may in a sensor that is coarse there
+        # A saturated reading repeats itself for that reason, and a coarse sensor may repeat its zero.
         return often & (self._repeats > ALONE * np.median(self._repeats)) & ~self.clipped & ~self._resting
 
     def enough(self, usable: Flags) -> bool:
-        """Whether a frame with these readings can be answered."""
+        """Whether enough readings are usable to solve the frame."""
         return bool((usable & ~self.health.left_out).sum() >= max(1.0, ENOUGH * len(usable)))
 
     def zeroed(self, y: Floats, flat: Floats, index: npt.NDArray[np.intp], noise: float) -> Floats:
-        """A frame with 0 for the readings that are not used; what is clipped shows in the readings as they came (``flat``), far above the ``noise``."""
+        """A frame with 0 for unused readings. Saturation is found in the original readings (``flat``), far above the
+        ``noise``.
+        """
         high, low = at_ends(flat, self._ends, y * self._std)
         self.clipped = clipped(flat, index) | high | low
         size = np.abs(y)
         self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
         came = np.bincount(index, np.isfinite(flat))
-        # at rest readings of few steps are often alike: an end is far from zero
+        # At rest, coarsely rounded readings are often equal; so saturation counts only far from zero.
         at_end = self.clipped & (size > FAR * noise)
         self.overload = bool((np.bincount(index, at_end) > MOST_CLIPPED * np.maximum(came, 1)).any())
-        # of a few the others tell how far they are beyond their ends; of many nothing does, and what they say is the least
+        # If few readings are saturated, the others determine them. If many are, use their values as lower bounds.
         absent = ~np.isfinite(y) if self.overload else ~np.isfinite(y) | self.clipped
         self._absent = absent & ~self.health.left_out
         return np.where(self.unused, 0.0, y)
 
     def count(self, bad: Flags, reason: str) -> None:
-        """Count readings as bad once more, and leave out those that were so too often."""
+        """Count these readings as bad once more, and exclude those that were bad too often."""
         self._bad[bad] = np.maximum(self._bad[bad], 0) + 1
         self._leave_out(bad & (self._bad >= BAD), reason)
 
     def judge(self, wrong: Flags, rest: Floats, limit: float, frames: int) -> None:
-        """Count readings that the contact does not explain; ``rest`` is what it leaves of each, looked at once in ``frames`` frames.
+        """Count readings that the contact does not fit; ``rest`` is the residual of each, checked once in ``frames``
+        frames.
 
-        They are suspects, and not used, until the next look.
+        They are suspects, and not used, until the next check.
         """
         self.count(wrong, "unexplained")
         right = ~wrong & ~self.unused & (self._repeats == 0)
@@ -226,14 +232,14 @@ class ReadingCheck:
         self.forgive(np.abs(rest) < limit, frames)
 
     def pardon(self) -> None:
-        """Take back all readings that contact did not explain."""
+        """Use all readings again that were excluded as unexplained."""
         health = self.health
         doubted = health.left_out & (health.reasons == "unexplained")
         health.left_out[doubted], health.reasons[doubted], self._bad[doubted] = False, "", 0
         self.suspects[:] = False
 
     def forgive(self, right: Flags, frames: int) -> None:
-        """Take readings back that were left out as unexplained and have been right for long enough."""
+        """Use readings again that were excluded as unexplained and have been good for long enough."""
         health = self.health
         doubted = health.left_out & (health.reasons == "unexplained")
         if doubted.any():
@@ -244,7 +250,7 @@ class ReadingCheck:
 
     @property
     def frozen(self) -> bool:
-        """Whether the whole sensor repeats itself, which it seldom did before."""
+        """Whether all readings repeat themselves, which they seldom did before."""
         health = self.health
         earlier = health.frames - 1 - self._frames_repeated
         return self._frames_repeated >= STUCK and health.repeated - self._frames_repeated < SELDOM * earlier

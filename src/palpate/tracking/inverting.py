@@ -1,8 +1,8 @@
-"""The inverse of a symmetric positive matrix, made beside a stream.
+"""Invert a symmetric positive matrix without blocking other threads.
 
-SciPy's LAPACK keeps Python's interpreter to itself until it is done: an inverse of 1500 unknowns in a thread kept the frames of a stream
-waiting for 0.1 s. NumPy's products and small Cholesky factors let others run, so the rest is made of those, by halves and in pieces; it takes up to 1.4 times
-as long.
+SciPy's LAPACK holds Python's interpreter lock until it finishes: inverting 1500 unknowns in a thread delayed the
+frames of a stream by 0.1 s. NumPy's products and small Cholesky factors release it, so the inverse is composed of
+these, recursively and in pieces. It takes up to 1.4 times as long.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from palpate.tracking.pieces import lower_factor, product, square
 
 __all__ = ["inverse", "inverse_beside"]
 
-#: Triangles of so many rows are inverted by LAPACK: less than a tenth of a millisecond.
+#: Triangles of at most this many rows are inverted by LAPACK, in less than a tenth of a millisecond.
 SMALL = 96
 
 
 def inverse(matrix: Floats) -> Floats | None:
-    """Of a symmetric positive matrix; None where it is not positive in double precision."""
+    """Inverse of a symmetric positive matrix; None if it is not positive in double precision."""
     import scipy.linalg.lapack as lapack
 
     factor, failed = lapack.dpotrf(matrix, lower=True, clean=True)
@@ -32,7 +32,7 @@ def inverse(matrix: Floats) -> Floats | None:
 
 
 def inverse_beside(matrix: Floats) -> Floats | None:
-    """`inverse`, which lets other threads run."""
+    """`inverse` that lets other threads run."""
     try:
         factor = lower_factor(matrix)
     except np.linalg.LinAlgError:

@@ -19,9 +19,9 @@ from palpate.tracking.region import Region
 
 __all__ = ["Iteration"]
 
-#: Iterations of one frame at most.
+#: Largest number of iterations in one frame.
 ITERATIONS = 300
-#: Over-relaxation: Boyd et al., section 3.4.3, name 1.5 to 1.8.
+#: Over-relaxation: Boyd et al., section 3.4.3, recommend 1.5 to 1.8.
 RELAXATION = 1.6
 
 
@@ -33,19 +33,21 @@ class Iteration:
         self.clear()
 
     def clear(self) -> None:
-        """No region, no contact."""
+        """Forget region and contact."""
         self.region: Region | None = None
         self.z: Single = np.zeros((self._components, 0), dtype=np.float32)
         self.u = self.z.copy()
         self.missing: Floats | None = (
-            None  # change of traction [Pa] (component, cell) that is still to come, where the iteration did not end
+            None  # remaining change of traction [Pa] (component, cell), if the iteration did not converge
         )
         self._corrected: tuple[Region, Floats, Single, Single] | None = None
-        self.exhausted = False  # whether the last frame ended for its steps, not for its time
+        self.exhausted = False  # whether the last frame ended by its number of steps, not by its time
         self.product = 0.0  # t'A'y of the last frame
 
     def shared(self, faint: float = 0.0) -> Floats:
-        """B'A t: what the solution explains of the sums of each channel, without cells below this part of the peak."""
+        """B'A t: contribution of the solution to the sums of each channel, without cells below ``faint`` times the
+        peak.
+        """
         if self.region is None:
             raise RuntimeError("there is no contact")
         pressure = self.pressure
@@ -53,7 +55,7 @@ class Iteration:
         return np.asarray(self.region.shared @ z.ravel().astype(np.float64))
 
     def move(self, region: Region) -> None:
-        """Carry solution and multipliers over to another region."""
+        """Move solution and multipliers to another region."""
         whole = np.zeros((2, self._components, self._cells), dtype=np.float32)
         if self.region is not None:
             whole[0][:, self.region.cells], whole[1][:, self.region.cells] = self.z, self.u
@@ -71,10 +73,11 @@ class Iteration:
         return np.asarray(self.z * self._cone.scales[:, None], dtype=np.float64)
 
     def solve(self, slope: Single, gain: Floats | None = None, *, tolerance: float, deadline: float) -> bool:
-        """Bring the solution to a frame with A'y = ``slope``; False where time or the count of iterations ended it.
+        """Update the solution to a frame with A'y = ``slope``; False if time or number of iterations ran out.
 
-        With ``gain`` (K of `palpate.tracking.offsets`), the slope is that of readings less what marginalised offsets explain. It ends when
-        traction changes by less than ``tolerance`` of its peak, or at the time ``deadline`` of `time.perf_counter`.
+        With ``gain`` (K of `palpate.tracking.offsets`), ``slope`` is that of readings minus marginalised offsets. It
+        stops when traction changes by less than ``tolerance`` of its peak, or at the time ``deadline`` of
+        `time.perf_counter`.
         """
         region, cone = self.region, self._cone
         if region is None:

@@ -1,4 +1,4 @@
-"""The weight of the penalty and the noise, learned from the frames where they are not given."""
+"""Learn the weight of the penalty and the noise from the frames, if they are not given."""
 
 from __future__ import annotations
 
@@ -19,82 +19,92 @@ from palpate.tracking.discrepancy import Discrepancy
 
 __all__ = ["NORMAL", "ROUNDING", "Learning", "rough_noise"]
 
-#: What subtracting a zero, the mean of some frames, leaves of a reading in double precision.
+#: Relative rounding error of a reading minus its zero, in double precision.
 ROUNDING = 1e-12
 #: Median magnitude of a standard normal variable.
 NORMAL = 0.6745
-#: The penalty is learned again when the energy of the readings has changed by this factor, the load thus by 2.
+#: Learn the penalty again when the energy of the readings has changed by this factor, so the load by 2.
 RELEARN = 4.0
-#: The same where contact does not explain a frame: of the energy that is not noise. What was learned from a weak contact is too smooth for a strong one.
+#: The same if contact does not fit the frame, for the energy beyond noise: a penalty learned from a weak contact is too
+#: smooth for a strong one.
 RELEARN_MISFIT = 3.0
-#: A linear model that calls less than this part of what contact leaves noise follows noise too: 0.3 at least on the accuracy benchmark, 0.04 where a
-#: contact of 0.9 pitches on 8 x 8 taxels of three channels, less than a pitch deep, was then read 2.4 times too large.
+#: If the linear model's noise is below this fraction of the contact's residual, it fits noise too. The ratio was at
+#: least 0.3 on the accuracy benchmark, and 0.04 for a contact of 0.9 pitches on 8 x 8 taxels of three channels, less
+#: than a pitch deep, which was then read 2.4 times too large.
 FOLLOWED = 0.15
-#: The same of noise that was told: what contact leaves beyond it is what cells of the surface cannot follow. On 6 x 7 taxels of three channels, 1.3 mm
-#: wide and 1.5 mm deep, a ball of 1 N was read as 4.2 N with noise of 0.06 % and friction given.
+#: The same if the noise is known: the residual beyond it is what surface cells cannot represent. On 6 x 7 taxels of
+#: three channels, 1.3 mm wide and 1.5 mm deep, a ball of 1 N was read as 4.2 N with noise of 0.06 % and friction given.
 TOLD = 0.5
-#: Cells of the surface cannot follow so much of the readings at the most: 0.006 to 0.04 of contacts wider than three cells (taxels 0.6 to 1.5 cells deep),
-#: 0.19 of one half a cell wide. Broken taxels under a contact and garbage leave 0.26 and more.
+#: Largest fraction of the readings that surface cells cannot represent: 0.006 to 0.04 for contacts wider than three
+#: cells (taxels 0.6 to 1.5 cells deep), 0.19 for one half a cell wide. Broken taxels under a contact and garbage leave
+#: 0.26 and more.
 COARSEST = 0.2
-#: So few readings tell too little apart for a quick look, and all cells of theirs take milliseconds.
+#: With so few readings a quick check is unreliable, and solving on all cells takes only milliseconds.
 FEW_READINGS = 200
-#: Until the thread has learned the penalty: so many times the weight at which a gradient of the size that explains the readings
-#: over a depth counts as much as they do. Too smooth for some frames rather than too rough.
+#: Provisional penalty until the thread has learned one: this many times the weight at which gradients that explain the
+#: readings over one depth cost as much as the misfit. Rather too smooth than too rough.
 PROVISIONAL = 10.0
-#: So many penalties in a row are dropped where the load has outgrown them while the thread learned.
+#: Largest number of consecutive penalties to discard because the load outgrew them while they were learned.
 OUTGROWN = 3
-#: Standard deviations of its own by which the energy of readings is beyond noise.
+#: Standard deviations by which the energy of the readings must exceed that of noise.
 BEYOND = 6.0
-#: Noise that was learned is doubted where so many frames in a row, without contact, are so many times quieter.
+#: A learned noise is discarded if this many consecutive frames without contact are QUIETER times below it.
 DOUBTED_FRAMES, QUIETER = 4, 3.0
-#: The noise that a frame of a contact tells is believed up to so many times what was known: more is another frame's to say.
+#: The noise learned from one frame in contact may be at most this many times the noise known before; a larger value
+#: needs another frame.
 LOUDER = 3.0
 
 
 def rough_noise(used: Floats) -> float:
-    """Noise of the readings used in a frame before it is learned: robust, and no less than what a pad is known to."""
+    """Robust noise estimate of the readings ``used`` in a frame before it is learned, not below the accuracy of the
+    model.
+    """
     return max(float(np.median(np.abs(used))) / NORMAL, MODEL_ERROR * float(np.abs(used).max(initial=0.0)))
 
 
 class Learning:
-    """Penalty ``parameter``, ``noise`` (in units of the readings' standard deviations) and ``resolution`` [m]; None before they are known."""
+    """Penalty ``parameter``, ``noise`` (in units of the readings' standard deviations) and ``resolution`` [m]; None
+    until known.
+    """
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         self._estimator = estimator
         self.noise: float | None = 1.0 if estimator.noise_known else None
-        self._told = self.noise  # given, or told by the zero
-        self._from_contact = self.noise is None  # the noise is learned with the penalty, unless the baseline tells it
+        self._told = self.noise  # given, or measured with the zero
+        self._from_contact = self.noise is None  # the noise is learned with the penalty, unless the baseline gives it
         self.parameter: float | None = None
         self.resolution: float | None = None
         self.discrepancy = Discrepancy()
         self._energy = self._signal = 0.0
         self._doubts = 0
-        self._outgrown = 0  # penalties in a row that the load had outgrown when they were learned
+        self._outgrown = 0  # consecutive penalties that the load outgrew while they were learned
 
     @property
     def noise_known(self) -> bool:
-        """Whether the noise was given, or told by frames without contact."""
+        """Whether the noise was given, or measured in frames without contact."""
         return self.noise is not None and not self._from_contact
 
     def take_noise(self, noise: float | None) -> None:
-        """The noise of the frames that were captured as the zero, where they tell it."""
+        """Take the noise of the frames of the zero, if they determine it."""
         if noise is not None:
             self.discrepancy = Discrepancy(zeroed=True)
             if self.noise is None:
                 self.noise, self._told, self._from_contact = noise, noise, False
 
     def state(self, noise: float) -> None:
-        """The noise of a frame whose source knows it; no less than that of the zero."""
+        """Set the noise of a frame whose source knows it; not below that of the zero."""
         self.noise, self._from_contact = max(noise, self._told or 0.0), False
 
     def in_contact(self, y: Floats) -> float | None:
-        """The noise of a frame in contact: what is known, and what the pad's model and the cells of the surface cannot follow of the readings ``y``."""
+        """Noise of a frame in contact: the known noise, plus errors of the pad's model and of the cell size for the
+        readings ``y``.
+        """
         if self.noise is None or self._from_contact or not y.size:
             return self.noise
         return self.discrepancy.noise(self.noise, float(np.sqrt(np.mean(y**2))))
 
     def doubt(self, used: Floats) -> None:
-        """Forget a noise that was learned from a frame unlike those that follow: contact would hide in it for ever."""
+        """Discard a learned noise if the following frames are much quieter; otherwise contact would stay hidden in it."""
         quiet = float(np.median(np.abs(used))) / NORMAL
         loud = self._from_contact and self.noise is not None and 0.0 < QUIETER * quiet < self.noise
         self._doubts = self._doubts + 1 if loud else 0
@@ -102,11 +112,15 @@ class Learning:
             self.noise, self._energy, self._doubts = None, 0.0, 0
 
     def anew(self) -> None:
-        """Forget the penalty and what it was learned from; not the noise, without which a press that covers the array is taken for noise."""
+        """Forget the penalty and its sources, but not the noise: without it, a press over the whole array would be
+        taken for noise.
+        """
         self.parameter, self.resolution, self._energy, self._signal, self._outgrown = None, None, 0.0, 0.0, 0
 
     def again(self, y: Floats, noise: float, largest: float) -> None:
-        """Begin with a penalty that is too smooth rather than too rough, and learn from the next frame, whatever its load."""
+        """Start with a penalty that is too smooth rather than too rough, and learn again from the next frame, whatever
+        its load.
+        """
         self._energy = 0.0
         if self._estimator.parameter is None:
             self.parameter = noise**2 * largest / max(float(y @ y), 1e-300) * PROVISIONAL
@@ -122,10 +136,12 @@ class Learning:
         leaving: Callable[[], Callable[[float], float]],
         misfit: bool = False,
     ) -> bool:
-        """Learn by evidence from a frame in contact, again when the load has changed a lot; whether there is something new.
+        """Learn by evidence from a frame in contact, again when the load has changed a lot; return whether anything
+        changed.
 
-        ``largest`` is the largest entry of the normal matrix' diagonal, ``energy`` that of the readings as they came; with ``misfit``
-        contact does not explain them. ``leaving`` gives, of a penalty, what contact that pushes in the region of interest leaves of ``y``.
+        ``largest`` is the largest diagonal entry of the normal matrix, ``energy`` that of the original readings;
+        ``misfit``: contact does not fit them. ``leaving`` returns a function from penalty to the residual of pushing
+        contact in the region, for the readings ``y``.
         """
         estimator = self._estimator
         signal = max(energy - len(y) * noise**2, 0.0)
@@ -152,26 +168,26 @@ class Learning:
             linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
             evidence = estimator.evidence(linear, rows, known)
             if evidence.scale < floor:
-                # less noise than a pad is known to: the detail that it would show is not there
+                # Noise below the accuracy of the pad: the detail that it would show is not real.
                 evidence = estimator.evidence(linear, rows, floor)
-            # no more than this is no sign of noise that the linear model follows, nor of cells that are too wide
+            # A residual below this is no sign that the linear model fits noise, nor that cells are too wide.
             little = evidence.scale / FOLLOWED if known is None else known / TOLD
-            # (where channels do not tell pressure from shear, it is no measure)
+            # (For channels that cannot separate pressure from shear, this comparison is not valid.)
             left = 0.0
             if known is None or not estimator.ambiguous:
-                # as smooth as that much noise would have it
+                # As smooth as this noise requires.
                 few = len(y) <= FEW_READINGS
                 left = math.inf if few else leaves(estimator.evidence(linear, rows, little).parameter)
             give_way()
             if left > little:
                 left = min(left, self._left(y, little))
             size = float(np.sqrt(np.mean(y**2)))
-            # what contact leaves beyond the noise that was told is the cells', or too much for them: broken readings
+            # A residual beyond the known noise comes from the cell size, or if too large from broken readings.
             wide = known is not None and little < left <= COARSEST * size
             follows = wide if known is not None else left > little
             if follows:
-                # a linear model of shallow channels follows noise too, and what wide cells cannot follow: a penalty for it lets pressure and
-                # shear grow against each other
+                # With shallow taxels a linear model fits noise, and what wide cells cannot represent. A penalty for
+                # that model lets pressure and shear grow against each other.
                 evidence = estimator.evidence(linear, rows, max(left, floor))
             coarse = math.sqrt(left**2 - known**2) / size if wide and known is not None else 0.0
             return evidence.parameter, max(evidence.scale, floor if known is None else 0.0), energy, signal, coarse
@@ -181,7 +197,8 @@ class Learning:
             return False
         chance = BEYOND * noise**2 * math.sqrt(2.0 * len(y))
         if background.threaded and signal > RELEARN * found[3] + chance and self._outgrown < OUTGROWN:
-            # the load has outgrown what was learned meanwhile, and a penalty learned from a touch finds nothing in a press: what there is serves on
+            # The load outgrew this penalty while it was learned. A penalty from a light touch fails in a press, so keep
+            # the old one.
             self._outgrown += 1
             background.result("learn", work)
             return False
@@ -190,12 +207,14 @@ class Learning:
         self.discrepancy.raised(math.hypot(self.discrepancy.share, coarse) if coarse else 0.0)
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:
-            # one frame of garbage must not make so much noise that contact hides in it
+            # A single frame of garbage must not raise the noise so much that contact is hidden.
             self.noise = scale if self.noise is None else min(scale, LOUDER * self.noise)
         return True
 
     def _left(self, y: Floats, little: float) -> float:
-        """What contact of one sign leaves of readings: the noise that a linear model is compared with. One that leaves ``little`` is enough."""
+        """Residual of contact of one sign, to compare with the linear model's noise. Stop at a residual below
+        ``little``.
+        """
         estimator = self._estimator
         data, observed = y * estimator.readings.std, np.ones(len(y), dtype=bool)
         total = float(np.sqrt(np.mean(estimator.readings.white(y, observed) ** 2)))

@@ -1,4 +1,4 @@
-"""Does what was found explain the frames of a stream? The misfit probability of `palpate.inverse.fit`, for a tracker."""
+"""Misfit probability of a frame of a stream (`palpate.inverse.fit`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Misfit"]
 
 
 class Misfit:
-    """The misfit probability of what is left of a frame."""
+    """Computes the misfit probability of a frame's residual."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         self._estimator = estimator
@@ -31,10 +31,11 @@ class Misfit:
         known: bool,
         ordered: float = 0.0,
     ) -> float:
-        """Of what is left of each reading, in units of the readings' standard deviations.
+        """Misfit probability of the residual ``rest`` (reading,), in units of the readings' standard deviations.
 
-        ``noise`` is that of a frame less the zero, ``largest`` the largest reading, ``taken`` the degrees of freedom that contact and offsets
-        took; with ``known`` noise the size of what is left is tested too. ``ordered`` is what may be left alike from taxel to taxel (root mean square).
+        ``noise`` is that of a frame minus the zero, ``largest`` the largest reading, ``taken`` the degrees of freedom
+        used by contact and offsets; with ``known`` noise the size of the residual is tested too. ``ordered`` is the
+        root mean square of a residual that may be correlated between taxels.
         """
         noise = max(noise, 1e-300)
         residual = np.zeros(len(rest))

@@ -1,21 +1,22 @@
-"""Offsets of the channels: drift that all taxels of a channel share, told from contact by taxels away from it.
+"""Offsets of the channels: drift common to all taxels of a channel, separated from contact by taxels away from it.
 
     readings = A t + B c + noise,    c ~ N(m, V),    m, V carried from frame to frame
 
-B has a column of ones for each channel. c is a random walk (R. E. Kalman, J. Basic Eng. 82, 1960, 35-45) about a rate that is learned from
-what each frame corrects (T. R. Benedict and G. W. Bordner, IRE Trans. Autom. Control 7, 1962, 27-32: b = a^2/(2 - a)). In each frame c is
-marginalised,
+B has a column of ones for each channel. c is a random walk (R. E. Kalman, J. Basic Eng. 82, 1960, 35-45) about a rate
+that is learned from the correction in each frame (T. R. Benedict and G. W. Bordner, IRE Trans. Autom. Control 7, 1962,
+27-32: b = a^2/(2 - a)). In each frame c is marginalised,
 
     (s^2 + B V B')^-1 = s^-2 (1 - B K B'),    K = (s^2 V^-1 + B'B)^-1,
 
-so that contact is solved for with what is known of the offsets, and no better. What a frame tells about them is what no contact on
-those cells explains, W'y with
+so that the contact is solved with the present uncertainty of the offsets. The information of a frame about the offsets
+is the part of the readings that no contact on those cells explains, W'y with
 
-    W = B - A X,    X = (A'A + penalty / n)^-1 A'B,    var(W'y) = s^2 B'W:
+    W = B - A X,    X = (A'A + penalty / n)^-1 A'B,    var(W'y) = s^2 B'W.
 
-the penalty is about the contact, which is the same in n frames, and what it leaves of a contact's shear must not add up to an offset. A
-contact that covers the array tells nothing, and V grows. A model that is not quite right (a depth, a modulus) leaves something too, d, the
-same in each frame of the same contact: it is a state of its own, and what was there when the contact came is d rather than c.
+The penalty applies to the contact, which is the same in n frames, so that its shrinkage of shear does not accumulate
+as an offset. A contact that covers the array gives no information, and V grows. An inexact model (depth, modulus) adds
+a residual d that is the same in each frame of one contact. d is a state of its own: an offset that appears together
+with a contact is assigned to d rather than to c.
 """
 
 from __future__ import annotations
@@ -31,43 +32,45 @@ from palpate.tracking.health import Flags, Index, Single
 
 __all__ = ["Marginal", "Observed", "Offsets"]
 
-#: Standard deviation of an offset about its rate after a second, as a part of the largest reading met: a contact that covers the array is
-#: known to 0.8 % after a minute.
+#: Random walk of an offset about its rate: standard deviation after a second, as a fraction of the largest reading.
+#: After a minute under a contact that covers the array, the offset is known to 0.8 %.
 WALK = 0.001
-#: A rate of drift is confirmed by frames that correct an offset by this part of what they tell; else it is forgotten with this time constant [s].
+#: A rate of drift is confirmed by frames that correct an offset by this fraction of their information; otherwise it
+#: decays with this time constant [s].
 CONFIRMED, RATE_HOLDS = 0.03, 5.0
-#: Without contact, the part of what all taxels of a channel share that one frame corrects.
+#: Without contact, the fraction of the common offset of a channel that one frame corrects.
 CORRECTED = 0.2
-#: Beyond so long without a frame [s] a rate of drift is forgotten: 3 % of the largest reading a second, followed for a second in one step, left
-#: an offset that became a contact for good.
+#: After a gap this long [s] without a frame, forget the rate of drift: 3 % of the largest reading per second,
+#: extrapolated over a second, left an offset that became a permanent contact.
 GAP = 0.25
-#: Largest reading over noise that is assumed until there was a contact.
+#: Assumed ratio of largest reading to noise before the first contact.
 USUAL = 100.0
-#: Share of a frame in what is remembered of the largest reading.
+#: Weight of a new frame in the running average of the largest reading.
 USUAL_SHARE = 0.1
-#: Without contact, the zero follows what all taxels of a channel share, at no more than this part of the largest reading a second: pressing
-#: is faster.
+#: Without contact, the zero follows the common offset of a channel by at most this fraction of the largest reading per
+#: second: pressing is faster.
 FASTEST = 0.03
-#: A pad is known, and readings agree with each other, to this part of the largest reading: noise of less does not make offsets surer.
+#: Accuracy of pad and readings as a fraction of the largest reading: a lower noise does not make offsets more certain.
 AGREE = 0.003
-#: What the model leaves of a channel, as a part of the largest reading; it is another for another load or place of the contact, which is
-#: where readings have changed by this part.
+#: Model error of a channel as a fraction of the largest reading; it changes when the contact changes load or place,
+#: that is when readings change by the fraction ANOTHER.
 MODEL, ANOTHER = 0.01, 0.1
-#: An offset moves by no more than so many of its standard deviations in a frame: more is no drift.
+#: Largest change of an offset in one frame, in its standard deviations: more is not drift.
 SURPRISE = 3.0
-#: Offsets after a restart of the sensor, as a part of the largest reading.
+#: Standard deviation of offsets after a restart of the sensor, as a fraction of the largest reading.
 JUMP = 0.5
-#: Offsets are marginalised where one is known to no better than this part of the largest reading; else only taken out, and their variance is left
-#: to the error bars: contact of which a common part counts for less is shrunk by its penalty (1 N dragged to a slip of 0.6 read 0.55).
+#: Marginalise offsets only if one is less certain than this fraction of the largest reading. Otherwise just subtract
+#: them and add their variance to the error bars: marginalising weakens the common part of the contact, which the
+#: penalty then shrinks (1 N dragged to a slip of 0.6 read 0.55).
 UNSURE = 0.02
-#: K is made again where noise or variances have changed by this part.
+#: Recompute K if noise or variances have changed by this fraction.
 ALIKE = 0.05
-#: An offset is worth a word beyond this part of the largest reading.
+#: Report an offset beyond this fraction of the largest reading.
 NOTABLE = 0.02
 
 
 class Marginal(NamedTuple):
-    """What marginalising offsets takes: K (channel, channel), and the sums B'W'W y over the readings used."""
+    """Quantities that marginalise offsets: the gain K (channel, channel), and the sums B'W'W y of whitened readings over those in use."""
 
     gain: Floats
     sums: Floats
@@ -81,8 +84,8 @@ class _Gain(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """What each frame of a contact tells about the offsets: B'W (channel, channel), X (channel, component, cell) on ``cells``, A'W (channel,
-    component, cell of the surface), for the readings that are not ``unused``.
+    """Information about the offsets in each frame of a contact: B'W (channel, channel), X (channel, component, cell)
+    on ``cells``, A'W (channel, component, cell of the surface), for the readings that are not ``unused``.
     """
 
     counts: Floats
@@ -112,7 +115,7 @@ class Offsets:
         self.reset()
 
     def reset(self) -> None:
-        """As before the first frame."""
+        """Restore the state before the first frame."""
         self._largest = self._scale = 0.0
         self.rate: Floats = np.zeros(self.columns.shape[1])
         self._elapsed = 0.0
@@ -120,17 +123,18 @@ class Offsets:
         self.clear()
 
     def clear(self) -> None:
-        """The zero is right."""
+        """Set the offsets to zero, with certainty."""
         k = self.columns.shape[1]
         self.mean: Floats = np.zeros(k)
         self._model: Floats = np.zeros(k)  # d
         self._both: Floats = np.zeros((2 * k, 2 * k))  # covariance of c and d
-        self._reference: Floats | None = None  # readings that d belongs to
-        self._unobserved = 0.0  # for how long no frame has observed them [s]
+        self._reference: Floats | None = None  # readings for which d was estimated
+        self._unobserved = 0.0  # time without information about the offsets [s]
         self._gain: _Gain | None = None
         self._unused = None
 
-    # -- what is known of them -------------------------------------------------------------------------------------------
+    # -- present knowledge
+    # ----------------------------------------------------------------------------------------------
 
     @property
     def cov(self) -> Floats:
@@ -139,15 +143,15 @@ class Offsets:
         return self._both[:k, :k]
 
     def state(self) -> tuple[Floats, ...]:
-        """What `restore` needs."""
+        """The state, for `restore`."""
         return self.mean, self._model, self._both, self.rate
 
     def restore(self, state: tuple[Floats, ...]) -> None:
-        """Take back what was learned since."""
+        """Return to an earlier state."""
         self.mean, self._model, self._both, self.rate = state
 
     def scale(self, noise: float | None, y: Floats) -> float:
-        """The largest reading that is to be expected; until the noise is known, from the frame itself."""
+        """Expected largest reading; until the noise is known, from the frame itself."""
         if self._largest > 0:
             return self._largest
         return float(np.abs(y).max(initial=0.0)) if noise is None else USUAL * noise
@@ -156,7 +160,7 @@ class Offsets:
         return math.hypot(noise, AGREE * max(self._largest, self._scale))
 
     def seen(self, y: Floats, noise: float) -> None:
-        """Readings of a contact that was explained."""
+        """Record the readings of a contact that fits."""
         now = float(np.abs(y).max(initial=0.0))
         self._largest += (USUAL_SHARE if self._largest > 0 else 1.0) * (now - self._largest)
         other, before = 1.0, self._reference
@@ -171,7 +175,9 @@ class Offsets:
             self._both = both
 
     def pass_time(self, elapsed: float, scale: float, *, observed: bool = True) -> None:
-        """Offsets walk while time passes; ``observed``: whether the last frame told them."""
+        """Let the offsets drift over ``elapsed`` seconds; ``observed``: whether the last frame gave information about
+        them.
+        """
         self._scale, self._elapsed = scale, min(max(elapsed, 0.0), 1.0)
         self.rate = np.where(self._share > CONFIRMED, 1.0, math.exp(-self._elapsed / RATE_HOLDS)) * self.rate
         self._share = np.zeros_like(self.rate)
@@ -186,13 +192,13 @@ class Offsets:
         self._both = both
 
     def go_on(self, elapsed: float) -> None:
-        """The offsets have gone on at their rate since the last frame; a rate is not known across a gap."""
+        """Extrapolate the offsets at their rate since the last frame; forget the rate after a gap."""
         if elapsed > GAP:
             self.rate = np.zeros_like(self.rate)
         self.mean = self.mean + self.rate * max(elapsed, 0.0)
 
     def _corrected(self, by: Floats, share: Floats) -> None:
-        """Learn the rate from what a frame corrects, ``share`` of what it tells."""
+        """Learn the rate from the correction ``by`` in a frame, made with the gain ``share``."""
         self._share = share
         if self._elapsed > 0:
             most = FASTEST * self._scale
@@ -200,29 +206,30 @@ class Offsets:
             self.rate = np.clip(self.rate + share / (2.0 - share) * by / since, -most, most)
 
     def jump(self) -> None:
-        """Nothing is known of them any more: the sensor began anew."""
+        """Make the offsets unknown: the sensor restarted."""
         k = len(self.mean)
         self._both = np.zeros((2 * k, 2 * k))
         self._both[:k, :k] = (JUMP * self._scale) ** 2 * np.eye(k)
         self._model, self.rate = np.zeros(k), np.zeros(k)
 
     def may_have_jumped(self, actual: Floats) -> bool:
-        """Whether readings (NaN where missing) are no larger than a contact on a zero that jumped could make them."""
+        """Whether the readings (NaN if missing) are small enough for a contact on a zero that jumped."""
         largest = float(np.abs(actual[np.isfinite(actual)]).max(initial=0.0))
         return self._largest == 0 or largest <= (1.0 + 2.0 * JUMP) * self._largest
 
     def plausible(self, before: Floats) -> bool:
-        """Whether the offsets have changed by no more than a zero may jump."""
+        """Whether the offsets changed since ``before`` by no more than a zero may jump."""
         return bool((np.abs(self.mean - before) < JUMP * self._scale).all())
 
     def value(self) -> Floats:
-        """The offset of each reading (reading,) that is taken out."""
+        """The offset to subtract from each reading (reading,)."""
         return np.asarray(self.mean[self.index])
 
-    # -- one frame -------------------------------------------------------------------------------------------------------
+    # -- one frame
+    # -------------------------------------------------------------------------------------------------------
 
     def counts(self, unused: Flags) -> Floats:
-        """B'W'W B over the readings used, (channel, channel)."""
+        """B'W'W B over the readings in use, (channel, channel)."""
         key = unused.tobytes()
         if self._unused != key:
             used = ~unused
@@ -233,7 +240,7 @@ class Offsets:
         return self._counts
 
     def marginal(self, y: Floats, unused: Flags, noise: float) -> Marginal:
-        """Of a frame less the mean offsets."""
+        """Marginal of a frame minus the mean offsets."""
         counts = self.counts(unused)
         if self._readings.independent:
             sums = np.asarray(self._white.T @ np.where(unused, 0.0, y))
@@ -255,10 +262,10 @@ class Offsets:
         return Marginal(kept.gain, sums)
 
     def update(self, counts: Floats, innovation: Floats, noise: float) -> None:
-        """Take in a frame that tells B'W (channel, channel) and W'(y - A t) about them."""
+        """Kalman update with a frame's information B'W (channel, channel) and innovation W'(y - A t)."""
         most = SURPRISE * np.sqrt(np.maximum(np.diagonal(self.cov), 0.0))
         k = len(self.mean)
-        summed = self._both[:, :k] + self._both[:, k:]  # covariance with c + d, which is what shows
+        summed = self._both[:, :k] + self._both[:, k:]  # covariance with c + d, which is observed
         weight = self._level(noise) ** 2 * np.eye(k) + counts @ (summed[:k] + summed[k:])
         gain = np.linalg.solve(weight.T, summed.T).T
         both = self._both - gain @ counts @ summed.T
@@ -269,7 +276,7 @@ class Offsets:
         self._corrected(by, np.clip(np.diagonal(gain[:k] @ counts), 0.0, 1.0))
 
     def shared(self, y: Floats, unused: Flags) -> Floats:
-        """What all taxels of each channel share: medians over the readings used, (channel,)."""
+        """Common offset of the taxels of each channel: medians over the readings in use, (channel,)."""
         out = np.zeros(len(self.mean))
         for c in range(len(out)):
             mine = y[(self.index == c) & ~unused]
@@ -277,7 +284,7 @@ class Offsets:
         return out
 
     def follow(self, y: Floats, unused: Flags) -> Floats:
-        """Drift to take into the zero in a frame without contact (reading,)."""
+        """Drift to add to the zero after a frame without contact (reading,)."""
         most, share = FASTEST * self._scale * self._elapsed, np.full(len(self.mean), CORRECTED)
         by = share * self.shared(y, unused)
         step = np.clip(self.rate * self._elapsed + by, -most, most)
@@ -285,7 +292,7 @@ class Offsets:
         return np.asarray(step[self.index])
 
     def notable(self) -> Floats:
-        """The offsets that are worth a word (0 elsewhere)."""
+        """The offsets large enough to report (0 for the others)."""
         if np.abs(self.mean).max() <= NOTABLE * self._scale:
             return np.zeros_like(self.mean)
         sure = np.abs(self.mean) > 4.0 * np.sqrt(np.maximum(np.diagonal(self.cov), 0.0))

@@ -1,4 +1,4 @@
-"""Products and factors in pieces of a millisecond or two, between which work beside a stream lets a frame go first."""
+"""Matrix products and factors in pieces of a millisecond or two, so that background work can pause for a frame."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["lower_factor", "product", "square"]
 
-#: Multiplications of a piece: a millisecond.
+#: Multiplications of one piece: a millisecond.
 PIECE = 25_000_000
-#: Rows of a piece, at least: of fewer, a product takes longer than its work; and rows of a block of a factor.
+#: Smallest number of rows of a piece, below which overhead dominates; and rows of a block of a factor.
 ROWS, BLOCK = 48, 128
 
 
 def product(a: Floats, b: Floats) -> Floats:
-    """a b."""
+    """The product a b."""
     rows = max(ROWS, PIECE // max(b.size, 1))
     if rows >= len(a):
         give_way()
@@ -29,7 +29,7 @@ def product(a: Floats, b: Floats) -> Floats:
 
 
 def square(a: Floats) -> Floats:
-    """a a'."""
+    """The product a a'."""
     rows = max(ROWS, PIECE // max(a.size, 1))
     if rows >= len(a):
         give_way()
@@ -46,7 +46,7 @@ def square(a: Floats) -> Floats:
 
 
 def lower_factor(matrix: Floats) -> Floats:
-    """Cholesky's, of which the lower triangle is read alone; it raises LinAlgError where the matrix is not positive."""
+    """Lower Cholesky factor, from the lower triangle; LinAlgError if the matrix is not positive."""
     import scipy.linalg.lapack as lapack
 
     out, size = np.array(matrix), len(matrix)

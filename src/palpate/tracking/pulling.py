@@ -1,6 +1,6 @@
-"""Traction of either sign, for frames that contact which only pushes does not explain: adhesion, a hook, a hand that lifts the pad.
+"""Traction of either sign, for frames that pushing contact does not fit: adhesion, a hook, a hand that lifts the pad.
 
-The same penalty without its constraints, on the cells where the readings speak for traction of either sign:
+The same penalty without constraints, on the cells where the readings indicate traction:
 
     t = (A'A + penalty)^-1 A'y.
 """
@@ -26,18 +26,20 @@ from palpate.tracking.search import LOST, TAKEN
 
 __all__ = ["Pulling", "firm"]
 
-#: The cells of the first guess are those above this part of the highest score; cells are added so often at most.
+#: Initial cells are those above this fraction of the highest score; cells are added in at most this many rounds.
 LIKELY, ROUNDS = 0.2, 4
 
 
 def firm(matrix: Floats) -> Floats:
-    """A normal matrix whose smallest eigenvalues are told from zero, in place: without noise next to nothing is penalised."""
+    """Add a small diagonal to a normal matrix, in place, so that its smallest eigenvalues stay above rounding. Without
+    noise there is almost no penalty.
+    """
     matrix[np.diag_indices(len(matrix))] += SMALLEST * float(np.diagonal(matrix).max(initial=0.0))
     return matrix
 
 
 class Pulling:
-    """Traction of either sign on some cells, and the factor that is kept for them."""
+    """Traction of either sign on some cells, with a cached factor for them."""
 
     def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
         self._estimator, self._equations = estimator, equations
@@ -50,13 +52,13 @@ class Pulling:
         self._kept: tuple[float, Flags, Floats, Floats] | None = None
 
     def solve(self, y: Floats, noise: float, unused: Flags, parameter: float, marginal: Marginal) -> None:
-        """Find the traction of a frame."""
+        """Solve for the traction of a frame."""
         equations = self._equations
         slope = equations.adjoint(y, unused).astype(np.float64)
         slope = slope - np.tensordot(marginal.gain @ marginal.sums, equations.shared(unused), 1)
         score = np.abs(equations.score(slope.astype(np.float32))) / noise
         likely = score > max(LOST, LIKELY * float(score.max()))
-        likely[int(np.argmax(score))] = True  # nothing may be likely: noise alone
+        likely[int(np.argmax(score))] = True  # with noise alone no cell may be likely
         wanted = self._around(likely)
         if self.cells is not None and np.isin(np.flatnonzero(likely), self.cells).all():
             kept = np.zeros(len(score), dtype=bool)
@@ -111,20 +113,22 @@ class Pulling:
         self.traction = x.reshape(len(slope), len(self.cells))
 
     def shared(self) -> Floats:
-        """B'A t: what the solution explains of the sums of each channel."""
+        """B'A t: contribution of the solution to the sums of each channel."""
         if self._kept is None:
             raise RuntimeError("there are no cells")
         return np.asarray(self._kept[3] @ self.traction.ravel())
 
     def explained(self) -> Floats:
-        """The whitened readings that the traction explains."""
+        """The whitened readings predicted by the traction."""
         whole = np.zeros((len(self.traction), math.prod(self._grid.shape)))
         if self.cells is not None:
             whole[:, self.cells] = self.traction
         return self._estimator.explained_by(whole) / self._estimator.readings.std
 
     def model(self, data: Normal, parameter: float, traction: Floats) -> ContactModel:
-        """A solution ``traction`` as a model whose every cell is free; ``data`` in units of the noise, with the penalty's weight for it."""
+        """A solution ``traction`` as a model in which every cell is free; ``data`` are in units of the noise, with the
+        matching weight of the penalty.
+        """
         c, n = traction.shape
         penalty = Penalty(data.cells, self._estimator.precisions(data.level, 1, parameter), data.level.grid.shape)
         hessian = penalty.added(data.gram.copy())

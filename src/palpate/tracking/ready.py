@@ -1,4 +1,4 @@
-"""What the first contact of a stream would wait for, done before the stream."""
+"""Prepare before the stream what its first contact would otherwise wait for."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from palpate.tracking.region import NormalEquations
 
 __all__ = ["make_ready"]
 
-#: Noise of the contact that a matrix-free linear model is tried on, as a part of the largest reading: usual arrays have about so much.
+#: Noise, as a fraction of the largest reading, of the contact with which a matrix-free model is warmed up: typical of
+#: arrays.
 NOISE = 0.01
-#: The largest parameter that evidence tries, as a part of the largest eigenvalue.
+#: Largest parameter that the evidence tries, as a fraction of the largest eigenvalue.
 WEAKEST = 100.0
 
 
 def make_ready(estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
-    """Work out what all frames share and the first one in contact needs: neighbours, differences, degrees of freedom; modules are loaded."""
+    """Compute what all frames share and the first contact needs: neighbours, differences, degrees of freedom; load
+    modules.
+    """
     grid, count = estimator.operator.surface, len(estimator.readings.std)
     _ = estimator.pairs, estimator.level(1).differences.laplacian
     equations.shared(np.zeros(count, dtype=bool))
@@ -34,8 +37,8 @@ def make_ready(estimator: ConstrainedEstimator, equations: NormalEquations) -> N
         readings = estimator.explained_by(traction)
         readings += NOISE * np.abs(readings).max() * np.random.default_rng(0).standard_normal(count)
         found = estimator.evidence(estimator.orders[1], estimator.readings.planes(readings), None)
-        # a contact comes with little load and little told of it, and the penalty is learned again and again while it grows: four in five of the
-        # milliseconds of that were these
+        # A contact begins with a small load, and the penalty is learned repeatedly while it grows. These computations
+        # took four fifths of that time.
         freedom = estimator.orders[1].system.freedom
         steps = math.ceil(PER_DECADE * math.log10(max(WEAKEST * freedom.top / found.parameter, 1.0)))
         freedom.of(found.parameter * 10.0 ** (np.arange(steps + 1) / PER_DECADE))

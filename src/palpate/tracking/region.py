@@ -1,7 +1,7 @@
-"""Cells where contact is sought, and the inverse that is kept for them.
+"""Cells where contact is sought, and the inverse kept for them.
 
-The normal matrix of the whole surface is made once. A region's part of it, with the penalty and rho added, is inverted once and
-serves every frame until the region, the penalty or the readings that are used change.
+The normal matrix of the whole surface is computed once. A region's part of it, with the penalty and rho added, is
+inverted once and serves every frame until the region, the penalty or the set of readings changes.
 """
 
 from __future__ import annotations
@@ -26,32 +26,33 @@ from palpate.tracking.pieces import lower_factor
 
 __all__ = ["SMALLEST", "Making", "NormalEquations", "Region"]
 
-#: Entries of the normal matrix of the whole surface that are kept: 160 MB in double precision.
+#: Largest number of entries of a cached normal matrix of the whole surface: 160 MB in double precision.
 LARGEST = 20_000_000
-#: So many readings are taken out of a normal matrix one by one: each takes as long as a transform.
+#: Up to this many readings are removed from a normal matrix one by one; each takes as long as a transform.
 FEW_CHANGED = 32
-#: Columns of the matrix made at a time.
+#: Columns of the matrix computed at a time.
 BLOCK = 1024
-#: Smallest eigenvalue of the normal matrix over the largest, below which it is not told from zero: single precision (6e-8) and the
-#: sum of some hundred products leave no more of the inverse.
+#: Ratio of smallest to largest eigenvalue of the normal matrix below which it is indistinguishable from zero: single
+#: precision (6e-8) and sums of some hundred products allow no more.
 SMALLEST = 1e-9
-#: By so much the inverse is shrunk: rounding to single precision moves rho (H + rho)^-1, at most 1, by some 6e-8 times the square
-#: root of its size (hundreds), and it must not grow anything.
+#: Relative amount by which the inverse is reduced. Rounding to single precision changes rho (H + rho)^-1, at most 1, by
+#: about 6e-8 times the square root of its size (hundreds), and must not make it exceed 1.
 SHRINK = 1e-6
-#: rho goes with the root of the penalty at most, and the iteration is as fast within a factor of 1.4 of it.
+#: Largest change of the penalty without a new rho. rho goes at most with the root of the penalty, and within a factor
+#: of 1.4 the iteration is as fast.
 RHO_HOLDS = 2.0
-#: Steps of Lanczos' method: a few per cent of an eigenvalue are near enough for rho.
+#: Steps of Lanczos' method: an eigenvalue to a few per cent is enough for rho.
 LANCZOS_STEPS = 8
 
 
 @dataclass(frozen=True)
 class Region:
-    """Cells where contact is sought, and what solves their problem.
+    """Cells where contact is sought, and the matrices that solve for it.
 
-    ``border`` (cell) are those at the region's edge; ``inverse`` is (H + rho)^-1 with unknowns scaled as by `Cone.scales`; it holds for
-    a ``parameter`` of the penalty and for the readings that are not ``unused``. ``shared`` (channel, unknown) is B'A, what offsets of the
-    channels share with the unknowns; ``solved`` is (H + rho)^-1 A'B and ``overlap`` B'A (H + rho)^-1 A'B, by which offsets are marginalised
-    (M. A. Woodbury, Inverting modified matrices, 1950).
+    ``border`` (cell) marks those at the region's edge. ``inverse`` is (H + rho)^-1 with unknowns scaled as by
+    `Cone.scales`, valid for a ``parameter`` of the penalty and for the readings that are not ``unused``. ``shared``
+    (channel, unknown) is B'A, where B are the offsets of the channels; ``solved`` is (H + rho)^-1 A'B and ``overlap``
+    B'A (H + rho)^-1 A'B, by which offsets are marginalised (M. A. Woodbury, Inverting modified matrices, 1950).
     """
 
     cells: Index
@@ -65,24 +66,26 @@ class Region:
     overlap: Floats
 
     def correction(self, gain: Floats) -> tuple[Single, Single]:
-        """Factors (unknown, channel) and (channel, unknown) of what is added to ``inverse`` where offsets are marginalised with K = ``gain``."""
+        """Factors (unknown, channel) and (channel, unknown) of the term added to ``inverse`` when offsets are
+        marginalised with K = ``gain``.
+        """
         middle = gain @ np.linalg.inv(np.eye(len(gain)) - self.overlap @ gain)
         return self.solved, middle.astype(np.float32) @ self.solved.T
 
 
 class NormalEquations:
-    """A'A and A'y of whitened readings, prepared once for a tracker; ``beside``: regions are made in a thread beside the stream."""
+    """A'A and A'y of whitened readings, prepared once for a tracker; ``beside``: regions are built in a thread."""
 
     def __init__(self, estimator: ConstrainedEstimator, columns: Floats, *, beside: bool = False) -> None:
         self.estimator, self._beside = estimator, beside
         self._columns = columns  # of the channels' offsets (reading, channel)
         self._shared: tuple[bytes, Floats, Single] | None = None
         self._grams = Grams(estimator)
-        self._kept: tuple[Index, Flags, Floats] | None = None  # A'A without some readings whose noise is shared
-        self._adjoints: tuple[tuple[Floats, Flags, Single], ...] = ()  # the last ones
+        self._kept: tuple[Index, Flags, Floats] | None = None  # A'A without some readings, if noise is correlated
+        self._adjoints: tuple[tuple[Floats, Flags, Single], ...] = ()  # the last two
         self._std = estimator.readings.std
         self._cells = math.prod(estimator.operator.surface.shape)
-        # in double precision: rounded to single it has negative eigenvalues, along which the iteration grows without end
+        # Double precision: in single precision the matrix has negative eigenvalues, along which the iteration diverges.
         self._normal: Floats | None = None
         self.diagonal = self._prepare()
         self._norm = np.sqrt(np.maximum(self.diagonal, 1e-300))
@@ -90,7 +93,9 @@ class NormalEquations:
         self._last: Region | None = None
 
     def _prepare(self) -> Floats:
-        """The normal matrix of the whole surface where it fits; its diagonal, of pressure, in any case."""
+        """Compute the normal matrix of the whole surface, if it fits in memory, and in any case the diagonal for
+        pressure.
+        """
         estimator, columns = self.estimator, self.estimator.columns
         level = estimator.level(1)
         everything = np.ones(len(self._std), dtype=bool)
@@ -119,7 +124,7 @@ class NormalEquations:
 
     def adjoint(self, y: Floats, unused: Flags) -> Single:
         """A' y of whitened readings, (component, cell)."""
-        for kept in self._adjoints:  # a frame is asked for several times, and at a look what is left of it
+        for kept in self._adjoints:  # the same frame is requested several times
             if np.array_equal(kept[0], y) and np.array_equal(kept[1], unused):
                 return kept[2]
         kept = y.copy(), unused.copy(), self.adjoint_of(y, unused)
@@ -127,7 +132,7 @@ class NormalEquations:
         return kept[2]
 
     def adjoint_of(self, y: Floats, unused: Flags) -> Single:
-        """`adjoint`, which is not kept."""
+        """`adjoint` without a cache."""
         estimator = self.estimator
         if not estimator.readings.independent:
             observed = ~unused
@@ -138,7 +143,7 @@ class NormalEquations:
         return np.asarray(adjoint.reshape(len(adjoint), -1)[list(estimator.columns)], dtype=np.float32)
 
     def shared(self, unused: Flags) -> Floats:
-        """A'B, (channel, component, cell), of the readings that are used."""
+        """A'B, (channel, component, cell), for the readings in use."""
         return self._sharing(unused)[1]
 
     def _sharing(self, unused: Flags) -> tuple[bytes, Floats, Single]:
@@ -155,11 +160,13 @@ class NormalEquations:
         return (offsets.astype(np.float32) @ shared[2]).reshape(shared[1].shape[1:])
 
     def score(self, adjoint: Single) -> Floats:
-        """Pressure on each cell alone, in standard deviations of what unit noise would make of it."""
+        """Pressure of each cell alone, in standard deviations under unit noise."""
         return np.asarray(adjoint[-1] / self._norm)
 
     def explained(self, region: Region | None, traction: Floats, *, single: bool = False) -> Floats:
-        """The whitened readings that traction (component, cell) on a region's cells explains; in ``single`` precision in half the time."""
+        """The whitened readings predicted by a traction (component, cell) on a region's cells; ``single`` precision
+        takes half the time.
+        """
         if region is None:
             return np.zeros(len(self._std))
         whole = np.zeros((len(self.estimator.columns), self._cells), dtype=np.float32 if single else np.float64)
@@ -167,7 +174,9 @@ class NormalEquations:
         return self.estimator.explained_by(whole) / self._std
 
     def region(self, cells: Index, parameter: float, unused: Flags) -> Region:
-        """The region of some cells: their normal matrix with the penalty, and the inverse that the iteration needs. The last one made is kept."""
+        """The region of some cells: their normal matrix with the penalty, and the inverse for the iteration. The last
+        one is cached.
+        """
         last = self._last
         if (
             last is None
@@ -192,8 +201,8 @@ class NormalEquations:
         inverse = (inverse_beside if self._beside else inverted)(gram)
         if inverse is None:
             raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
-        # inverted in double precision and then rounded down: rounding must not let rho (H + rho)^-1 grow anything, since
-        # the multipliers are carried from frame to frame
+        # Invert in double precision, then reduce: rounding must not make rho (H + rho)^-1 exceed 1, because the
+        # multipliers are carried from frame to frame.
         give_way()
         single = (inverse * (1.0 - SHRINK)).astype(np.float32)
         inside = np.zeros(grid.shape, dtype=bool)
@@ -214,7 +223,7 @@ class NormalEquations:
         )
 
     def penalised(self, cells: Index, parameter: float, unused: Flags) -> Floats:
-        """A'A of some cells with the penalty, in the units of traction."""
+        """A'A of some cells plus the penalty, in units of traction."""
         estimator, c, n = self.estimator, len(self.estimator.columns), len(cells)
         estimator.check_size(c * n)
         gram = self.gram(cells, unused)
@@ -224,16 +233,16 @@ class NormalEquations:
         return gram
 
     def known(self, cells: Index, unused: Flags) -> Floats | None:
-        """A'A of some cells, without the readings that are not used, where it is at hand."""
+        """A'A of some cells without the unused readings, if cached; None otherwise."""
         at_hand = self._normal is not None or self._grams.holds(cells)
         return self.gram(cells, unused) if at_hand and self.estimator.readings.independent else None
 
     def gram(self, cells: Index, unused: Flags) -> Floats:
-        """A'A of some cells, without the readings that are not used."""
+        """A'A of some cells without the unused readings."""
         estimator = self.estimator
         level, components = estimator.level(1), len(estimator.columns)
         if unused.any() and not estimator.readings.independent:
-            kept = self._kept  # a region is made again for another penalty, or for fewer cells
+            kept = self._kept  # the region may be rebuilt for another penalty or for fewer cells
             if kept is None or not (np.array_equal(kept[1], unused) and np.isin(cells, kept[0]).all()):
                 matrix = level.matrix(cells, self._std, ~unused)
                 kept = self._kept = cells, unused.copy(), np.asarray(matrix.T @ matrix)
@@ -249,7 +258,7 @@ class NormalEquations:
         return gram
 
     def _rows(self, readings: Index, cells: Index) -> Floats:
-        """The whitened influences of some cells on single readings (reading, component * cell), whose noise is their own."""
+        """Whitened influences of some cells on single readings (reading, component * cell) with independent noise."""
         out = np.empty((len(readings), len(self.estimator.columns) * len(cells)))
         for row, i in zip(out, readings):
             one = np.zeros(len(self._std))
@@ -260,16 +269,16 @@ class NormalEquations:
 
 
 def _rho(matrix: Floats) -> float:
-    """The square root of the smallest times the largest eigenvalue, at which the method converges fastest."""
+    """sqrt(smallest * largest eigenvalue), with which the iteration converges fastest."""
     import scipy.linalg.lapack as lapack
 
-    if not len(matrix):  # no cell is left
+    if not len(matrix):  # no cells
         return 1.0
     largest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x)
-    # without noise next to nothing is penalised, and rounding decides about the smallest eigenvalue
+    # Without noise there is almost no penalty, and rounding determines the smallest eigenvalue.
     smallest = 0.0
     try:
-        upper = lower_factor(matrix).T  # which lets other threads run, and lies in memory as LAPACK wants it
+        upper = lower_factor(matrix).T  # lets other threads run; in LAPACK's memory order
     except np.linalg.LinAlgError:
         pass
     else:
@@ -278,7 +287,7 @@ def _rho(matrix: Floats) -> float:
 
 
 def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> float:
-    """Of a positive matrix (``times`` a vector), by Lanczos' method."""
+    """Largest eigenvalue of a positive matrix, given its product ``times`` a vector, by Lanczos' method."""
     import scipy.linalg
 
     x: Floats = np.random.default_rng(0).standard_normal(size_of)
@@ -300,7 +309,7 @@ def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> floa
 
 
 class Making(NamedTuple):
-    """A region to be made."""
+    """The task of building a region."""
 
     equations: NormalEquations
     cells: Index

@@ -1,4 +1,4 @@
-"""What frames without contact show: noise that taxels share, noise of single taxels, drift that the zero does not follow."""
+"""Statistics of frames without contact: correlated noise, noise of single taxels, drift that the zero does not follow."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["Rest"]
 
-#: Frames that are kept, and frames that the level of a score is the mean of.
+#: Number of frames kept, and of frames averaged for the level of a score.
 KEPT, COUNTED = 32, 200
 
 
 class Rest:
-    """The readings and the scores (of every cell, in standard deviations of unit noise) of frames without contact.
+    """Readings and scores (of every cell, in standard deviations under unit noise) of frames without contact.
 
-    A score of noise that is independent and known has this noise as its standard deviation. Noise that neighbours share adds up in a score, and so does
-    that of one taxel that is louder than the others: contact is what exceeds the scores that rest has shown.
+    If the noise is independent and known, it is the standard deviation of a score. Noise shared between neighbours
+    adds up in a score, and so does that of one noisy taxel. A contact must exceed the scores seen at rest.
 
     Examples
     --------
@@ -34,13 +34,13 @@ class Rest:
     """
 
     def __init__(self) -> None:
-        self.frames: list[Floats] = []  # the first ones, less the zero; NaN where missing
+        self.frames: list[Floats] = []  # the first ones, minus the zero; NaN if missing
         self._square: Floats | None = None
         self._count = 0
 
     @classmethod
     def of(cls, frames: Floats, equations: NormalEquations) -> Rest:
-        """Of frames (frame, reading) less their mean; of few they tell nothing."""
+        """Statistics of frames (frame, reading) minus their mean; empty if there are too few."""
         out = cls()
         if len(frames) >= FRAMES_FOR_NOISE:
             for y in frames * math.sqrt(len(frames) / (len(frames) - 1)):
@@ -50,7 +50,7 @@ class Rest:
         return out
 
     def look(self, y: Floats, score: Floats, *, largest: float) -> None:
-        """Take in a frame: readings less the zero (NaN where missing) and scores, which count up to ``largest``."""
+        """Add a frame: readings minus the zero (NaN if missing), and scores, which are cut off at ``largest``."""
         if len(self.frames) < KEPT and np.isfinite(y).all():
             self.frames.append(y)
         square = np.minimum(np.abs(score), largest) ** 2
@@ -58,5 +58,5 @@ class Rest:
         self._square = square if self._square is None else self._square + (square - self._square) / self._count
 
     def level(self, noise: float) -> Floats:
-        """Standard deviation of each cell's score at rest, at least the ``noise``; () before there was a frame."""
+        """Standard deviation of each cell's score at rest, at least the ``noise``; of shape () before the first frame."""
         return np.asarray(noise if self._square is None else np.maximum(np.sqrt(self._square), noise))

@@ -1,4 +1,4 @@
-"""Where contact is sought: when it is taken up and given up, and when the region of interest moves."""
+"""Where contact is sought: when it begins and ends, and when the region of interest moves."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from palpate.tracking.region import Region
 
 __all__ = ["LOST", "TAKEN", "Search"]
 
-#: As the contact method has it.
+#: Same values as in the contact method.
 FAINT, MARGIN = Policy().extent.faint, Policy().extent.margin
 
-#: A contact is taken up where pressure somewhere is this many standard deviations from none, and given up below the second: noise
-#: alone passes 5.5 on one cell in 5e7, on one of 1000 cells in one frame of 50 000 (four minutes at 200 Hz); 4 is hysteresis.
+#: Scores, in standard deviations, at which a contact begins and ends. Noise alone exceeds 5.5 on one cell in 5e7, so on
+#: one of 1000 cells in one frame of 50 000 (four minutes at 200 Hz); 4 gives hysteresis.
 TAKEN, LOST = 5.5, 4.0
-#: A region begins with the cells above LOST and above this part of the highest score.
+#: The first region has the cells above LOST and above this fraction of the highest score.
 LIKELY = 0.5
-#: The region moves when the contact presses at its border in so many frames in a row: noise presses there now and then, a contact
-#: that moves presses there again and again.
+#: The region moves if the contact presses at its border in this many consecutive frames: noise does so only now and
+#: then.
 PRESSED = 4
-#: It moves at once where pressure there is so many times what counts as contact.
+#: It moves at once if the pressure there exceeds the contact threshold this many times.
 SURELY_PRESSED = 4.0
-#: It shrinks where it has so many times the cells that it needs, of which there are at least so many.
+#: It shrinks if it has TOO_LARGE times the cells that it needs, at least FEWEST.
 TOO_LARGE, FEWEST = 2, 9
-#: Whether it has is asked once in so many frames: it is not urgent.
+#: Frames between two such tests, which are not urgent.
 SHRINK_EVERY = 8
 
 
@@ -49,12 +49,12 @@ class Search:
     def first(self, score: Floats) -> Index:
         """Cells of the first region of a contact, from every cell's score in standard deviations."""
         depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
-        peak = float(score.max())  # less than 0 where all of the surface is pulled
+        peak = float(score.max())  # negative if the whole surface is pulled
         likely = score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)
         return np.flatnonzero(dilated(likely.reshape(self._grid.shape), depth))
 
     def next(self, region: Region, pressure: Single) -> Index | None:
-        """Cells of the region to move to, which keeps the contact inside with a margin; None: it stays."""
+        """Cells of the region to move to, which contains the contact and a margin; None if it stays."""
         peak = float(pressure.max(initial=0.0))
         active = pressure > FAINT * peak
         self._pressed = self._pressed + 1 if (active & region.border).any() else 0
@@ -73,7 +73,7 @@ class Search:
         return None if not len(cells) or np.array_equal(cells, region.cells) else cells
 
     def needed(self, region: Region, pressure: Single) -> Index:
-        """Cells of the contact with a margin."""
+        """Cells of the contact and a margin."""
         wanted = self._active(region, pressure > FAINT * float(pressure.max(initial=0.0)))
         return np.flatnonzero(dilated(wanted.reshape(self._grid.shape), MARGIN))
 
@@ -83,10 +83,10 @@ class Search:
         return whole
 
     def moved(self) -> None:
-        """The region has moved: count frames that press at its border afresh."""
+        """Restart the count of frames that press at the border: the region has moved."""
         self._pressed = 0
 
     def missing(self, cells: Flags) -> None:
-        """Cells outside the region where pressure is missing: they and their neighbours are wanted."""
+        """Request cells outside the region where pressure is missing, and their neighbours."""
         if cells.any():
             self._missing |= dilated(cells.reshape(self._grid.shape), 1).ravel()

@@ -1,4 +1,4 @@
-"""What a tracker is asked for: checked before any work, and what is said of it."""
+"""Check the settings of a tracker."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["MISREAD", "check_settings", "check_sought", "creep_filters"]
 
 
 def check_settings(**settings: float | None) -> None:
-    """Refuse settings that are no positive numbers; None, where it is a choice, passes."""
+    """Raise `InvalidInput` for settings that are not positive numbers; None is allowed for ``budget`` and ``rezero``."""
     for name, value in settings.items():
         if value is None and name in ("budget", "rezero"):
             continue
@@ -22,7 +22,7 @@ def check_settings(**settings: float | None) -> None:
 
 
 def check_sought(components: Sequence[str], boundary: str) -> None:
-    """Refuse what no tracker can follow, with what serves: a tracker has one method, so that another method is no advice."""
+    """Raise `Unsupported` for problems that no tracker can solve, and name the method that can."""
     frames = 'Skin.reconstruct(readings, method="tikhonov") (palpate reconstruct --method tikhonov)'
     if boundary == "periodic":
         raise Unsupported(
@@ -34,8 +34,9 @@ def check_sought(components: Sequence[str], boundary: str) -> None:
         )
 
 
-#: What is said where the channels alone do not tell pressure from shear. Balls that press, slide and twist were read 1 to 35 % too small from markers 0.5 mm
-#: deep in a gel of 3.5 to 4 mm, 4 to 20 % too large 1 mm deep, and 60 % too small on its surface; shear forces were within their intervals.
+#: Note for channels that cannot separate pressure from shear. Balls that press, slide and twist were read 1 to 35 % too
+#: small from markers 0.5 mm deep in a gel of 3.5 to 4 mm, 4 to 20 % too large 1 mm deep, and 60 % too small on its
+#: surface; shear forces were within their intervals.
 MISREAD = (
     "a tracker misreads the normal force from markers that only move sideways, by up to a third where they lie in the gel and more on its surface, and its intervals need not know; "
     "shear is as good as that of frames by themselves (Skin.reconstruct, palpate reconstruct, and of pictures palpate track without --fast)"
@@ -43,5 +44,5 @@ MISREAD = (
 
 
 def creep_filters(prony: Any, creeps: Sequence[bool]) -> list[CreepFilter | None]:
-    """What takes the creep out of each plane; None of a plane that does not creep."""
+    """One creep filter per plane; None for a plane that does not creep."""
     return [CreepFilter(prony) if c else None for c in creeps]

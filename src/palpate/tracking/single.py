@@ -1,7 +1,8 @@
-"""A tracker's answer compared with that of its frame by itself.
+"""Compare a tracker's result with a single solve of the same frame.
 
-What a tracker finds may hang on what came before: offsets, a penalty, readings left out. A single solve of the same readings, with the same zero and its
-noise, hangs on nothing. It takes as long as many frames, so it is rare: when contact begins, when the load is another, and from time to time.
+The tracker's result may depend on earlier frames: offsets, penalty, excluded readings. A single solve of the same
+readings, with the same zero and its noise, does not. It takes as long as many frames, so it is rare: when contact
+begins, when the load has changed, and from time to time.
 """
 
 from __future__ import annotations
@@ -21,23 +22,27 @@ from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["BEGUN", "Alone", "Answer", "Comparison", "SingleSolve"]
 
-#: How what is said begins where a contact is begun anew.
+#: Beginning of the note when a contact is restarted.
 BEGUN = "followed from frame to frame this contact read"
-#: Solves readings less their zero (one array per plane) by themselves, with the noise of frames at rest (the same, a list of them).
+#: A function that solves readings minus their zero (one array per plane), with the noise of frames at rest (a list of
+#: the same).
 Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
-#: Noise that frames at rest tell is rounded up to powers of this: a skin that is prepared serves again.
+#: The noise at rest is rounded up to powers of this, so that a prepared skin can be reused.
 NOISE_STEP = 1.1
-#: Frames between two comparisons at least, of so many readings; if the last two answers parted; and of a load that changes while the tracker knows no more
-#: than a single solve: one even penalty reads a small contact up to 60 % too high, and presses of ten frames are over before a longer wait is.
+#: Smallest number of frames between two comparisons: SPACING for READINGS readings; DOUBTED if the last two results
+#: differed; GROWING while the load changes and the tracker has no more information than a single solve. With one even
+#: penalty the tracker reads a small contact up to 60 % too high, and presses of ten frames end before a longer wait
+#: does.
 SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 4
-#: Standard deviations by which two answers that part are said to differ at most: less than the 1.96 of half an interval of 95 %.
+#: Number of standard deviations assigned to the difference of two results that disagree: below 1.96, half of a 95 %
+#: interval, so that the interval includes both.
 REACH = 1.8
-#: A comparison is due after so many frames, or where the load has changed by this factor.
+#: A comparison is due after this many frames, or if the load has changed by this factor.
 AGAIN, ANOTHER = 512, 2.0
 
 
 class SingleSolve:
-    """What a skin's default method says of readings less their zero, with the noise of frames at rest; an `Alone`."""
+    """Solve readings minus their zero with a skin's default method, and the noise of frames at rest; an `Alone`."""
 
     def __init__(self, skin: Any, components: Sequence[str], friction: float | None) -> None:
         self._skin, self._components = skin, components
@@ -58,7 +63,7 @@ class SingleSolve:
         return found
 
     def _zeroed(self, noise: Floats, known: bool) -> Any:
-        """The skin with this noise (channel of all planes,), without ends of ranges, which are those of raw readings."""
+        """The skin with this noise (channel of all planes,), without saturation limits, which apply to raw readings."""
         planes = []
         for a in self._skin.planes:
             mine, noise = noise[: len(a.channels)], noise[len(a.channels) :]
@@ -70,7 +75,9 @@ class SingleSolve:
 
 @dataclass(frozen=True)
 class Answer:
-    """Net force (component,) with its interval of 95 %, NaN where it is not known; whether the readings are explained; the sum of the load."""
+    """Net force (component,) with its 95 % interval, NaN if unknown; whether the readings are explained; the sum of
+    the load.
+    """
 
     force: Floats
     low: Floats
@@ -81,11 +88,11 @@ class Answer:
 
     @classmethod
     def of(cls, touch: Touch) -> Answer:
-        """What a touch says."""
+        """Extract these values from a touch."""
         status = Status.SOLVED if touch.status is None else Status.coded(int(touch.status))
         force = to_numpy(touch.force).astype(np.float64)
         low, high = (np.full_like(force, math.nan),) * 2
-        if status.known and touch.errors is not None:
+        if status.known and touch.has_intervals:
             low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in touch.interval(0.95, "force"))
         size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=0))
         share = getattr(touch, "discrepancy", None)
@@ -99,25 +106,25 @@ class Answer:
         )
 
     def without_move(self, by: Floats) -> Answer:
-        """The answer before a force ``by`` was added to it."""
+        """The result before a force ``by`` was added to it."""
         return replace(self, force=self.force - by, low=self.low - by, high=self.high - by)
 
     def without(self, share: float) -> Answer:
-        """The answer whose interval has no room for an error of this ``share`` of the load (standard deviation)."""
+        """The result with an interval that excludes an error of this ``share`` of the load (standard deviation)."""
         room = (1.96 * share * self.load) ** 2
         low = self.force - np.sqrt(np.maximum((self.force - self.low) ** 2 - room, 0.0))
         high = self.force + np.sqrt(np.maximum((self.high - self.force) ** 2 - room, 0.0))
         return replace(self, low=low, high=high)
 
     def holds(self, other: Answer) -> bool:
-        """Whether the interval holds what another answer finds; where one is not known it does."""
+        """Whether the interval contains the other result; True if one of them is unknown."""
         if not (self.explained and other.explained):
             return True
         with np.errstate(invalid="ignore"):
             return not bool(((other.force < self.low) | (other.force > self.high)).any())
 
     def parted(self, other: Answer) -> bool:
-        """Whether the intervals of two answers do not meet; where one is not known they do."""
+        """Whether the intervals of two results are disjoint; False if one of them is unknown."""
         if not (self.explained and other.explained):
             return False
         with np.errstate(invalid="ignore"):
@@ -125,10 +132,10 @@ class Answer:
 
 
 class Comparison:
-    """When a tracker's answer is compared, and what came of it.
+    """Decides when to compare a tracker's result with a single solve, and keeps the outcome.
 
-    ``share`` is the error (standard deviation, as a part of the load) that brings the two answers together; ``refuted``: by itself the frame that was
-    compared is not explained.
+    ``share`` is the error (standard deviation, as a fraction of the load) that makes the two results agree;
+    ``refuted``: the single solve does not explain the frame.
     """
 
     def __init__(self, readings: int) -> None:
@@ -136,16 +143,17 @@ class Comparison:
         self._since = math.inf
         self._load = math.nan  # at the last comparison of this contact
         self.share, self.refuted = 0.0, False
-        self.anew = False  # whether the tracker has just begun anew
+        self.anew = False  # whether the tracker has just restarted
 
     def release(self) -> None:
-        """The contact has ended."""
+        """Forget the load: the contact has ended."""
         self._load = math.nan
 
     def due(self, load: float, *, alike: bool) -> bool:
-        """Whether the answer of a frame with this load is to be compared; called once a frame.
+        """Whether to compare a frame with this load; call it once a frame.
 
-        ``alike``: the tracker knows no more of this frame than a single solve does (no offsets, no readings found wrong, no restart).
+        ``alike``: the tracker has no more information on this frame than a single solve does (no offsets, no bad
+        readings, no restart).
         """
         self._since += 1
         doubted = self.share > 0.0 or self.refuted or self.anew
@@ -155,27 +163,29 @@ class Comparison:
         return doubted or not same or self._since >= AGAIN * self._slow
 
     def _same(self, load: float) -> bool:
-        """Whether the load is that of the last comparison, within the factor from which on another is due."""
+        """Whether the load is close to that of the last comparison."""
         return self._load / ANOTHER < load < self._load * ANOTHER
 
     def refutes(self, load: float) -> bool:
-        """Whether the frame that was compared is not explained, and a frame with this load is as good as that one."""
+        """Whether the compared frame was unexplained, and this load is similar to its load."""
         return self.refuted and self._same(load)
 
     def reaching(self, carried: Floats, load: float) -> float:
-        """The share that brings two answers together, and the one without what a single solve adds (a force ``carried``) into the interval."""
+        """The share that makes two results agree and includes the result without the single solve's correction (a
+        force ``carried``).
+        """
         return math.hypot(self.share, float(np.abs(carried).max(initial=0.0)) / (REACH * max(load, 1e-300)))
 
     def begun(self, load: float) -> None:
-        """A comparison has begun."""
+        """Record that a comparison has begun."""
         self._since, self._load = 0, load
 
     def settle(self, tracked: Answer, alone: Answer) -> bool:
-        """Take in two answers of a frame; False where the tracker must begin anew first."""
+        """Process the two results of a frame; False if the tracker must restart first."""
         self.refuted = not alone.explained
         own = tracked.without(self.share)
         if not own.parted(alone):
-            # the answers meet; the tracker's interval holds what the other road finds
+            # The results agree; widen the tracker's interval to contain the single solve's force.
             self.share = 0.0 if own.holds(alone) else self._reaching(own, alone)
             self.anew = False
             return True
@@ -187,11 +197,11 @@ class Comparison:
 
     @staticmethod
     def _reaching(tracked: Answer, alone: Answer) -> float:
-        """The share with which half an interval of 95 % reaches from one answer to the other, and a little beyond."""
+        """The share with which half of a 95 % interval covers the difference between two results, with a small margin."""
         gap = float(np.abs(tracked.force - alone.force).max())
         return gap / (REACH * max(tracked.load, 1e-300))
 
     def words(self, tracked: Answer, alone: Answer, unit: str) -> str:
-        """What is said when the tracker begins anew."""
+        """The note when the tracker restarts."""
         both = (f"{a.force[-1]:.3g} ({a.low[-1]:.3g} to {a.high[-1]:.3g}) {unit}" for a in (tracked, alone))
         return f"{BEGUN} {', by itself '.join(both)}: it is begun anew"

@@ -1,4 +1,4 @@
-"""An even press that grows as slowly as drift: the zero follows it."""
+"""An even press that grows as slowly as drift, so that the zero follows it."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from palpate.tracking.search import LOST
 
 __all__ = ["SlowPress"]
 
-#: Half of an interval of 95 % in standard deviations; and standard deviations of what would not be detected by which a drift is worth a word.
+#: Half of a 95 % interval in standard deviations; and the number of undetectable standard deviations at which drift is
+#: reported.
 HALF_WIDTH, DRIFTED = 1.96, 10.0
 
 
 class SlowPress:
-    """The net force of an even pressure over the array that readings which have drifted may be."""
+    """Net force of an even pressure over the array that would look like the drift of the readings."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         inside = estimator.inside.ravel().astype(np.float64)
@@ -29,7 +30,9 @@ class SlowPress:
         self._unit = "N/m" if estimator.operator.surface.dimensions == 1 else "N"
 
     def room(self, errors: Errors, drift: Floats, noise: float) -> tuple[Errors, list[str]]:
-        """Errors of a frame without contact with room for it, and what is said; ``drift`` (reading,) of the zero since it was taken, and the noise."""
+        """Errors of a frame without contact, widened for such a press, and notes; ``drift`` (reading,) is the change
+        of the zero since it was taken.
+        """
         size = max(float(np.linalg.norm(self._readings)), 1e-300)
         along = abs(float(drift @ self._readings)) / size
         if along <= LOST * noise:

@@ -1,4 +1,6 @@
-"""What stands still: readings in which nothing is found, far from 0 all the same (offsets that no zero was taken of), and a contact that hardly changes."""
+"""Constant readings: without contact but far from 0 (offsets for which no zero was taken), and a contact that hardly
+changes.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +14,17 @@ from palpate.tracking.health import Flags
 
 __all__ = ["Standing", "Steady"]
 
-#: A contact that has not changed by a tenth for so long [s] is questioned: drift looks the same.
+#: A contact whose size changed by less than VARIED for this time [s] is reported: drift looks the same.
 STEADY, VARIED = 60.0, 0.1
-#: Time constant [s] with which what a contact was is remembered.
+#: Time constant [s] of the running average of a contact's size.
 REMEMBERED = 2.0
 
 
 class Standing:
-    """Whether the readings of frames without contact stand far from 0 for all that they vary from one to the next.
+    """Whether frames without contact have readings far from 0 that hardly vary between frames.
 
-    Noise, too, explains a frame of offsets, because a frame by itself does not tell what stays; that nothing moves does.
+    A single frame of offsets can be explained by noise, because it does not show what stays constant. Several frames
+    do.
 
     Examples
     --------
@@ -41,7 +44,7 @@ class Standing:
         self._square, self._frames = 0.0, 0
 
     def look(self, y: Floats, unused: Flags) -> None:
-        """A frame without contact: readings less the zero, in units that channels share."""
+        """Add a frame without contact: readings minus the zero, in a unit common to the channels."""
         last, self._last = self._last, np.where(unused, math.nan, y)
         if last is None:
             return
@@ -55,18 +58,18 @@ class Standing:
         self.now = self._frames >= FRAMES and level > STILL * math.sqrt(self._square)
 
     def interrupt(self) -> None:
-        """The frame after this one is none that follows the last."""
+        """Mark that the next frame does not follow the last one directly."""
         self._last = None
 
 
 class Steady:
-    """For how long a contact has hardly changed."""
+    """Measures for how long a contact has hardly changed."""
 
     def __init__(self) -> None:
         self._time, self._usual = 0.0, math.nan
 
     def look(self, size: float, elapsed: float) -> list[str]:
-        """A frame of a contact of this size, ``elapsed`` seconds after the last one; what is said of it."""
+        """Add a frame of a contact of this size, ``elapsed`` seconds after the last one; return notes."""
         if math.isnan(self._usual):
             self._usual = size
         self._time += elapsed

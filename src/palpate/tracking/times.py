@@ -1,4 +1,4 @@
-"""Times of frames: uneven, missing, repeated, or from a clock that begins anew."""
+"""Times of frames: uneven, missing, repeated, or from a clock that restarts."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 __all__ = ["AFTER_RESTART", "FrameTime", "FrameTimes"]
 
-#: Frames after a clock that went back in which the zero may have jumped with it.
+#: Frames after a clock went back in which the zero may have jumped as well.
 AFTER_RESTART = 10
-#: Least time between two frames, as a part of the usual one: the memory of creep needs time that increases. Nothing in a pad
-#: changes in so little of a frame.
+#: Smallest time between two frames, as a fraction of the usual one: the creep filter needs increasing time, and a pad
+#: does not change in so short a time.
 LEAST_STEP = 1e-6
 
 
 @dataclass(frozen=True)
 class FrameTime:
-    """Time of a frame [s], time since the one before [s], and how they are out of order."""
+    """Time of a frame [s], time since the one before [s], and whether they are out of order."""
 
     now: float
     elapsed: float
@@ -25,15 +25,15 @@ class FrameTime:
 
 
 class FrameTimes:
-    """Times of the frames of a stream; ``rate`` [1/s] is that of frames that come without a time."""
+    """Times of the frames of a stream; ``rate`` [1/s] is assumed for frames without a time."""
 
     def __init__(self, rate: float) -> None:
         self._usual = 1.0 / rate
         self._last: float | None = None
-        self.total = 0.0  # time that has passed since the first frame [s]; it increases always
+        self.total = 0.0  # time since the first frame [s]; always increasing
 
     def next(self, time: float | None) -> FrameTime:
-        """The next frame; a time before that of the last frame is a clock that has begun anew."""
+        """The time of the next frame; a time before that of the last frame means that the clock restarted."""
         last = self._last
         if time is None:
             frame = FrameTime(0.0 if last is None else last + self._usual, self._usual, last)

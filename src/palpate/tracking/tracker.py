@@ -1,7 +1,8 @@
-"""The loop of one frame.
+"""Track contact through a stream.
 
-A `Tracker` solves the problem of ``method="constrained"`` for every frame of a stream. It prepares the normal matrix of the surface once, and keeps
-the cells in contact, the inverse of their matrix and the solution from frame to frame (`palpate.tracking.iteration`)."""
+A `Tracker` solves the problem of ``method="constrained"`` for every frame of a stream. It computes the normal matrix of the surface once, and keeps the cells in contact, the inverse of their matrix
+and the solution from frame to frame (`palpate.tracking.iteration`).
+"""
 
 from __future__ import annotations
 
@@ -28,6 +29,7 @@ from palpate.sensing.times import as_second
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.tracking.anchor import Anchor, beyond
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
@@ -53,9 +55,9 @@ from palpate.uncertainty import Case
 
 __all__ = ["FRAMES_OF_ZERO", "Tracker"]
 
-#: Frames that are taken for a new zero.
+#: Number of frames averaged for a new zero.
 FRAMES_OF_ZERO = 10
-BUDGET_OF_ITERATION = 0.8  # part of the budget in which a frame's iteration ends; the rest is for the answer
+BUDGET_OF_ITERATION = 0.8  # fraction of the budget for the iteration; the rest builds the result
 
 
 class Tracker:
@@ -66,7 +68,7 @@ class Tracker:
     estimator : ConstrainedEstimator
         The problem of one frame.
     names : tuple of str
-        Components sought.
+        Components that are estimated.
     layout : Layout
         How readings are checked and ordered.
     baseline : int or array
@@ -133,14 +135,12 @@ class Tracker:
         self.reset()
 
     def _check_baseline(self, baseline: Any) -> tuple[int, Floats | None]:
-        if isinstance(baseline, bool) or (isinstance(baseline, int | np.integer) and baseline < 0):
-            raise InvalidInput(f"baseline must be a number of frames >= 0, or one frame of readings; got {baseline!r}.")
         if isinstance(baseline, int | np.integer):
             return int(baseline), np.zeros(len(self._std)) if baseline == 0 else None
         flat, _ = self._flat(baseline)
         if not np.isfinite(flat).all():
             raise InvalidInput(
-                f"the baseline holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
+                f"the zero holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
                 "these taxels out (Skin.masked)."
             )
         return 0, flat / self._std
@@ -186,7 +186,7 @@ class Tracker:
         self._comparison, self._anchor = Comparison(n), Anchor(estimator.cone, estimator.columns)
         self._beside.forget()
         self._compared: tuple[Answer, Floats] | None = None  # of the frame that is solved by itself beside the stream
-        # traction of the last frame without what a single solve adds, and the force that this adds
+        # Traction of the last frame without the single solve's correction, and the force of that correction.
         self._own: Floats = np.zeros((0, 0))
         self._carried: Floats = np.zeros(len(estimator.surface.components))
         self._frame: Frame | None = None
@@ -204,7 +204,7 @@ class Tracker:
         channels : sequence of str, optional
             Only of these channels; the others keep theirs.
         frames : int
-            How many frames are averaged; they have the status "capturing zero".
+            Number of frames that are averaged; they have the status "capturing zero".
 
         Raises
         ------
@@ -255,7 +255,7 @@ class Tracker:
         return self._zero.capturing
 
     def take_zero(self, other: Tracker) -> bool:
-        """Go on from the zero of another tracker of the same skin; False, and nothing is done, while that one captures its own.
+        """Continue with the zero of another tracker of the same skin; False, without change, while that one captures its own.
 
         Raises
         ------
@@ -332,7 +332,7 @@ class Tracker:
             return self._stepped(reading, time, std)
 
     def _stepped(self, reading: Any, time: float | None, std: Any) -> Touch:
-        """`step`, before which work beside the stream gives way."""
+        """`step`, while background work pauses."""
         started = clock.perf_counter()
         (flat, like), known = self._flat(reading), None if std is None else self._typical(std)
         frame = self._times.next(None if time is None else as_second(time))
@@ -341,7 +341,7 @@ class Tracker:
             with few_threads(self.unknowns):
                 status, converged = self._step(flat, frame.elapsed, started, known)
         except np.linalg.LinAlgError:
-            # the next frame begins from nothing, so that what broke this one is not carried on
+            # Start the next frame from nothing, so that it does not inherit the cause of the failure.
             self._release()
             self._offsets.clear()
             status, converged = Status.FAILED, False
@@ -356,7 +356,7 @@ class Tracker:
         return touch
 
     def _compare(self, touch: Touch, again: Callable[[Status, bool], Touch]) -> Touch:
-        """The touch of a frame in contact, after what the frame says by itself, where it is time to ask; ``again`` makes the touch of what is found then."""
+        """The touch of a frame in contact, compared with a single solve if one is due; ``again`` builds the touch after a restart."""
         alone, comparison, frame, beside = self._alone, self._comparison, self._frame, self._beside
         if alone is None or frame is None:
             return touch
@@ -391,20 +391,20 @@ class Tracker:
         return again(*self._status(bool(touch.converged)))
 
     def _knows_no_more(self) -> bool:
-        """Whether nothing of earlier frames tells the tracker more of this one than a single solve knows."""
+        """Whether earlier frames give the tracker no more information on this frame than a single solve has."""
         return not (self._offsets_beyond_noise() or self._check.unused.any() or self._restarted)
 
     def _offsets_beyond_noise(self) -> bool:
         return float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
 
     def _hold_to(self, own: Floats, single: Touch, compared: Answer, found: Answer) -> None:
-        """Carry a single solve on where the two answers meet, both push, and the tracker took nothing for offsets that is load to a single solve."""
+        """Keep a single solve as a correction if both results agree and push, and if the tracker took no load for offsets."""
         meet = found.explained and not compared.parted(found) and not self._offsets_beyond_noise()
         part = beyond(found.force - compared.force, found.discrepancy * found.load)
         self._anchor.hold(own, single if meet and self._contact.pushing else None, part)
 
     def _begin_anew(self) -> None:
-        """Forget what the contact's answer hangs on besides its readings, the zero and its noise."""
+        """Forget everything that the result depends on, except the readings, the zero and its noise."""
         self._contact.release()
         self._offsets.clear()
         self._offsets.rate = np.zeros_like(self._offsets.rate)
@@ -413,7 +413,7 @@ class Tracker:
         self._check.pardon()
 
     def _note(self, frame: FrameTime) -> str | None:
-        """Counts a frame whose time is out of order; what there is to say about it."""
+        """Count a frame whose time is out of order; return a note about it."""
         if frame.repeated:
             self.health.late += 1
         if not frame.restarted:
@@ -424,7 +424,7 @@ class Tracker:
         return restarted(frame, creeps=self._filters is not None)
 
     def _typical(self, std: Any) -> float | None:
-        """The typical one of standard deviations that a source states, in units of the readings' own; None where it states none."""
+        """Median of the standard deviations that a source states, in units of the readings' own; None if it states none."""
         scaled = self._flat(std)[0] / self._std
         if (scaled < 0.0).any():
             raise InvalidInput(
@@ -434,7 +434,7 @@ class Tracker:
         return float(np.median(good)) if good.size else None
 
     def _step(self, flat: Floats, elapsed: float, started: float, known: float | None) -> tuple[Status, bool]:
-        """What becomes of a frame, and whether its iteration converged."""
+        """Process a frame; return its status, and whether its iteration converged."""
         health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
         health.frames += 1
         self._restarted = max(self._restarted - 1, 0)
@@ -475,7 +475,7 @@ class Tracker:
             whole = self._equations.score(slope + self._equations.of_offsets(offsets.mean, unused))
             without = float((np.abs(whole) / level).max())
             if without < LOST:
-                # at rest on the zero as it was: the offsets, and their rate where they only disturb, were none
+                # At rest with the old zero: offsets, and a rate of drift smaller than its error, were not real.
                 offsets.clear()
                 if without <= highest:
                     offsets.rate = np.zeros_like(offsets.rate)
@@ -518,7 +518,7 @@ class Tracker:
         )
 
     def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool, restarted: bool) -> tuple[Status, bool]:
-        """What touches in a frame (readings less zero and offsets)."""
+        """Solve a frame in contact (readings minus zero and offsets)."""
         contact = self._contact
         converged = contact.solve(frame, regular=regular, restarted=restarted)
         self._residual, self._fit = contact.residual, contact.fit
@@ -540,7 +540,7 @@ class Tracker:
         return self._unless_frozen(status), converged
 
     def _say(self, elapsed: float) -> None:
-        """What there is to say about the present contact."""
+        """Add the notes about the present contact."""
         contact, said = self._contact, self._said
         self._standing.interrupt()
         if self._standing.now and not self._learning.discrepancy.zeroed:
@@ -552,12 +552,12 @@ class Tracker:
         said += self._steady.look(contact.size, elapsed)
 
     def _unless_frozen(self, status: Status) -> Status:
-        """The status of a frame that is answered, unless the sensor stands still."""
+        """The status of a solved frame, or FROZEN if the sensor repeats itself."""
         return Status.FROZEN if self._check.frozen else status
 
     @property
     def seconds(self) -> float:
-        """Time that the last frame took [s].
+        """Processing time of the last frame [s].
 
         Examples
         --------
@@ -572,7 +572,7 @@ class Tracker:
         return self._seconds
 
     def close(self) -> None:
-        """End the thread that a budget needs.
+        """End the background thread, if there is one.
 
         Examples
         --------
@@ -599,10 +599,10 @@ class Tracker:
         return self.estimator.readings.flat(rows), like
 
     def _scaled(self, flat: Floats, usable: Flags) -> Floats:
-        """Readings without creep, in units of their standard deviations, NaN where they cannot be used."""
+        """Readings with creep removed, in units of their standard deviations, NaN if unusable."""
         scaled = np.where(usable, flat, math.nan)
         if self._filters is not None:
-            # a reading that is missing leaves the memory of its creep as if it had stayed
+            # A missing reading counts as unchanged in the memory of its creep.
             self._held = np.where(usable, flat, self._held)
             planes = self.estimator.readings.planes(self._held)
             time = self._times.total
@@ -612,7 +612,7 @@ class Tracker:
         return scaled / self._std
 
     def _one_taxel(self, y: Floats, level: Floats) -> bool:
-        """Whether one reading alone makes the frame look like contact; it is then counted as bad."""
+        """Whether a single reading makes the frame look like contact; it is then counted as bad."""
         largest = int(np.argmax(np.abs(y)))
         without = y.copy()
         without[largest] = 0.0
@@ -623,7 +623,7 @@ class Tracker:
         return True
 
     def _release(self) -> None:
-        """No contact."""
+        """Forget the contact."""
         self._touching = False
         self._contact.release()
         self._comparison.release()
@@ -632,7 +632,7 @@ class Tracker:
         self._steady = Steady()
         self._fit = math.nan
 
-    # -- the answer ----------------------------------------------------------------------------------------------------
+    # -- the result ------------------------------------------------------------------------------------------------------
 
     def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
         estimator, learning, contact = self.estimator, self._learning, self._contact
@@ -677,9 +677,7 @@ class Tracker:
             None if learning.parameter is None else np.asarray(learning.parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if status.known else math.nan),
-            errors=errors,
-            stated=stated,
-            common_std=estimator.problem.common_std,
+            _errors=ErrorParts.of(errors, stated, estimator.problem.common_std),
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),
             outliers=self._check.unused,

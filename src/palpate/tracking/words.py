@@ -1,4 +1,4 @@
-"""What a tracker says of a frame: in, what became of it; out, sentences for its notes."""
+"""Notes of a tracker."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["at_their_end", "drifted", "restarted", "unfinished"]
 
 
 def unfinished(budget: float | None, tolerance: float, *, exhausted: bool) -> str:
-    """What helps where the iteration did not end; ``exhausted``: its steps ended it, not the time."""
+    """Return advice for an iteration that did not converge; ``exhausted``: it ran out of steps, not of time."""
     if budget is not None and not exhausted:
         return f"the time of this frame ended the iteration: give it more, with a budget larger than {budget:.3g} s"
     return (
@@ -26,7 +26,7 @@ def unfinished(budget: float | None, tolerance: float, *, exhausted: bool) -> st
 
 
 def at_their_end(count: int, *, overload: bool) -> list[str]:
-    """That so many readings are at the end of their range; ``overload``: too many to tell the load."""
+    """Note that ``count`` readings are saturated; ``overload``: too many to determine the load."""
     if not count:
         return []
     used = "the load has no upper end" if overload else "left out, and the load is at least what they tell"
@@ -34,7 +34,9 @@ def at_their_end(count: int, *, overload: bool) -> list[str]:
 
 
 def drifted(drift: Floats, index: npt.NDArray[np.intp], std: Floats, label: Callable[[int], str]) -> list[str]:
-    """The channels whose zero has drifted by ``drift`` (channel,), 0 where that is not worth a word; ``index`` is the channel of each reading."""
+    """Notes on channels whose zero has drifted by ``drift`` (channel,), 0 if not worth reporting; ``index`` is the
+    channel of each reading.
+    """
     said = []
     for c in np.flatnonzero(drift):
         first = int(np.argmax(index == c))
@@ -45,6 +47,6 @@ def drifted(drift: Floats, index: npt.NDArray[np.intp], std: Floats, label: Call
 
 
 def restarted(frame: FrameTime, *, creeps: bool) -> str:
-    """That the clock has begun anew; ``creeps``: the pad's creep is taken out of the readings."""
+    """Note that the clock restarted; ``creeps``: the pad's creep is removed from the readings."""
     creep = "; the pad's creep is taken on as if without a pause" if creeps else ""
     return f"the clock went back from {plain_time(frame.before or 0.0)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"

@@ -1,4 +1,4 @@
-"""The zero of the readings: captured from frames without contact, and following drift while nothing touches."""
+"""The zero of the readings: captured from frames without contact, and following drift while there is none."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from palpate.tracking.search import TAKEN
 
 __all__ = ["FRAMES_FOR_NOISE", "Zero"]
 
-#: Frames from which the noise is taken with the zero: with 5, and some hundred readings that share it, it is known to a few per cent.
+#: Smallest number of frames of the zero from which the noise is estimated: with 5, and some hundred readings that share
+#: it, it is known to a few per cent.
 FRAMES_FOR_NOISE = 5
-#: Largest part of the time constant that one frame counts for, however long the pause before it: ten frames must agree on a new zero.
+#: Largest fraction of the time constant that one frame counts for, however long the pause before it: ten frames must
+#: agree on a new zero.
 ONE_FRAME = 0.1
-#: Part of a zero whose frames moved that is left of it when that is no longer said.
+#: Remaining weight of a zero whose frames moved at which the note about it ends.
 FORGOTTEN = 0.05
 
 
 class Zero:
     """Baseline of whitened readings.
 
-    ``baseline`` is the zero itself, or None: then it is the mean of the first ``frames`` frames. ``time_constant`` [s] is that with
-    which it follows drift; None: it does not. ``index`` is the channel of each reading; ``moved`` tells whether the frames of the zero moved, until
-    it has followed the readings for so long that nothing is left of them.
+    ``baseline`` is the zero itself, or None: then it is the mean of the first ``frames`` frames. The zero follows
+    drift with ``time_constant`` [s]; None: it stays fixed. ``index`` is the channel of each reading; ``moved`` is
+    whether the readings moved while the zero was taken, until drift has replaced that zero.
     """
 
     def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None, index: Any = None) -> None:
@@ -39,34 +41,34 @@ class Zero:
         self.shown: Floats = np.zeros(
             (0, 0)
         )  # frames of the last zero less their mean (frame, reading); NaN where missing
-        self.variance = 0.0  # of the zero, in units of the noise's
+        self.variance = 0.0  # of the zero, in units of the noise variance
         self._only: Flags | None = None  # readings whose zero is captured again
         self.moved, self._index, self._left = False, index, 1.0
 
     @property
     def capturing(self) -> bool:
-        """Whether frames are taken for the zero."""
+        """Whether frames are being averaged for the zero."""
         return self.baseline is None or self._only is not None
 
     @property
     def wandered(self) -> Floats:
-        """By how much the zero of each reading has moved since it was taken."""
+        """Change of the zero of each reading since it was taken."""
         if self.baseline is None or self._taken is None:
             return np.zeros(0)
         return np.nan_to_num(self.baseline - self._taken)
 
     def again(self, frames: int, only: Flags) -> None:
-        """Take the zero of some readings from the next frames."""
+        """Take the zero of some readings again, from the next frames."""
         if self.baseline is not None:
             self._captured, self._frames, self._only = [], frames, only.copy()
 
     def shift(self, by: Floats) -> None:
-        """Move the zero by what is known of its drift."""
+        """Move the zero by a known drift."""
         if self.baseline is not None:
             self.baseline = self.baseline + by
 
     def capture(self, scaled: Floats) -> float | None:
-        """Take a frame of the start; the noise (a standard deviation) with the last one, where it can be told."""
+        """Add a frame to the zero; with the last one, return the noise (standard deviation) if it can be estimated."""
         self._captured.append(scaled)
         if len(self._captured) < self._frames:
             return None
@@ -81,7 +83,7 @@ class Zero:
             good &= ~far[:, None]
             count = np.maximum(good.sum(axis=0), 1)
             mean = np.where(good, frames, 0.0).sum(axis=0) / count
-            # a reading that never came has no zero yet, or keeps what it had
+            # A reading that never arrived has no zero yet, or keeps its old one.
             old = np.full(len(mean), math.nan) if self.baseline is None else self.baseline
             taken = good.any(axis=0) if self._only is None else good.any(axis=0) & self._only
             self.baseline, self._only = np.where(taken, mean, old), None
@@ -94,7 +96,9 @@ class Zero:
             return math.sqrt(square) if square > 0 else None
 
     def follow(self, scaled: Floats, elapsed: float, noise: float) -> bool:
-        """Follow drift in a frame without contact, ``elapsed`` seconds after the last; whether the zero follows at all."""
+        """Follow drift in a frame without contact, ``elapsed`` seconds after the last; return whether the zero follows
+        at all.
+        """
         if self.baseline is None:
             return False
         good = np.isfinite(scaled)
@@ -102,9 +106,9 @@ class Zero:
         self.baseline[unset] = scaled[unset]
         if self.time_constant is None:
             return False
-        # after a long pause one frame alone, with its noise, does not become the zero
+        # After a long pause, a single noisy frame must not become the zero.
         share = -math.expm1(-min(elapsed / self.time_constant, ONE_FRAME))
-        # drift is slow: what would be taken for contact in one frame is something else
+        # Drift is slow: a change that would count as contact in one frame is not drift.
         change = np.clip(scaled - self.baseline, -TAKEN * noise, TAKEN * noise)
         self.baseline[good] += share * change[good]
         self._left *= 1.0 - share

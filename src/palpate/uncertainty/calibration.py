@@ -1,8 +1,9 @@
-"""From the standard deviations of the model to intervals that hold the truth as often as they say.
+"""Scale the standard deviations of the model to intervals that contain the truth as often as they state.
 
-The constants are data: ``constants.json`` beside this file, written by ``palpate bench calibration --write``, with the population,
-seed and version of the code that made each entry. One entry serves one method and one case: line or area, pressure alone or with
-shear, the kind of channels, half-space or layers. A case that has no entry of its own uses the nearest one and says so.
+The constants are data: ``constants.json`` beside this file, written by ``palpate bench calibration --write``, with the
+population, seed and version of the code that made each entry. One entry serves one method and one case: line or area,
+pressure alone or with shear, the kind of channels, half-space or layers. A case without its own entry uses the nearest
+one and says so.
 """
 
 from __future__ import annotations
@@ -36,21 +37,24 @@ __all__ = [
     "contact_kind",
 ]
 
-#: Methods whose error bars are those of a Gaussian model, in which traction has either sign: used as they are where nothing calibrated them.
+#: Methods whose error bars are those of a Gaussian model, in which traction may have either sign. Without calibration
+#: they are used unchanged.
 GAUSSIAN = ("tikhonov", "local", "hilgers", "truncated", "wiener")
-#: Contact on an area whose pressure and shear the channels alone do not separate.
+#: Area contact in which the channels alone do not separate pressure from shear.
 AMBIGUOUS = "area, ambiguous"
-#: What is added to the contact on an area with so few taxels: noise presses on few cells beside the contact, and adds up to little.
+#: Suffix for an area contact with fewer taxels than FEW_TAXELS: there noise creates pressure on only few cells beside
+#: the contact, which adds little to the force.
 FEW, FEW_TAXELS = ", few taxels", 144
-#: Normal deviations beyond which a chance is nothing, and how often their range is halved to find one.
+#: Normal deviation beyond which a probability counts as 0, and number of bisection steps that find one.
 FARTHEST, HALVINGS = 38.0, 45
-#: What constants are for.
+#: Quantities that have constants.
 QUANTITIES = ("traction", "force", "moment", "center_of_pressure", "peak_pressure", "slip_margin")
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Distribution of a quantity's error in units of the model's standard deviation: b + s t_nu.
+    """Distribution of a quantity's error in units of the model's standard deviation: b + s t_nu, with shift b, scale s
+    and Student's t.
 
     Attributes
     ----------
@@ -66,19 +70,11 @@ class Calibration:
     scale: float = 1.0
     freedom: float = 1e6
 
-    @property
-    def std(self) -> float:
-        """Half the central 68 % of the distribution."""
-        return self.scale * self._quantile(0.5 * (1.0 + 0.6827))
-
-    def _quantile(self, probability: float) -> float:
+    def quantile(self, level: float) -> float:
+        """Return half the width of the central interval of this level, in units of ``scale``."""
         import scipy.special
 
-        return float(scipy.special.stdtrit(self.freedom, probability))
-
-    def quantile(self, level: float) -> float:
-        """Half the width of the central interval of that level, in units of ``scale``."""
-        return self._quantile(0.5 * (1.0 + level))
+        return float(scipy.special.stdtrit(self.freedom, 0.5 * (1.0 + level)))
 
     def above(
         self,
@@ -89,13 +85,15 @@ class Calibration:
         stated: Floats | float = 0.0,
         beyond: Floats | float = 0.0,
     ) -> Floats:
-        """Probability that the true value lies above ``limit``: that at which `bounds` ends there."""
+        """Return the probability that the true value lies above ``limit``: that of the level at which the interval
+        from `bounds` ends at the limit.
+        """
         import scipy.special
 
         size, stated = np.hypot(self.scale * std, outside), np.asarray(stated)
         gap = np.asarray(limit - value - self.shift * std)
         stated = np.hypot(stated, np.where(gap * np.sign(value) > 0, beyond, 0.0) / Calibration().quantile(0.95))
-        # the normal deviation at which half the width of the interval is the gap, by halving
+        # bisect for the normal deviation at which half the width of the interval equals the gap
         low, high = np.zeros(np.shape(gap)), np.full(np.shape(gap), FARTHEST)
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -103,7 +101,7 @@ class Calibration:
             short = reach < np.abs(gap)
             low, high = np.where(short, middle, low), np.where(short, high, middle)
         chance = np.where((size > 0) | (stated > 0), scipy.special.ndtr(-np.sign(gap) * low), value > limit)
-        # what is not known exceeds no limit and stays below none
+        # for an unknown value neither exceeding the limit nor staying below it can be excluded
         return np.asarray(np.where(np.isfinite(size + stated + value), chance, np.nan), dtype=np.float64)
 
     def bounds(
@@ -118,8 +116,9 @@ class Calibration:
         away: bool = False,
         beyond: Floats | float = 0.0,
     ) -> tuple[Floats, Floats]:
-        """Ends of the central interval, none below ``floor``; ``stated`` is a normal deviation by itself; with ``away`` the shift is away from zero;
-        ``beyond`` is what may come to it in an interval of 95 %, on the side away from zero alone.
+        """Return the ends of the central interval of a level, none below ``floor``. ``stated`` is a standard deviation
+        that is normal and not scaled. With ``away`` the shift is away from zero. ``beyond`` is what may be missing
+        from the value at a level of 95 %; it widens the interval only on the side away from zero.
         """
         half = self.quantile(level) * np.hypot(self.scale * std, outside)
         half = np.hypot(half, Calibration().quantile(level) * stated)
@@ -130,7 +129,9 @@ class Calibration:
         return np.maximum(middle - below, floor), np.maximum(middle + above, floor)
 
     def standardised(self, truth: Floats, value: Floats, std: Floats, outside: Floats) -> Floats:
-        """(truth - value)/std, such that `bounds` for a value of 0 and a std of 1 hold it where the true ones hold the truth."""
+        """Return (truth - value)/std in such a form that `bounds` for a value of 0 and a std of 1 contains it if the
+        true bounds contain the truth.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             far = self.shift + (truth - value - self.shift * std) * self.scale / np.hypot(self.scale * std, outside)
             return np.asarray(np.where(outside > 0, far, (truth - value) / std))
@@ -138,13 +139,13 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Case:
-    """What a set of constants is for.
+    """The case that a set of constants is for.
 
     Attributes
     ----------
     contact : str
-        "line", "area" (pressure alone), "area with shear", or "area, ambiguous": with shear that the channels alone do not tell from pressure;
-        ", few taxels" follows the second and third on arrays of 144 taxels or less.
+        "line", "area" (pressure alone), "area with shear", or "area, ambiguous": with shear that the channels alone do
+        not separate from pressure; ", few taxels" follows the second and third on arrays of 144 taxels or less.
     sensing : str
         Kind of the channels: "stress", "strain", "displacement", or "mixed".
     body : str
@@ -157,7 +158,9 @@ class Case:
 
     @classmethod
     def of(cls, pad: Pad, planes: Sequence[Array], components: Sequence[str], *, ambiguous: bool = False) -> Case:
-        """The case of a pad, its arrays and the components sought; ``ambiguous``: the channels alone do not separate the components."""
+        """Return the case of a pad, its arrays and the components that are estimated. ``ambiguous`` means that the
+        channels alone do not separate the components.
+        """
         kinds = {find_channel(c).kind.name for p in planes for c in p.channels}
         layered = getattr(pad, "thickness", None) is not None
         contact = contact_kind(planes[0].dimensions, components)
@@ -172,7 +175,7 @@ class Case:
 
     @property
     def whatever_size(self) -> Case:
-        """The case without a word of how many taxels there are."""
+        """The case without the distinction by number of taxels."""
         return replace(self, contact=self.contact.removesuffix(FEW))
 
     def __str__(self) -> str:
@@ -186,13 +189,13 @@ class Constants:
     Attributes
     ----------
     method, case
-        What they are for.
+        The method and the case that they are for.
     quantities : mapping
         `Calibration` of each quantity.
     outside : float
-        Relative standard deviation of what is found outside the outermost taxels.
+        Relative standard deviation of the part of a quantity that is estimated outside the outermost taxels.
     population : mapping
-        What made them: description, frames, seed, version of the code.
+        Origin of the constants: description, frames, seed, version of the code.
     """
 
     method: str
@@ -203,17 +206,17 @@ class Constants:
 
     @property
     def signed(self) -> bool:
-        """Whether pressure of this method may pull."""
+        """Whether this method may return negative pressure."""
         return self.method in GAUSSIAN
 
     @property
     def calibrated(self) -> bool:
-        """Whether the constants come from a population; if not, they come from the method's own model."""
+        """Whether the constants derive from a population; otherwise they derive from the model of the method."""
         return bool(self.population)
 
 
 def contact_kind(dimensions: int, components: Sequence[str]) -> str:
-    """ "line", "area" (one component sought) or "area with shear"."""
+    """Return "line", "area" (one component estimated) or "area with shear"."""
     if dimensions == 1:
         return "line"
     return "area with shear" if len(components) > 1 else "area"
@@ -233,15 +236,16 @@ def _table() -> Mapping[tuple[str, Case], Constants]:
 
 
 def calibrated_methods() -> tuple[str, ...]:
-    """The methods whose error bars a population can calibrate: all but the one that is told its prior."""
+    """Return the methods whose error bars can be calibrated by a population: all except the one whose prior is given."""
     return tuple(m for m in dict.fromkeys((*(m for m, _ in _table()), *GAUSSIAN)) if m != "wiener")
 
 
 def constants(method: str, case: Case) -> Constants:
-    """The constants of a method for a case, or for the nearest case that has some (compare ``.case`` to know).
+    """Return the constants of a method for a case, or for the nearest case that has any (compare ``.case`` to find
+    out).
 
-    Nearest: the same contact, then the same sensing, then the same body. The Gaussian model of a linear method without any is taken at
-    its word.
+    The nearest case has the same contact, then the same kind of sensing, then the same body. A linear method without
+    constants uses the Gaussian model unchanged.
 
     Raises
     ------
@@ -267,5 +271,5 @@ def constants(method: str, case: Case) -> Constants:
 
 
 def calibrated(method: str, case: Case, quantity: str) -> Calibration:
-    """How the errors of a quantity found by a method are distributed."""
+    """Return the distribution of the errors of a quantity that a method estimates."""
     return constants(method, case).quantities[quantity]

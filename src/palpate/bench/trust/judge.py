@@ -1,6 +1,6 @@
 """The verdict on one frame: its error, the coverage of its intervals, and whether it carries a note.
 
-**Load**: the integral of the traction's magnitude; of a plain push the net force. Where nothing touches, that of the contact that the noise fits.
+**Load**: the integral of the traction's magnitude; of a plain push the net force. Where nothing touches, it is that of the contact that fits the noise.
 
 **Wrong**: the net force is off by more than 30 % of the load (length of the vector of its errors in the components that are sought, and in the
 normal one always).
@@ -21,7 +21,7 @@ A frame that says "the net force is known roughly only", as every frame of some 
 not wrong without a word unless the truth lies far outside its interval.
 
 The last frame of a **recording** (`palpate.bench.trust.recorded`) is answered as a user would have it: from its frames at rest and those before it, by itself,
-tracked, or out of a table. What the reader of the table warns of is a word.
+tracked, or out of a table. Warnings of the reader of the table count as notes.
 """
 
 from __future__ import annotations
@@ -56,19 +56,19 @@ from palpate.touch.outcome import ROUGHLY
 
 __all__ = ["FAR_OUTSIDE", "MISFIT", "WRONG", "Verdict", "judge", "verdict"]
 
-#: Error of the net force, in parts of the load, from which on a frame is wrong.
+#: A frame is wrong if the error of the net force exceeds this fraction of the load.
 WRONG = 0.3
-#: A truth further outside its interval than this many half-widths is far outside.
+#: A true value outside its interval by more than this many half-widths is far outside.
 FAR_OUTSIDE = 0.5
-#: Misfit probability below which a frame says that it does not fit.
+#: If the probability of the misfit is below this, the frame states that it does not fit.
 MISFIT = 0.01
-#: Errors smaller than this part of the load are rounding.
+#: Errors smaller than this fraction of the load are rounding errors.
 _EXACT = 1e-6
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of one frame.
+    """The verdict on one frame.
 
     Attributes
     ----------
@@ -127,12 +127,12 @@ class Verdict:
 
     @property
     def wrong(self) -> bool:
-        """The net force is off by more than `WRONG` of the load, or the library broke down."""
+        """Whether the net force is wrong by more than `WRONG` of the load, or the library failed."""
         return self.broken or self.force_error > WRONG
 
     @property
     def answered(self) -> bool:
-        """Whether there is an answer with a force."""
+        """Whether there is a result with a force."""
         return bool(np.isfinite(self.force_error))
 
     @property
@@ -142,17 +142,19 @@ class Verdict:
 
     @property
     def betrays(self) -> bool:
-        """Wrong without a note: wrong, or the truth far outside the interval. With a note of possible error, only far outside counts."""
+        """Whether the result is wrong without a note: the force is wrong, or the truth far outside the interval. If a
+        note states a possible error, only the latter counts.
+        """
         return self.silent and (self.far or (self.wrong and not self.rough))
 
 
 class _Late(Exception):
-    """A frame took longer than it may."""
+    """Raised when a frame takes longer than allowed."""
 
 
 @contextmanager
 def _limited(seconds: float | None) -> Iterator[None]:
-    """`_Late` after ``seconds`` of processor time, where the system can do that."""
+    """Raise `_Late` after ``seconds`` of processor time, if the system supports it."""
     able = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
     if seconds is None or not able:
         yield
@@ -171,9 +173,9 @@ def _limited(seconds: float | None) -> Iterator[None]:
 
 
 def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
-    """Reconstruct a frame as a user would, with nothing tuned, and compare it with the truth.
+    """Reconstruct a frame as a user would, without tuning, and compare it with the truth.
 
-    ``limit`` [s]: the processor time that it may take, and the clean frame of the same sensor.
+    ``limit`` [s] is the processor time allowed for the frame, and for the clean frame of the same sensor.
     """
     options: dict[str, Any] = {} if frame.friction is None else {"friction": frame.friction}
     said: tuple[str, ...] = ()
@@ -198,7 +200,7 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
 
 
 def _clean(frame: Frame, options: dict[str, Any]) -> tuple[Touch, dict[str, Any]]:
-    """The touch of the clean frame, and the options of this sensor, without friction if that is refused."""
+    """Return the touch of the clean frame, and the options for this sensor, without friction if the method refuses it."""
     if frame.recorded is not None:
         return _clean_recording(frame, frame.recorded, options)
     try:
@@ -218,13 +220,13 @@ def _clean_recording(frame: Frame, recorded: Recorded, options: dict[str, Any]) 
 
 
 def _answered(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tuple[Touch, tuple[str, ...]]:
-    """The touch of a recording's last frame, and the warnings of the reader of its table."""
+    """Return the touch of a recording's last frame, and the warnings from reading its table."""
     skin = frame.skin
     if recorded.road == "reconstruct":
         last = recorded.steps[-1]
         if "zero" in inspect.signature(Skin.reconstruct).parameters:
             return skin.reconstruct(last, zero=recorded.rest, **options), ()
-        # without limits only: they are those of the raw readings, and the zero would move them
+        # only without limits: limits refer to raw readings, and subtracting the zero would shift them
         return skin.reconstruct(last if frame.limits else last - recorded.rest.mean(axis=0), **options), ()
     readings, times = np.concatenate([recorded.rest, recorded.steps]), recorded.times
     said: tuple[str, ...] = ()
@@ -239,7 +241,7 @@ def _answered(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tupl
 def _through_a_table(
     readings: Floats, times: Floats, channels: tuple[str, ...]
 ) -> tuple[Floats, Floats, tuple[str, ...]]:
-    """Readings and times after a table, with the warnings of its reader."""
+    """Write readings and times to a table and read it; return both as read, with the warnings."""
     count, shape = len(readings), readings.shape[2:]
     titles = [f"{c}_{i}" for c in channels for i in range(int(np.prod(shape)))]
     lines = [",".join(["t", *titles])]
@@ -291,7 +293,7 @@ def _unanswered(
 
 
 def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Verdict:
-    """The verdict on a touch, beside that on a clean frame of the same sensor."""
+    """Return the verdict on a touch, using the touch of a clean frame of the same sensor for comparison."""
     grid = touch.surface
     truth, typical = cell_means(frame.load, grid), cell_means(frame.typical, grid)
     values = to_numpy(touch.values)
@@ -305,7 +307,7 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     error = force - np.clip(force, smallest, largest)
     low, high = _interval(touch, "force", len(names))
     peak_low, peak_high = _interval(touch, "peak_pressure", 0) if "z" in touch.components else (np.nan, np.nan)
-    # a component that is not sought is zero by assumption
+    # a component that is not estimated is assumed zero
     left_out = [i for i in asked if i not in sought]
     low[left_out] = high[left_out] = 0.0 if np.isfinite(low[sought]).any() else np.nan
     slack = _EXACT * load
@@ -314,7 +316,7 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
         miss[-1] = math.inf
     outside = [miss[i] > FAR_OUTSIDE * 0.5 * (high[i] - low[i]) + slack for i in asked]
     inside_force = [miss[i] <= slack for i in asked if np.isfinite(low[i])]
-    # the strongest pull of a net pull
+    # of a net pull use the strongest pull
     peak = float(truth[-1].max() if (truth[-1] > 0).any() else truth[-1].min())
     strongest = float(np.abs(typical).max())
     beyond = _distance_outside(peak, peak_low, peak_high)
@@ -372,12 +374,12 @@ def _kind(frame: Frame) -> str:
 
 
 def _distance_outside(value: float, low: float, high: float) -> float:
-    """How far a value lies outside an interval; NaN without an interval."""
+    """Return how far a value is outside an interval; NaN without an interval."""
     return float(np.maximum(low - value, value - high))
 
 
 def _known(touch: Touch) -> int:
-    """0: the force is not known; 1: it is; 2: so is its interval."""
+    """Return 0 if the force is unknown, 1 if it is known, 2 if its interval is known too."""
     if not np.isfinite(to_numpy(touch.force)).all():
         return 0
     low, high = _interval(touch, "force", len(touch.surface.components))
@@ -386,8 +388,8 @@ def _known(touch: Touch) -> int:
 
 
 def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
-    """The 95 % interval, or NaN without an interval."""
-    if touch.errors is None:
+    """Return the 95 % interval, or NaN without one."""
+    if not touch.has_intervals:
         nothing = np.full(length, np.nan) if length else np.nan
         return nothing, np.copy(nothing)
     low, high = touch.interval(0.95, of)
@@ -395,8 +397,10 @@ def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
 
 
 def _cells(touch: Touch, truth: Floats, sought: list[int]) -> float:
-    """Part of the cells in contact, in truth or as found, whose traction lies in its interval; components that are sought."""
-    if touch.errors is None:
+    """Return the fraction of cells in contact (truly or as estimated) whose traction is in its interval, for the
+    estimated components.
+    """
+    if not touch.has_intervals:
         return np.nan
     low, high = (np.asarray(side)[sought] for side in touch.interval(0.95))
     values = to_numpy(touch.values)
@@ -409,5 +413,5 @@ def _cells(touch: Touch, truth: Floats, sought: list[int]) -> float:
 
 
 def _without_figures(note: str) -> str:
-    """A note with its numbers and lists of taxels taken out, so that notes which differ in figures alone are one."""
+    """Return a note without its numbers and lists of taxels, so that notes that differ only in these count as one."""
     return re.sub(r"[-+]?\d[\d.,e+-]*", "#", note.partition(": ")[0] if ": " in note else note)

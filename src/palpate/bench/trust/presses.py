@@ -1,4 +1,6 @@
-"""Loads on the random sensors: balls, punches, cylinders and more, one or several, resting, sliding, sticking or twisting."""
+"""Random loads on the random sensors: balls, punches, cylinders and more, one or several, at rest, sliding, sticking
+or twisting.
+"""
 
 from __future__ import annotations
 
@@ -24,22 +26,24 @@ class Load:
 
     @property
     def force(self) -> Floats:
-        """Net force (component,) [N], [N/m] on a line."""
+        """Net force (component,) [N], in line contact [N/m]."""
         d = self.grid.dimensions
         return np.asarray(self.traction.sum(axis=tuple(range(-d, 0))) * self.grid.cell)
 
     @property
     def size(self) -> float:
-        """Integral of the traction's magnitude: of a plain push its force, of pulls and pushes side by side more than their sum."""
+        """Integral of the magnitude of the traction: for a plain push its force; for pulls beside pushes more than
+        their sum.
+        """
         return float(np.sqrt((self.traction**2).sum(axis=0)).sum() * self.grid.cell)
 
     def times(self, factor: float) -> Load:
-        """The same, ``factor`` times as strong."""
+        """Return the same load, ``factor`` times as strong."""
         return replace(self, traction=self.traction * factor)
 
 
 def cell_means(load: Load, grid: Grid) -> Floats:
-    """Mean traction (component, *grid) in each cell of any other ``grid``, exact."""
+    """Return the exact mean traction (component, *grid) in each cell of another ``grid``."""
     out = load.traction
     for axis, (fine, coarse) in enumerate(zip(load.grid.axes, grid.axes)):
         a, b = load.grid.spacings[axis], grid.spacings[axis]
@@ -59,7 +63,7 @@ class _Patch:
     angle: float
 
     def pressure(self, points: Floats) -> Floats:
-        """Pressure at points (axis, ...), peak 1 or so."""
+        """Return the pressure at points (axis, ...), with a peak of about 1."""
         away = points - self.center.reshape(-1, *(1,) * (points.ndim - 1))
         if len(away) == 1:
             u, v = away[0] / self.size[0], np.zeros_like(away[0])
@@ -73,7 +77,7 @@ class _Patch:
             return self.peak * np.sqrt(np.clip(1 - r2, 0, None))
         if self.kind == "punch":
             return self.peak * np.where(r2 < 1, 0.4 / np.sqrt(np.clip(1 - r2, 0.04, None)), 0.0)
-        if self.kind == "cylinder":  # on an area it lies on its side
+        if self.kind == "cylinder":  # in area contact a cylinder lies on its side
             return self.peak * np.where(np.abs(v) < 1, np.sqrt(np.clip(1 - u**2, 0, None)), 0.0)
         if self.kind == "block":
             return self.peak * np.where((np.abs(u) < 1) & (np.abs(v) < 1), 0.8, 0.0)
@@ -82,7 +86,7 @@ class _Patch:
         return self.peak * np.clip(1 - np.sqrt(r2), 0, None)  # cone
 
     def rim(self, points: Floats) -> Floats:
-        """1 on a ring about the patch."""
+        """Return 1 on a ring around the patch, 0 elsewhere."""
         away = points - self.center.reshape(-1, *(1,) * (points.ndim - 1))
         r = np.sqrt(((away / self.size.reshape(-1, *(1,) * (points.ndim - 1))) ** 2).sum(axis=0))
         return np.where((r > 1.0) & (r < 1.35), 1.0, 0.0)
@@ -101,10 +105,11 @@ def random_load(
     edge: float = 0.1,
     small: bool = False,
 ) -> Load:
-    """One contact or several, of a peak pressure of 1 to 15 % of the modulus.
+    """Return one or several contacts with a peak pressure of 1 to 15 % of the modulus.
 
-    ``friction`` bounds shear, along the ``axes`` ("", "x", "y" or "xy"); ``adhesion`` is the pull of a rim about each contact, in parts of the
-    peak; ``edge``: how often a contact lies across the array's edge, at most half of it outside; ``small``: of 0.1 to 0.7 pitches in radius.
+    ``friction`` limits the shear along the ``axes`` ("", "x", "y" or "xy"). ``adhesion`` is the pull of a rim around
+    each contact, as a fraction of the peak. ``edge`` is the probability that a contact crosses the edge of the array,
+    with at most half of it outside. With ``small``, contacts have a radius of 0.1 to 0.7 pitches.
     """
     d = len(sensor.shape)
     half = 0.5 * sensor.pitch * np.array(sensor.shape[::-1], dtype=np.float64)  # x, then y
@@ -152,7 +157,7 @@ def random_load(
     elif how == "twists":
         traction[0] = -share * limit * away[1] / reach / np.maximum(r, 1.0)
         traction[1] = share * limit * away[0] / reach / np.maximum(r, 1.0)
-    # means over 3 x 3 points of each fine cell: from here on these cells are the truth
+    # average over 3 x 3 points of each fine cell; from here on these cells are the truth
     traction = traction.reshape(d + 1, *(k for n in grid.shape for k in (n, 3))).mean(
         axis=tuple(range(2, 2 + 2 * d, 2))
     )
@@ -164,7 +169,7 @@ def random_load(
 
 
 def plain_ball(sensor: Sensor, pressure: float) -> Load:
-    """A ball that presses on the middle of the array."""
+    """Return a ball that presses on the middle of the array."""
     half = 0.5 * sensor.pitch * np.array(sensor.shape[::-1], dtype=np.float64)
     size = np.full(len(half), max(1.2 * sensor.pitch, 0.35 * float(half.min())))
     ball = _Patch("ball", np.full(len(half), 0.1 * sensor.pitch), size, 1.0, 0.0)
@@ -177,8 +182,10 @@ def plain_ball(sensor: Sensor, pressure: float) -> Load:
 
 
 def _around(sensor: Sensor, parts: list[_Patch], wider: float) -> tuple[Grid, Floats]:
-    """A fine grid about the patches, and the points (axis, *3 points a cell) in it, axes in the order x, y."""
-    # a patch may be turned: its corners reach further
+    """Return a fine grid around the patches, and the points (axis, *3 points a cell) in it, with axes in the order x,
+    y.
+    """
+    # a patch may be rotated: its corners reach further
     reach = [wider * (part.size if len(part.size) == 1 else np.full(2, float(np.hypot(*part.size)))) for part in parts]
     low = np.min([part.center - r for part, r in zip(parts, reach)], axis=0)
     high = np.max([part.center + r for part, r in zip(parts, reach)], axis=0)

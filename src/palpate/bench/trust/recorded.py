@@ -1,13 +1,12 @@
-"""Rows of the real bench: recordings that begin with frames at rest, with defects of sensors that no elastic pad has.
+"""Rows of recordings that begin with frames at rest, with defects of sensors that no elastic pad has.
 
-Each case has 30 frames at rest for the zero, then frames up to the one that is judged. Raw readings have a separate offset in every taxel, except for
-rows that need the ends of the range.
+Each case has 30 frames at rest for the zero, then frames up to the one that is judged. Raw readings have a separate
+offset in every taxel, except in rows that need the ends of the range.
 
-A result is right if its interval contains the true force, or:
-
-- all readings at their end: the truth lies above the lower end and the upper end is open, or the frame is not known; a finite upper end is far outside;
-- a press wider than the array: any force from that of the part over the array to that of the whole press;
-- a frozen patch, zeros after a press: nothing touches any more.
+A result is right if its interval contains the true force. Special cases:
+- all readings at the end of their range: right if the truth is above the lower end and the upper end is open, or if the frame is marked as unknown; a finite upper end counts as far outside;
+- a press wider than the array: any force between that on the array and that of the whole press is right;
+- a frozen patch, zeros after a press: the right result is that nothing touches any more.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["RATE", "REST", "Case", "Recorded"]
 
-#: Frames at rest, and frames a second.
+#: Number of frames at rest, and frames per second.
 REST, RATE = 30, 30.0
-#: Standard deviation of the noise, in parts of the largest reading.
+#: Range of the standard deviation of the noise, as a fraction of the largest reading.
 _NOISE = (1e-3, 0.03)
 _EDGE = Path(__file__).with_name("pad_edge.npz")
 
@@ -42,7 +41,7 @@ class Recorded:
     rest : array (frame, channel, *array)
         Nothing touches.
     steps : array (frame, channel, *array)
-        What follows; the last one is judged.
+        The frames after those at rest; the last one is judged.
     times : array (frame,)
         The sensor's clock [s], of rest and steps.
     clean : array (frame, channel, *array)
@@ -60,7 +59,7 @@ class Recorded:
 
 @dataclass
 class Case:
-    """One recording in the making, and the truth of its last frame."""
+    """A recording under construction, and the truth of its last frame."""
 
     rng: np.random.Generator
     sensor: Sensor
@@ -83,21 +82,21 @@ class Case:
         self.words.append(f"noise {level:.2g} of the largest reading")
 
     def raw(self) -> None:
-        """Give every reading an offset of its own."""
+        """Give every reading its own offset."""
         scale = self.peak * float(np.exp(self.rng.uniform(math.log(0.1), math.log(10.0))))
         self.offset = scale * self.rng.uniform(-1.0, 1.0, self.readings.shape)
 
     def frames(self, levels: Floats, readings: Floats | None = None) -> Floats:
-        """Raw frames at these parts of the load."""
+        """Return raw frames at these fractions of the load."""
         full = self.readings if readings is None else readings
         clean = np.multiply.outer(levels, full)
         return clean + self.offset + self.std * self.rng.standard_normal(clean.shape)
 
     def record(self, rest: Floats, steps: Floats, road: str, times: Floats | None = None) -> Case:
-        """Finish, and add a clean press of the same sensor."""
+        """Finish the recording, and add a clean press of the same sensor."""
         ball = plain_ball(self.sensor, float(np.abs(self.typical.traction).max()))
         readings = sensed(self.sensor, ball)
-        if self.limits is not None:  # a clean frame is within its range
+        if self.limits is not None:  # the clean frame must be within the range
             readings *= 0.7 * self.limits / float(np.abs(readings).max())
         clean = self.frames(_press(5, 5), readings)
         if times is None:
@@ -110,17 +109,17 @@ class Case:
 
 
 def sensed(sensor: Sensor, load: Load) -> Floats:
-    """Readings (channel, *array) without noise."""
+    """Return readings (channel, *array) without noise."""
     return np.array(sensor.skin(surface=load.grid).sense(load.traction))
 
 
 def _press(ramp: int, hold: int) -> Floats:
-    """Levels of a load that grows and stays."""
+    """Return levels of a load that grows and then stays constant."""
     return np.r_[np.arange(1, ramp + 1) / ramp, np.ones(hold)]
 
 
 def _pressed(rng: np.random.Generator, suits: Callable[[Sensor], bool]) -> Case:
-    """A random sensor and a random contact on it."""
+    """Return a random sensor and a random contact on it."""
     sensor = random_sensor(rng, suits)
     mu = float(rng.uniform(0.2, 0.9))
     load = random_load(rng, sensor, friction=mu, axes=sensor.shears)
@@ -135,7 +134,7 @@ def _any_road(rng: np.random.Generator) -> str:
 
 
 def _held(case: Case, readings: Floats) -> Case:
-    """At rest, pressed and held."""
+    """Return the recording of a load: at rest, pressed and held."""
     case.raw()
     steps = case.frames(_press(int(case.rng.integers(3, 9)), 5), readings)
     return case.record(case.frames(np.zeros(REST)), steps, _any_road(case.rng))
@@ -210,7 +209,7 @@ def pad_edge(rng: np.random.Generator) -> Case:
 
 
 def lattice(rng: np.random.Generator) -> Case:
-    """A printed lattice: its struts carry more than the gaps between them, and lean."""
+    """Simulate a printed lattice: its struts carry more than the gaps between them, and lean."""
     case = _pressed(rng, lambda s: _stress(s) and len(s.shape) == 2)
     sensor = case.sensor
     depth, period = float(rng.uniform(0.25, 0.5)), sensor.pitch * float(rng.uniform(1.3, 3.0))
@@ -232,12 +231,14 @@ def lattice(rng: np.random.Generator) -> Case:
 def _wide(
     rng: np.random.Generator, suits: Callable[[Sensor], bool], low: float, high: float
 ) -> tuple[Sensor, Load, Load]:
-    """A sensor, a press whose half-width is ``low`` to ``high`` times that of the array, and the part of it over the array."""
+    """Return a sensor, a press whose half-width is ``low`` to ``high`` times that of the array, and the part of it on
+    the array.
+    """
     sensor = random_sensor(rng, suits)
     half = 0.5 * sensor.pitch * np.array(sensor.shape[::-1], dtype=np.float64)
     block = rng.random() < 0.5
     wider = float(np.exp(rng.uniform(math.log(low), math.log(high))))
-    # a ball covers the corners, too
+    # choose the ball so that it covers the corners too
     reach = wider * (half if block else np.full(len(half), float(np.hypot.reduce(half))))
     grid = sensor.fine_grid(-reach, reach, 3)
     axes = np.meshgrid(*grid.axes, indexing="ij")[::-1]
@@ -253,7 +254,7 @@ def _wide(
 
 
 def all_at_their_end(rng: np.random.Generator) -> Case:
-    """Every reading at the end of its range, which the sensor states."""
+    """Put every reading at the end of its range, which the sensor states."""
     sensor, load, least = _wide(rng, lambda s: s.channels == ("stress_zz",), 1.0, 2.0)
     case = Case(rng, sensor, load, sensed(sensor, load))
     smallest = float(case.readings.min())
@@ -267,7 +268,9 @@ def all_at_their_end(rng: np.random.Generator) -> Case:
 
 
 def even_press(rng: np.random.Generator) -> Case:
-    """A press that is even over the whole array and continues beyond it: as an offset would look, but for the zero."""
+    """Simulate a press that is uniform over the whole array and continues beyond it. Without the zero it would look
+    like an offset.
+    """
     sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 1.2, 5.0)
     case = Case(rng, sensor, load, sensed(sensor, load))
     case.words.append("pressed evenly and beyond the array")
@@ -279,7 +282,7 @@ def even_press(rng: np.random.Generator) -> Case:
 
 
 def frozen_patch(rng: np.random.Generator) -> Case:
-    """A patch of taxels stays at the values of its press, bit by bit, after the press has gone."""
+    """Keep a patch of taxels at the exact values of its press after the press has ended."""
     case = _pressed(rng, lambda s: _small(s) and min(s.shape) >= 6 and s.sensing != "displacement")
     case.raw()
     rest = case.frames(np.zeros(REST))
@@ -300,15 +303,17 @@ def frozen_patch(rng: np.random.Generator) -> Case:
 
 
 def zeros_after_press(rng: np.random.Generator) -> Case:
-    """A sensor that writes exactly 0 without contact, for up to two seconds after a press; at rest 0, rounded or noise."""
-    # cameras that see depth do so
+    """Simulate a sensor that writes exactly 0 without contact, for up to two seconds after a press; at rest it writes
+    0, rounded values or noise.
+    """
+    # depth cameras do so
     case = _pressed(rng, _sees_depth if rng.random() < 0.5 else _small)
     after, ramp = int(rng.integers(5, 61)), int(rng.integers(2, 7))
     levels = np.r_[_press(int(rng.integers(3, 13)), int(rng.integers(5, 61))), np.arange(ramp - 1, 0, -1) / ramp]
     pressed = case.frames(levels)
     noise = case.std * rng.standard_normal((REST, *case.readings.shape))
     at_rest = str(rng.choice(["exactly 0", "rounded", "noise"]))
-    step = 3.0 * case.std  # so that a few rest readings differ from 0
+    step = 3.0 * case.std  # with this step a few readings at rest differ from 0
     rest = {"exactly 0": np.zeros_like(noise), "rounded": np.round(noise / step) * step, "noise": noise}[at_rest]
     if at_rest == "rounded":
         pressed = np.round(pressed / step) * step
@@ -319,7 +324,9 @@ def zeros_after_press(rng: np.random.Generator) -> Case:
 
 
 def restarted_clock(rng: np.random.Generator) -> Case:
-    """Stamps that restart, wrap, go wild, are whole seconds or swapped, in a stream or a table; the readings are right."""
+    """Make time stamps restart, wrap, jump, have whole seconds or be swapped, in a stream or a table; the readings are
+    right.
+    """
     case = _pressed(rng, _small)
     case.raw()
     rest, steps = case.frames(np.zeros(REST)), case.frames(_press(int(rng.integers(5, 12)), int(rng.integers(8, 20))))
@@ -329,7 +336,7 @@ def restarted_clock(rng: np.random.Generator) -> Case:
     kind = str(rng.choice(["restarts", "wraps", "goes wild once", "counts whole seconds", "swaps two frames"]))
     if kind == "restarts":
         times[at:] -= times[at]
-    elif kind == "wraps":  # a counter of milliseconds in 16 bits
+    elif kind == "wraps":  # a 16-bit counter of milliseconds
         times = np.mod(65.536 - times[at] + times, 65.536)
     elif kind == "goes wild once":
         times[at] = float(rng.choice([1e9, -1e9, 0.0]))

@@ -1,6 +1,7 @@
 """The rows of the table: defects of the readings, of the description of the sensor, or of the load.
 
-Every frame is made from its own random numbers, those of (seed, row, index): frame 17 of a row is the same whatever else is run.
+Every frame uses its own random numbers, seeded with (seed, row, index): frame 17 of a row is the same whatever else is
+run.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from palpate.skin import Skin
 
 __all__ = ["ROWS", "Frame", "Row", "make_frame"]
 
-#: Standard deviation of the noise, in parts of the largest reading: on clean frames, and where something else is wrong.
+#: Ranges of the standard deviation of the noise, as a fraction of the largest reading: for clean frames, and for frames
+#: with another defect.
 CLEAN, USUAL = (1e-4, 0.2), (1e-3, 0.05)
 
 
@@ -97,7 +99,7 @@ class Frame:
 
 @dataclass
 class _Draft:
-    """A frame in the making: readings without noise, and the noise that is added last."""
+    """A frame under construction: readings without noise, and the noise, which is added last."""
 
     sensor: Sensor
     load: Load
@@ -116,11 +118,11 @@ class _Draft:
         self.words.append(text)
 
     def any_taxel(self) -> tuple[int, ...]:
-        """Index of a random reading."""
+        """Return the index of a random reading."""
         return tuple(int(self.rng.integers(n)) for n in self.readings.shape)
 
     def across(self) -> Floats:
-        """A coordinate in a random direction, -1 to 1 over the array."""
+        """Return a coordinate along a random direction, from -1 to 1 over the array."""
         axes = np.meshgrid(*(np.linspace(-1, 1, n) for n in self.sensor.shape), indexing="ij")
         angle = float(self.rng.uniform(0, 2 * math.pi))
         if len(axes) == 1:
@@ -281,7 +283,7 @@ _MIXABLE: tuple[Change, ...] = (
 
 
 def _mixed(draft: _Draft) -> None:
-    # in the order in which a sensor suffers them: gains and offsets before noise, noise before the converter
+    # apply defects in the order in which they arise: gains and offsets before noise, noise before the converter
     chosen = sorted(draft.rng.choice(len(_MIXABLE), size=int(draft.rng.integers(2, 4)), replace=False))
     for i in chosen:
         _MIXABLE[int(i)](draft)
@@ -298,12 +300,12 @@ MODULUS, THICKNESS, DEPTH, GAIN = 0.2, 0.2, 0.3, 0.075
 
 
 def _off(low: float, high: float) -> Factor:
-    """A factor off by ``low`` to ``high``, up or down."""
+    """Return a random factor that is wrong by ``low`` to ``high``, up or down."""
     return lambda rng: float(1.0 + rng.uniform(low, high) * rng.choice([-1, 1]))
 
 
 def _stated(std: float) -> Factor:
-    """A truth drawn from the stated relative standard deviation ``std``, at most two of them away."""
+    """Return a random factor with the stated relative standard deviation ``std``, limited to two of them."""
     return lambda rng: float(1.0 / (1.0 + std * np.clip(rng.standard_normal(), -2.0, 2.0)))
 
 
@@ -313,7 +315,7 @@ def _modulus(factor_of: Factor) -> Described:
 
 def _thickness(factor_of: Factor) -> Described:
     def described(sensor: Sensor, rng: np.random.Generator) -> Sensor:
-        # the description must still contain the taxels
+        # the described pad must still contain the taxels
         factor = max(factor_of(rng), 1.001 * sensor.depth / sensor.thickness)
         return replace(sensor, layers=tuple((t * factor, part) for t, part in sensor.layers))
 
@@ -491,7 +493,7 @@ _TABLE: Sequence[Row] = (
     ),
 )
 
-#: Every row by name, in the order of the table.
+#: All rows by name, in the order of the table.
 ROWS: Mapping[str, Row] = {row.name: row for row in _TABLE}
 
 
@@ -543,7 +545,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     says = std * (float(rng.choice([1 / 3, 3.0])) if this.misstated else 1.0)
     if this.misstated:
         draft.say(f"noise said to be {says[0] / std[0]:.2g} times what it is")
-    # friction applies to pushing loads: nobody would state it for a pull
+    # friction applies to pushing loads: no user would state it for a pull
     presses = this.load not in ("pull", "adhesion")
     friction = mu * float(rng.choice([1.0, 1.0, 1.3])) if presses and sensor.shears and rng.random() < 0.5 else None
     if this.load == "unseen shear":
@@ -551,7 +553,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     ball = plain_ball(described, float(np.abs(typical.traction).max()))
     clean = sensed(described, ball)
     clean = clean + column * rng.standard_normal(clean.shape)
-    if draft.limits is not None:  # a clean frame is within its range
+    if draft.limits is not None:  # the clean frame must be within the range
         clean *= 0.9 * draft.limits / float(np.abs(clean).max())
     return Frame(
         row=row,
@@ -571,7 +573,7 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
 
 
 def _last_frame(row: str, index: int, case: Case) -> Frame:
-    """The frame of a recording that is judged; nobody tells its noise."""
+    """Return the frame of a recording that is judged; its noise is not stated."""
     return Frame(
         row=row,
         index=index,

@@ -1,4 +1,6 @@
-"""Random sensors: lines, areas and handfuls of taxels, on half-spaces and glued layers, of stress, strain and displacement."""
+"""Random sensors: lines, areas and small groups of taxels, on half-spaces and glued layers, that measure stress,
+strain or displacement.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ _STRESS = ("stress_xz", "stress_yz", "stress_zz")
 _STRAIN = ("strain_xz", "strain_yz", "strain_zz")
 _MOVES = ("displacement_x", "displacement_y", "displacement_z")
 
-#: Channels of a line, and how often they come.
+#: Channels of a line, and their probabilities.
 _LINES: dict[tuple[str, ...], float] = {
     ("stress_zz",): 0.40,
     ("stress_xz", "stress_zz"): 0.20,
@@ -31,7 +33,8 @@ _LINES: dict[tuple[str, ...], float] = {
     ("displacement_z",): 0.12,
     ("displacement_x", "displacement_z"): 0.12,
 }
-#: Channels of an area; "gel" and "in plane" are marker displacements near the surface of a glued gel.
+#: Channels of an area and their probabilities; "gel" and "in plane" are marker displacements near the surface of a
+#: glued gel.
 _AREAS: dict[tuple[str, ...], float] = {
     ("stress_zz",): 0.28,
     _STRESS: 0.24,
@@ -43,7 +46,7 @@ _AREAS: dict[tuple[str, ...], float] = {
     _MOVES: 0.14,
     _MOVES[:2]: 0.10,
 }
-#: Handfuls of taxels: shape and channels.
+#: Small groups of taxels: shape and channels, and their probabilities.
 _TINY: dict[tuple[tuple[int, int], tuple[str, ...]], float] = {
     ((3, 3), ("stress_zz",)): 0.25,
     ((3, 5), ("stress_zz",)): 0.25,
@@ -54,14 +57,14 @@ _TINY: dict[tuple[tuple[int, int], tuple[str, ...]], float] = {
 
 @dataclass(frozen=True)
 class Sensor:
-    """A pad and its array in plain numbers, so that truth and description may differ.
+    """A pad and its array as plain numbers, so that truth and description may differ.
 
     Attributes
     ----------
     kind : str
         "line", "area" or "tiny".
     shape, pitch, depth, aperture, channels
-        Of the array [m].
+        Properties of the array; lengths in m.
     modulus, ratio : float
         Young's modulus [Pa] and Poisson's ratio of the pad (of its lowest layer).
     layers : tuple of (thickness [m], modulus over that of the pad)
@@ -93,7 +96,7 @@ class Sensor:
 
     @property
     def shears(self) -> str:
-        """Axes of shear that it separates from pressure."""
+        """Axes of shear that the channels separate from pressure."""
         if len(self.shape) == 1:
             return "x" if len(self.channels) > 1 else ""
         if len(self.channels) == 1:
@@ -108,7 +111,9 @@ class Sensor:
         uncertainty: Mapping[str, float] | None = None,
         limits: float | None = None,
     ) -> Skin:
-        """The skin of this description; ``uncertainty``: as `palpate.Uncertainty` accepts it; ``limits``: the largest reading."""
+        """Return the skin with this description. ``uncertainty`` is as `palpate.Uncertainty` accepts it, ``limits`` is
+        the largest reading.
+        """
         array: LineArray | AreaArray
         if len(self.shape) == 1:
             array = LineArray(
@@ -144,9 +149,10 @@ class Sensor:
         )
 
     def fine_grid(self, low: Floats, high: Floats, finer: int) -> Grid:
-        """Cells of a ``finer``-th of the pitch over the box from ``low`` to ``high`` (x, or x and y) [m].
+        """Return cells ``finer`` times smaller than the pitch over the box from ``low`` to ``high`` (x, or x and y)
+        [m].
 
-        The cells lie nowhere in step with the surface on which traction is sought.
+        The cells are not aligned with the surface on which traction is estimated.
         """
         spacing = self.pitch / finer
         counts = [max(2, math.ceil((b - a) / spacing)) for a, b in zip(low, high)]
@@ -174,7 +180,7 @@ def _log(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def random_sensor(rng: np.random.Generator, suits: Callable[[Sensor], bool] = lambda s: True) -> Sensor:
-    """A random sensor among those that ``suits``."""
+    """Return a random sensor for which ``suits`` is true."""
     while True:
         found = _any_sensor(rng)
         if suits(found):
@@ -203,7 +209,7 @@ def _any_sensor(rng: np.random.Generator) -> Sensor:
     layers: tuple[tuple[float, float], ...] = ()
     which = rng.random()
     if gel:
-        # the dots of a camera gel: near the surface, glued to a window
+        # dots of a camera gel, which is glued to a window: near the surface
         thickness = pitch * float(rng.uniform(1.5, 4.0))
         depth, ratio = float(rng.choice([0.0, 0.1, 0.2])) * thickness, 0.48
         layers = ((thickness, 1.0),)
@@ -214,6 +220,6 @@ def _any_sensor(rng: np.random.Generator) -> Sensor:
         layers = ((top, float(rng.uniform(1.5, 5.0))), (depth * float(rng.uniform(1.1, 3.0)) - top, 1.0))
     if layers:
         ratio = min(ratio, 0.495)
-    # averaging over a wide taxel in layers takes seconds to prepare, and changes little
+    # no wide taxels in layers: averaging over them takes seconds to prepare and changes little
     aperture = 0.7 * pitch if wide and not layers else 0.0
     return Sensor(kind, shape, pitch, depth, aperture, channels, modulus, ratio, layers, gel)

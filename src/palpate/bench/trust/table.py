@@ -1,4 +1,4 @@
-"""All rows and their counts."""
+"""Judge all rows, and count the results."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def trust(
     limit: float | None = None,
     jobs: int = 1,
 ) -> Iterable[Verdict]:
-    """``frames`` frames of each row from number ``first`` on, judged one after another.
+    """Judge ``frames`` frames of each row, from number ``first`` on.
 
-    A frame that takes more than ``limit`` seconds of processor time has no answer.
+    A frame that takes more than ``limit`` seconds of processor time counts as without a result.
     """
     tasks = [(row, i, seed, limit) for row in rows for i in range(first, first + frames)]
     yield from spread_over(_judged, tasks, jobs)
@@ -45,15 +45,16 @@ class Line:
     row : str
     frames : int
     wrong, wrong_silent : int
-        Frames whose net force is off by more than 30 % of the load; those of them without a note.
+        Number of frames whose net force is wrong by more than 30 % of the load, and of those among them without a note.
     far, far_silent, peak_far, peak_far_silent : int
-        Frames whose true net force, or peak pressure, lies far outside its 95 % interval; those of them without a note.
+        Number of frames whose true net force, or peak pressure, lies far outside its 95 % interval, and of those among
+        them without a note.
     betrays : int
         Frames that are wrong without a note, by the force's error or its interval.
     warned : int
         Frames that are as wrong and have a note.
     words, though_right : int
-        Frames with a note; those of them whose force is neither wrong nor far outside.
+        Number of frames with a note, and of those among them whose force is neither wrong nor far outside.
     coverage : dict
         Part of the true values inside the 95 % interval, each frame counting once; NaN if no frame has an interval.
     without : int
@@ -99,7 +100,7 @@ def _percentile(values: Iterable[float], part: float) -> float:
 
 
 def lines(found: Sequence[Verdict]) -> list[Line]:
-    """The counts of each row."""
+    """Return the counts of each row."""
     out = []
     for row in dict.fromkeys(v.row for v in found):
         some = [v for v in found if v.row == row]
@@ -147,7 +148,7 @@ HEADER = (
 
 
 def cells(line: Line) -> tuple[str, ...]:
-    """The entries of a line."""
+    """Return the entries of a line."""
 
     def share(value: float) -> str:
         return "-" if np.isnan(value) else f"{value:.2f}"
@@ -170,7 +171,7 @@ def cells(line: Line) -> tuple[str, ...]:
 
 
 def by_sensor(found: Sequence[Verdict]) -> list[tuple[str, int, int]]:
-    """(kind and channels, frames wrong without a word, frames), the worst first."""
+    """Return (kind and channels, number of frames wrong without a note, number of frames), the worst first."""
     kinds = dict.fromkeys(v.sensor for v in found)
     counts = [
         (kind, sum(v.betrays for v in found if v.sensor == kind), sum(v.sensor == kind for v in found))
@@ -180,7 +181,7 @@ def by_sensor(found: Sequence[Verdict]) -> list[tuple[str, int, int]]:
 
 
 def sentence(v: Verdict) -> str:
-    """One sentence on a frame and its outcome."""
+    """Return a sentence on a frame and its verdict."""
     if not v.answered:
         return f"{v.frame}: {v.status}"
     names = ("x", "z") if len(v.true) == 2 else ("x", "y", "z")
@@ -195,7 +196,7 @@ def sentence(v: Verdict) -> str:
 
 
 def markdown(found: Sequence[Line], *, command: str) -> str:
-    """The table as a page."""
+    """Return the table as a page."""
     text = [f"Made by `{command}`.", ""]
     text += ["| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
     text += ["| " + " | ".join(cells(line)) + " |" for line in found]
@@ -205,7 +206,7 @@ def markdown(found: Sequence[Line], *, command: str) -> str:
 
 
 def cases(found: Sequence[Verdict]) -> tuple[tuple[str, ...], list[tuple[str | float, ...]]]:
-    """Every frame for a table: titles and rows."""
+    """Return every frame for a table: titles and rows."""
     titles = (
         "row",
         "index",

@@ -1,7 +1,8 @@
-"""A ball's print in a picture of a colour gel: where its centre is, and how far it touches.
+"""Find the contact circle of a ball in a picture of a colour gel.
 
-Opposite flanks of a ball have opposite slopes, and nearly opposite changes of colour: the centre is where the picture, turned by half a turn about it, is most unlike
-itself. The contact ends where the slope is largest: outside, the gel comes back.
+Opposite flanks of a ball have opposite slopes, and so nearly opposite changes of colour. The centre is the point about
+which the picture differs most from itself rotated by half a turn. The contact ends where the slope is largest:
+outside, the gel recovers.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Circle", "find_circle"]
 
-#: Changes of colour that count are above so many standard deviations of noise, and above this part of the strongest.
+#: A change of colour counts if it exceeds this many standard deviations of noise and this fraction of the strongest
+#: change.
 CLEAR, PART = 6.0, 0.2
 #: Smallest contact radius to learn from [pixels].
 MIN_CONTACT_RADIUS = 5.0
@@ -30,8 +32,8 @@ class Circle:
 
 
 def find_circle(change: Floats, noise: float) -> Circle | None:
-    """The circle where a ball touches, in changes of colour (row, column, channel) with noise of this standard deviation; None without a significant
-    circle.
+    """The contact circle of a ball, from changes of colour (row, column, channel) with noise of this standard
+    deviation; None without a significant circle.
     """
     from scipy.ndimage import binary_fill_holes, gaussian_filter, label
     from scipy.signal import fftconvolve
@@ -39,7 +41,7 @@ def find_circle(change: Floats, noise: float) -> Circle | None:
     smooth = np.stack([gaussian_filter(part, 1.5) for part in np.moveaxis(change, -1, 0)])
     size = np.sqrt((smooth**2).sum(axis=0))
     strong = float(np.quantile(size, 0.998))
-    # smoothing by 1.5 pixels leaves a fifth of the noise
+    # Smoothing by 1.5 pixels leaves a fifth of the noise.
     if strong < CLEAR * noise * 0.2 * np.sqrt(len(smooth)):
         return None
     spots, count = label(binary_fill_holes(size > max(PART * strong, CLEAR * 0.2 * noise)))
@@ -49,13 +51,13 @@ def find_circle(change: Floats, noise: float) -> Circle | None:
     rows, columns = np.nonzero(spots == largest)
     if len(rows) < np.pi * MIN_CONTACT_RADIUS**2:
         return None
-    # the whole pattern within the box about it, alone
+    # Only the pattern within the box around it.
     margin = 4
     low = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
     box = smooth[:, low[0] : rows.max() + margin + 1, low[1] : columns.max() + margin + 1]
     turned = sum(fftconvolve(part, part) for part in box)
     middle = np.asarray(turned)
-    # twice the centre's place; only centres within the middle half of the box
+    # Twice the position of the centre; only centres within the middle half of the box.
     h, w = box.shape[1:]
     inner = middle[h // 2 : -(h // 2) or None, w // 2 : -(w // 2) or None]
     at = np.unravel_index(int(np.argmin(inner)), inner.shape)

@@ -1,4 +1,4 @@
-"""From pictures to relative changes of colour against the gel at rest, and the pixels without information."""
+"""Relative changes of colour from the gel at rest, and masks of pixels without information."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from palpate.errors import InvalidInput
 
 __all__ = ["change_of", "changed_places", "dark_spots", "reduced", "step_of"]
 
-#: Columns to which pictures are reduced by means of blocks: slopes of contacts of a millimetre need no more, and blocks average noise.
+#: Number of columns to which pictures are reduced by averaging blocks: slopes of contacts of a millimetre need no more,
+#: and averaging reduces noise.
 COLUMNS = 320
-#: Levels (of 1) beyond which a pixel is saturated or black, and the floor that is added to the light at rest so that dark channels do not blow up.
+#: Levels (of 1) above which a pixel is saturated and below which it is black; and the floor added to the light at rest,
+#: so that dark channels do not diverge.
 BRIGHT, BLACK, FLOOR = 0.985, 0.008, 0.03
 #: Standard deviation of the blur that is applied to pictures [reduced pixels].
 BLUR = 1.0
-#: Blur over which a change is judged [blocks], how many standard deviations it must stand out by (a million pixels of noise hold none of six), and the fewest blocks of such a place: a speck of
-#: dust is smaller.
+#: Blur over which a change is judged [blocks]; standard deviations by which it must stand out (a million pixels of
+#: noise contain none of six); and fewest blocks of such a place, since a speck of dust is smaller.
 JUDGED, CLEAR, FEWEST = 2.5, 6.0, 60
-#: A spot is dark where every channel is below this part of its surroundings: a slope darkens some colours and brightens others.
+#: A spot is dark if every channel is below this fraction of its surroundings, whose width is AROUND of the picture's: a
+#: slope darkens some colours and brightens others.
 DARK, AROUND = 0.7, 0.1
 
 
@@ -32,7 +35,7 @@ def step_of(size: tuple[int, int]) -> int:
 
 
 def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """A colour picture from 0 to 1 in blocks, (row, column, 3), and its saturated or black blocks.
+    """A colour picture from 0 to 1 in blocks (row, column, 3), and the mask of its saturated or black blocks.
 
     Raises
     ------
@@ -61,7 +64,7 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
 
 
 def change_of(image: Floats, rest: Floats) -> Floats:
-    """Relative change of colour (row, column, 3), blurred; the brightness of each channel as a whole is taken out."""
+    """Relative change of colour (row, column, 3), blurred, after the overall brightness of each channel is removed."""
     from scipy.ndimage import gaussian_filter
 
     blurred, still = (gaussian_filter(v, (BLUR, BLUR, 0)) for v in (image, rest))
@@ -81,13 +84,13 @@ def dark_spots(image: Floats) -> npt.NDArray[np.bool_]:
 
 
 def changed_places(change: Floats, rest: Floats, lost: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Blocks (row, column) whose colours change by more than noise and drift of the light."""
+    """Mask of blocks (row, column) whose colours change by more than noise and drift of the light."""
     from scipy.ndimage import binary_fill_holes, gaussian_filter, label
 
     weight = gaussian_filter((~lost).astype(np.float64), JUDGED)
     total = np.zeros(lost.shape)
     for part, still in zip(np.moveaxis(change, -1, 0), np.moveaxis(rest, -1, 0)):
-        # noise and drift have equal sizes in levels of the camera, not in parts of the light at rest
+        # Noise and drift have equal sizes in levels of the camera, not relative to the light at rest.
         level = np.where(lost, 0.0, part * (still + FLOOR))
         smooth = gaussian_filter(level, JUDGED) / np.maximum(weight, 0.1)
         seen = smooth[~lost]

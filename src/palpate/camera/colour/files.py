@@ -1,4 +1,6 @@
-"""calibrated.toml with a section [colour], and the learnt coefficients beside it as numbers only (.npz), without executable content."""
+"""Store the learned coefficients of a gel: a section [colour] in calibrated.toml and a file of plain numbers beside it
+(.npz).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from palpate.sensing.view import View
 __all__ = ["read_slopes", "write_slopes"]
 
 SECTION = "colour"
-#: What makes a new file.
+#: The remedy for an unreadable file.
 REMEDY = "Calibrate again with palpate calibrate --ball-diameter"
 
 

@@ -1,8 +1,10 @@
-"""Slopes to depth: the surface with the weighted least-squares fit to the slopes (a weighted Poisson equation).
+"""Integrate slopes to depth: the surface with the weighted least-squares fit to the slopes (a weighted Poisson
+equation).
 
-Minimise over u the sum over neighbours of w (u_b - u_a - g . (x_b - x_a))^2, by conjugate gradients whose preconditioner solves the equation with equal weights
-by cosine transforms (D. C. Ghiglia, L. A. Romero, J. Opt. Soc. Am. A 11, 1994, 107-117). Nothing holds the edge of the picture: the depth of one pixel is free, and is
-set so that the median of the edge is zero.
+Minimise over u the sum over neighbours of w (u_b - u_a - g . (x_b - x_a))^2, by conjugate gradients. The
+preconditioner solves the equation with equal weights by cosine transforms (D. C. Ghiglia, L. A. Romero, J. Opt. Soc.
+Am. A 11, 1994, 107-117). The edge of the picture is free, so that depth is undetermined by a constant, which is chosen
+so that the median along the edge is zero.
 """
 
 from __future__ import annotations
@@ -14,12 +16,14 @@ from palpate.errors import InvalidInput
 
 __all__ = ["integrate"]
 
-#: Relative residual at the end of the iteration, a hundredth of the error of slopes, and the largest number of steps: one suffices for equal weights.
+#: Relative residual at which the iteration stops, a hundredth of the error of slopes; and largest number of steps (one
+#: suffices for equal weights).
 TOLERANCE, MOST = 1e-5, 600
 
 
 def integrate(slopes: Floats, weight: Floats, places: Floats) -> Floats:
-    """Depth (*more, row, column) [m] of slopes (*more, 2, row, column), with ``weight`` (row, column) and ``places`` (2, row, column) [m].
+    """Depth (*more, row, column) [m] from slopes (*more, 2, row, column), with ``weight`` (row, column) and ``places``
+    (2, row, column) [m].
 
     Raises
     ------
@@ -50,13 +54,13 @@ def integrate(slopes: Floats, weight: Floats, places: Floats) -> Floats:
 
 
 def _between(weight: Floats, axis: int) -> Floats:
-    """Weight of the difference of two neighbours: the smaller one."""
+    """Weight of the difference of two neighbours: the smaller of their weights."""
     n = weight.shape[axis]
     return np.asarray(np.minimum(weight.take(range(1, n), axis), weight.take(range(n - 1), axis)))
 
 
 def _spread(weights: list[Floats], values: list[Floats]) -> Floats:
-    """Transposed differences, weighted."""
+    """Transpose of the weighted differences."""
     rows, columns = weights[0].shape[0] + 1, weights[0].shape[1]
     out = np.zeros((rows, columns))
     down, across = weights[0] * values[0], weights[1] * values[1]

@@ -1,4 +1,4 @@
-"""From presses of one ball to the slopes behind the colours of a gel."""
+"""Learn the relation of colours and slopes of a gel from presses of one ball."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ from palpate.units import is_number
 
 __all__ = ["learn_slopes"]
 
-#: Cross-validation needs at least this many presses.
+#: Smallest number of presses for cross-validation.
 MIN_PRESSES = 3
-#: Use pixels within this part of the radius of the ring of strongest colour: blur puts that ring two to three blocks inside the edge of the contact,
-#: and inside it the slope is that of the ball.
+#: Use pixels within this fraction of the radius of the ring of strongest colour: blur moves that ring two to three
+#: blocks inside the edge of the contact, and inside it the slope is that of the ball.
 RING_FRACTION = 1.0
-#: Degrees in slope, and ridges (of the mean square of a feature of rank 0), that are tried; each rank is held back four times as much, rank 0 hardly. Of fifteen
-#: polynomials of place and light, four ridges and four ways to normalise colour, on eight gels with 3 to 10 presses, this kind had the least error of slopes elsewhere.
+#: Degrees in slope to try; ridges to try, relative to the mean square of a feature; factor of the ridge per rank; and
+#: factor for rank 0. Of fifteen polynomials of place and light, four ridges and four ways to normalise colour, on eight
+#: gels with 3 to 10 presses, this choice had the smallest error of slopes at other places.
 DEGREES, RIDGES, EACH_RANK, RANK_0 = (2, 3), (1e-5, 1e-4, 1e-3), 4.0, 0.01
 #: Rounds of alternating fits of centres and the polynomial.
 ROUNDS = 4
-#: Largest contact radius over ball radius: a ball pressed deeper is probably another ball.
+#: Largest ratio of contact radius to ball radius: a ball pressed deeper is probably another ball.
 MAX_CONTACT_RATIO = 0.9
 
-#: Contacts wider than this part of the ball have flanks of 45 degrees, which no gel keeps up with.
+#: Contacts wider than this fraction of the ball have flanks of 45 degrees, which no gel follows.
 WIDE = 0.7
 
 
@@ -59,8 +60,10 @@ def learn_slopes(
 ) -> SlopeModel:
     """Learn how colours depend on slopes, from pictures of a ball of known size pressed into the gel.
 
-    Within the contact the surface is that of the ball: the slope at distance r from the centre is r / sqrt(R^2 - r^2), whatever the gel is made of. Three presses do; ten all over the picture are
-    better. The centre of each is found, the polynomial from slope and place to colour is fitted by least squares, and every press is left out once to measure the error.
+    Within the contact the surface has the shape of the ball: the slope at distance r from the centre is r / sqrt(R^2 -
+    r^2), for any gel. Three presses suffice; ten over the whole picture are better. The centre of each is found, the
+    polynomial from slope and place to colour is fitted by least squares, and each press is left out once to measure
+    the error.
 
     Parameters
     ----------
@@ -151,21 +154,23 @@ def learn_slopes(
 
 
 def _noise_of(change: Floats) -> float:
-    """Standard deviation of a channel from pixel to pixel, by differences of neighbours two apart."""
+    """Standard deviation of a channel's pixel noise, from differences of pixels four apart."""
     fine = change[:, 4:] - change[:, :-4]
     return float(1.4826 * np.median(np.abs(fine)) / math.sqrt(2.0))
 
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """Means of products over the pixels of a press: features with features, with colours, colours with colours."""
+    """Means over the pixels of a press of products of features with features, features with colours, and colours with
+    colours.
+    """
 
     normal: Floats
     right: Floats
     colours: Floats
 
     def left(self, response: Response) -> float:
-        """Mean square of colour about a polynomial, of all channels."""
+        """Mean squared residual of the colours from a polynomial, over all channels."""
         c = response.coefficients.reshape(3, -1).T
         return float(np.trace(self.colours - 2.0 * c.T @ self.right + c.T @ self.normal @ c))
 
@@ -185,7 +190,7 @@ class _Learner:
         return np.asarray(self.view.places(at)), scale
 
     def inside(self, press: _Press, within: float) -> tuple[npt.NDArray[np.bool_], Floats]:
-        """Pixels of the contact (row, column), and the ball's slopes there (n, 2)."""
+        """Mask of the pixels of the contact (row, column), and the ball's slopes there (n, 2)."""
         middle, scale = self._middle(press.circle)
         dx, dy = self.places[0] - middle[0], self.places[1] - middle[1]
         r = np.hypot(dx, dy)
@@ -195,7 +200,7 @@ class _Learner:
         return chosen, np.stack([dx[chosen] * down, dy[chosen] * down], axis=-1)
 
     def _fit(self, sums: list[_Sums], degree: int, ridge: float, steepest: float) -> Response:
-        """The polynomial of least squares in which each press counts as one."""
+        """The least-squares polynomial in which all presses have equal weight."""
         above, place = ranks(degree)
         held = ridge * (np.where(place == 0, RANK_0, 1.0) * EACH_RANK ** (above + place)).ravel()
         normal = np.mean([s.normal for s in sums], axis=0) + np.diag(held)
@@ -211,13 +216,13 @@ class _Learner:
         return _Sums(rows.T @ rows / n, rows.T @ colours / n, colours.T @ colours / n)
 
     def _centred(self, press: _Press, response: Response) -> _Press:
-        """The press with its centre moved to where the polynomial explains its colours best: one Gauss-Newton step."""
+        """The press with its centre moved to the best fit of the polynomial: one Gauss-Newton step."""
         chosen, slopes = self.inside(press, RING_FRACTION)
         if chosen.sum() < 20:
             return press
         value, by = response.derivative(slopes, response.local(self.base[chosen]))
         residual = press.change[chosen] - value
-        # a centre that moves by d changes slopes by +d / R, nearly
+        # Moving the centre by d changes slopes by about d / R.
         _, scale = self._middle(press.circle)
         steps = by.reshape(-1, 2) / self.radius
         move = np.linalg.lstsq(steps, residual.ravel(), rcond=None)[0]
@@ -256,7 +261,7 @@ class _Learner:
         covariance = self._covariance(presses, without, noise)
         table = tuple(self._cross_validate(p, other, covariance) for p, other in zip(presses, without))
         gains = np.array([row[2] for row in table])
-        # the scatter of single presses is what a new contact has; their mean off 1 is a bias of the same kind
+        # A new contact has the scatter of single presses; a deviation of their mean from 1 is a bias of the same kind.
         gain_std = float(np.sqrt(np.mean((gains - 1.0) ** 2)))
         slope_error = float(np.sqrt(np.mean([row[3] ** 2 for row in table])))
         depth_error = float(np.sqrt(np.mean([row[4] ** 2 for row in table])))
@@ -280,7 +285,7 @@ class _Learner:
         return max(float(np.hypot(*self.inside(p, RING_FRACTION)[1].T).max(initial=0.0)) for p in presses)
 
     def _covariance(self, presses: list[_Press], without: list[Response], noise: float) -> Floats:
-        """Covariance of colour round the model in cross-validation; at least the noise of pixels."""
+        """Covariance of the colour residuals in cross-validation; at least the noise of pixels."""
         parts = []
         for press, other in zip(presses, without):
             chosen, slopes = self.inside(press, RING_FRACTION)
@@ -291,7 +296,9 @@ class _Learner:
     def _cross_validate(
         self, press: _Press, other: Response, covariance: Floats
     ) -> tuple[str, float, float, float, float]:
-        """Name, contact radius [m], gain, error of slope and of depth [m] of a press by the model without it."""
+        """Name, contact radius [m], gain, error of slope and error of depth [m] of a press, by the model fitted
+        without it.
+        """
         chosen, ball = self.inside(press, RING_FRACTION)
         _, scale = self._middle(press.circle)
         box = tuple(slice(int(v.min()), int(v.max()) + 1) for v in np.nonzero(chosen))

@@ -1,4 +1,4 @@
-"""The learnt model of a colour gel, and the relief of a picture by it."""
+"""The learned model of a colour gel, and the relief that it computes from a picture."""
 
 from __future__ import annotations
 
@@ -18,21 +18,26 @@ from palpate.sensing.view import View
 
 __all__ = ["Relief", "SlopeModel", "grid_of"]
 
-#: Chi-squared (one degree of freedom) beyond which a pixel does not follow the model: dust, glare, a dot. 25 is five standard deviations.
+#: Chi-squared (one degree of freedom) above which a pixel does not fit the model: dust, glare, a dot. 25 is five
+#: standard deviations.
 OUTLYING = 25.0
-#: Standard deviations of the picture's own depth noise that a contact must stand out by.
+#: Standard deviations of the picture's own depth noise by which a contact must stand out.
 CLEAR = 6.0
-#: Share of the contact above which a note follows: colours of another gel, slopes steeper than learnt, hidden pixels.
+#: Fraction of the contact above which a note is added: colours of another gel, slopes steeper than learned, hidden
+#: pixels.
 FOREIGN, STEEP, HIDDEN = 0.25, 0.1, 0.2
-#: If the colour of the median pixel changes by more, the picture does not show this gel in these lights: the drift of the whole light is subtracted
-#: first, and a contact leaves half of the picture unchanged.
+#: If the colour of the median pixel changes by more, the picture does not show this gel in this light: overall drift of
+#: the light is subtracted first, and a contact leaves half of the picture unchanged.
 MAX_COLOUR_CHANGE = 0.1
-#: Relative weight of pixels without information in the integration: small enough to follow the others, large enough for a well conditioned equation.
+#: Relative weight of pixels without information in the integration: small enough to follow their neighbours, large
+#: enough for a well-conditioned equation.
 MIN_WEIGHT = 0.05
 
 
 def grid_of(view: View, size: tuple[int, int], step: int) -> tuple[Floats, Floats]:
-    """Places (2, row, column) [m] of the blocks of a picture of ``size`` (columns, rows), and the same from -1 to 1."""
+    """Places (2, row, column) [m] of the blocks of a picture of ``size`` (columns, rows), and the same scaled to -1 to
+    1.
+    """
     columns, rows = size[0] // step, size[1] // step
     at = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
     places = view.places((at + 0.5) * step - 0.5)
@@ -55,7 +60,8 @@ class Relief:
     known : array (row, column) of bool
         False for pixels without information (saturated, dust, a dot, another coat); their depth is interpolated.
     contact, near : array (row, column) of bool
-        Where colours changed by more than noise and drift; and that plus the surroundings in which slopes are used.
+        Where colours changed by more than noise and drift; and this area plus the surroundings in which slopes are
+        used.
     noise : float
         Standard deviation of the depth where nothing touches [m], from this picture.
     errors : array (cause, row, column)
@@ -91,7 +97,7 @@ class SlopeModel:
     left_out : array (press, ...)
         Its coefficients without each press: their spread is the standard error (the jackknife).
     covariance : array (channel, channel)
-        Of colour round the model, in cross-validation.
+        Covariance of the colour residuals of the model, in cross-validation.
     rest : array (row, column, 3)
         The gel at rest, from 0 to 1, in blocks.
     size : (int, int)
@@ -105,7 +111,7 @@ class SlopeModel:
     slope_error, depth_error : float
         Root mean square error inside the contact of presses that were left out: of the slope, and of depth [m].
     table : tuple
-        Of each press: its name, contact radius [m], gain, error of slope and of depth [m], left out.
+        For each press: its name, contact radius [m], gain, error of slope and of depth [m], whether it was left out.
     said : tuple of str Notes.
     """
 
@@ -138,7 +144,7 @@ class SlopeModel:
 
     @property
     def typical_depth(self) -> float:
-        """Median of how much deeper the middle of a contact was than its edge, of the presses that taught [m]."""
+        """Median over the presses of the learning of the depth of the contact's middle below its edge [m]."""
         r = 0.5 * self.ball_diameter
         return float(np.median([r - math.sqrt(max(r * r - row[1] ** 2, 0.0)) for row in self.table]))
 
@@ -172,9 +178,10 @@ class SlopeModel:
         image : array (row, column, 3)
             Red, green, blue, of the calibration's size.
         rest : array (row, column, 3), optional
-            The gel at rest of the same session, in blocks (`prepared`); default: that of the calibration. Lights and coats change from day to day.
+            Picture of the gel at rest in the same session, in blocks (`prepared`); default: that of the calibration.
+            Lights and coats change from day to day.
         name : str
-            Of the picture, for messages.
+            Name of the picture, for messages.
 
         Raises
         ------
@@ -218,7 +225,8 @@ class SlopeModel:
         weight = np.clip(float(np.median(variance)) / variance, MIN_WEIGHT, 1.0) * np.where(known, 1.0, MIN_WEIGHT)
         field_of = _filled(np.moveaxis(slopes.reshape(*shape, 2), -1, 0), known)
         pixel = float(np.sqrt(np.abs(np.linalg.det(self.view.jacobian((np.array(self.size) - 1) / 2.0)))) * self.step)
-        # white noise of slopes integrates to about one step of it; drift of the light to what the rest of the picture shows
+        # White noise of slopes integrates to about one step of it; drift of the light to the variation seen in the rest
+        # of the picture.
         white = (
             pixel
             * float(np.sqrt(np.median(variance) / 2.0))
@@ -305,7 +313,7 @@ class SlopeModel:
         used: Floats,
         window: Floats,
     ) -> Floats:
-        """Common errors of the depth: (cause, row, column)."""
+        """Depth errors (cause, row, column), each common to all pixels."""
         shape = known.shape
         inverse = np.linalg.inv(self.covariance)
         value = self.response.change(slopes, base)
@@ -313,21 +321,21 @@ class SlopeModel:
         count = len(self.left_out)
         for coefficients in self.left_out:
             other = replace(self.response, coefficients=coefficients)
-            # slopes move so that the other polynomial gives the same colours
+            # Slopes change so that the other polynomial gives the same colours.
             moved = -np.einsum("nij,nkj,kl,nl->ni", spread, by, inverse, other.change(slopes, base) - value)
             moved *= math.sqrt((count - 1) / count)
             limit = 0.5 * self.response.steepest
             causes.append(np.clip(moved, -limit, limit).T.reshape(2, *shape) * known * window)
-        # common error of the slopes, in cross-validation
+        # Common error of the slopes, from cross-validation.
         causes.append(self.gain_std * used)
-        # hidden slopes, and those at the learnt limit: an error of half of the steepest, downhill
+        # Hidden slopes, and those at the learned limit: an error of half of the steepest slope, downhill.
         steep = np.hypot(*slopes.T).reshape(shape) > self.response.steepest
         doubtful = (~known | steep) & (depth > 0.1 * max(float(depth.max()), 1e-12))
         way = used / np.maximum(np.hypot(*used), 1e-6)
         causes.append(0.5 * self.response.steepest * way * doubtful)
         field_of = np.stack(causes)
         out = integrate(field_of[:-1], weight, places)
-        # hidden pixels have a small weight, but are the cause of this error
+        # Hidden pixels have a small weight, but cause this error.
         return np.concatenate([out, integrate(field_of[-1:], np.ones(shape), places)])
 
 
@@ -343,14 +351,16 @@ def _filled(slopes: Floats, known: npt.NDArray[np.bool_]) -> Floats:
 
 
 def _quiet_scale(flat: Floats, covariance: Floats) -> float:
-    """Scatter of the quiet half of the pixels over that of the model, at least 1."""
+    """Scatter of the quieter half of the pixels relative to the model, at least 1."""
     size = np.einsum("nk,kl,nl->n", flat, np.linalg.inv(covariance), flat)
     # the median of chi-squared of three degrees of freedom is 2.366
     return max(1.0, math.sqrt(float(np.median(size)) / 2.366)) if len(size) else 1.0
 
 
 def _window(contact: npt.NDArray[np.bool_]) -> Floats:
-    """1 at the contact and about it, up to its own width away, falling to 0 over half of that: beyond, drift of the light is all that slopes would show."""
+    """Weight of each pixel: 1 at the contact and up to its own width away, decreasing to 0 over half of that. Farther
+    away, slopes show only drift of the light.
+    """
     from scipy.ndimage import distance_transform_edt
 
     if not contact.any():
@@ -361,8 +371,8 @@ def _window(contact: npt.NDArray[np.bool_]) -> Floats:
 
 
 def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
-    """Depth (*more, row, column) minus the plane of its rim, where the window ends: unequal errors of the flanks' slopes leave a ramp that no contact
-    makes. 0 outside.
+    """Depth (*more, row, column) minus the plane through its rim, where the window ends, because unequal slope errors
+    of the flanks cause a ramp that no contact makes. 0 outside.
     """
     rim = (window > 0) & (window < 1)
     if rim.sum() < 20:
@@ -376,7 +386,7 @@ def _levelled(depth: Floats, window: Floats, places: Floats) -> Floats:
 
 
 def _wander(depth: Floats, window: Floats, places: Floats) -> float:
-    """Standard deviation of depth outside the contact after subtracting a plane; 0 without places outside."""
+    """Standard deviation of the depth outside the contact after subtracting a plane; 0 if nothing is outside."""
     beyond = (window == 0)[::2, ::2]
     if beyond.mean() < 0.1:
         return 0.0

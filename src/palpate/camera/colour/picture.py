@@ -1,4 +1,4 @@
-"""One picture of a relief, and one of a calibration by a ball."""
+"""Pictures of a relief, and of a calibration with a ball."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_colours", "draw_relief"]
 
-#: Letters in a line of the sentences.
+#: Characters per line of the text.
 WIDE = 120
 
 

@@ -1,14 +1,17 @@
-"""How the colour of a lit coat changes with the slope of the surface: a polynomial in slope and place, fitted and inverted.
+"""How the colour of a lit coating changes with the slope of the surface: a polynomial in slope and place, fitted and
+inverted.
 
-A gel that is lit from its sides in several colours shows each slope in a colour of its own (M. K. Johnson, E. H. Adelson, CVPR 2009). With c_k the relative change
-of channel k against the gel at rest and g = (du_z/dx, du_z/dy):
+A gel that is lit from its sides in several colours shows each slope in a different colour (M. K. Johnson, E. H.
+Adelson, CVPR 2009). With c_k the relative change of channel k from the gel at rest and g = (du_z/dx, du_z/dy):
 
     c_k(g, x) = sum over m of phi_m(g) sum over b of B_b(x) beta_kmb
 
-phi: monomials, of degree 1 and more, of the horizontal part of the unit normal, g / sqrt(1 + g^2), since a dull coat's brightness is linear in the normal (R. J. Woodham, Opt. Eng. 19, 1980), so
-that no slope is no change; B: functions of the place (`bases`): the place itself, and the share of each colour in the light at rest, which depends on
-the lamps. The fit goes from slope to colour, as the camera does, with exact slopes and noisy colours: a regression from colour to slope would shrink
-steep slopes towards zero. Three colours determine two slopes, and the third direction tests whether a pixel follows the model.
+phi are monomials, of degree 1 and more, of the horizontal part of the unit normal, g / sqrt(1 + g^2), because the
+brightness of a dull coating is linear in the normal (R. J. Woodham, Opt. Eng. 19, 1980); zero slope gives zero change.
+B are functions of the place (`bases`): the place itself, and the fraction of each colour in the light at rest, which
+depends on the lamps. The fit is from slope to colour, with exact slopes and noisy colours, like the camera; a
+regression from colour to slope would shrink steep slopes towards zero. Three colours determine two slopes, and the
+third direction tests whether a pixel fits the model.
 """
 
 from __future__ import annotations
@@ -23,9 +26,9 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Response", "bases", "ranks", "solve_slopes"]
 
-#: Search slopes up to this many times the steepest learnt one: a polynomial means nothing far outside its data.
+#: Largest slope in the search relative to the steepest learned one: a polynomial is meaningless far outside its data.
 SLOPE_MARGIN = 1.15
-#: Steps of the Gauss-Newton iteration; colours are mildly nonlinear in slopes, and eight reach single precision.
+#: Gauss-Newton steps: colours are mildly nonlinear in slopes, and eight steps reach single precision.
 STEPS = 8
 #: Degrees of the bases, and the blur of the light at rest [blocks].
 BASE_DEGREES = (0, 1, 1, 2, 2, 2, 1, 1, 2, 2, 2)
@@ -38,18 +41,22 @@ def monomials(degree: int, first: int) -> list[tuple[int, int]]:
 
 
 def bases(scaled: Floats, rest: Floats) -> Floats:
-    """B of every pixel (row, column, term), of places (2, row, column) from -1 to 1 and the gel at rest (row, column, 3); `BASE_DEGREES` are their degrees."""
+    """B of every pixel (row, column, term), from places (2, row, column) scaled to -1 to 1 and the gel at rest (row,
+    column, 3); `BASE_DEGREES` are their degrees.
+    """
     from scipy.ndimage import gaussian_filter
 
     x, y = scaled
     smooth = np.stack([gaussian_filter(v, SMOOTH) for v in np.moveaxis(rest, -1, 0)]) + 1e-3
-    # the third share follows from two
+    # the third fraction follows from two
     a, b, _ = 3.0 * smooth / smooth.sum(axis=0) - 1.0
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, a, b, a * a, a * b, b * b], axis=-1)
 
 
 def ranks(degree: int) -> tuple[Floats, Floats]:
-    """Degrees of each coefficient (term, place term) above 1 in the normal, and in the place, for the ridge penalty."""
+    """Degrees above 1 of each coefficient (term, place term) in the normal, and degrees in the place, for the ridge
+    penalty.
+    """
     terms = np.array([a + b - 1.0 for a, b in monomials(degree, 1)])
     normal, place = np.meshgrid(terms, np.array(BASE_DEGREES, dtype=np.float64), indexing="ij")
     return normal, place
@@ -67,7 +74,9 @@ def _powers(values: Floats, exponents: list[tuple[int, int]]) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """A fitted polynomial: ``coefficients`` (channel, term, place term) of monomials of slopes over ``steepest`` up to a ``degree``, times `bases`."""
+    """A fitted polynomial: ``coefficients`` (channel, term, place term) of monomials of the slopes divided by
+    ``steepest``, up to a ``degree``, times `bases`.
+    """
 
     coefficients: Floats
     degree: int
@@ -110,12 +119,14 @@ class Response:
 def solve_slopes(
     response: Response, change: Floats, base: Floats, covariance: Floats, *, steps: int = STEPS
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """The slopes that explain colour changes best, pixel by pixel.
+    """Slopes with the best fit to colour changes, pixel by pixel.
 
-    ``change`` (n, channel), ``base`` (n, place term), ``covariance`` (channel, channel) of the noise. Slopes are normal about zero with the steepest that was learnt as
-    standard deviation, which only matters where colours hardly tell them.
+    ``change`` (n, channel), ``base`` (n, place term), ``covariance`` (channel, channel) of the noise. The prior of
+    slopes is normal about zero with the steepest learned slope as standard deviation, which only matters where the
+    colours hardly determine them.
 
-    Returns slopes (n, 2), their covariance (n, 2, 2), the misfit (n,): chi-squared of one degree of freedom where the model holds, and the derivative (n, channel, 2).
+    Returns slopes (n, 2), their covariance (n, 2, 2), the misfit (n,), chi-squared with one degree of freedom if the
+    model holds, and the derivative (n, channel, 2).
     """
     local = response.local(base)
     weight = np.linalg.inv(covariance)

@@ -1,4 +1,4 @@
-"""Relief to touch: depth is a reading of displacement_z at depth 0, which the elastic inversion solves."""
+"""Convert a relief to touch: depth is a reading of displacement_z at depth 0, which the elastic inversion solves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from palpate.camera.colour.model import Relief, SlopeModel
 from palpate.camera.pictures import Picture, Pictures, open_pictures
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.inverse.estimate import Stated
 from palpate.recordings import Recording
 from palpate.recordings.skinfile import skin_text, validated
 from palpate.sensing import AreaArray, AreaGrid
@@ -28,17 +27,17 @@ from palpate.touch import Touch
 __all__ = ["CHANNEL", "ColourTouches", "feel", "surface_skin"]
 
 CHANNEL = "displacement_z"
-#: Readings along the longer side of a picture: half a millimetre on a gel of 20 mm, and a frame in about a second.
+#: Readings along the longer side of a picture: half a millimetre on a gel of 20 mm, and about a second per frame.
 READINGS = 36
-#: Correlation length of depth errors in readings: slope errors continue over the flank of a contact.
+#: Correlation length of depth errors, in readings: slope errors extend over the flank of a contact.
 DEPTH_ERROR_LENGTH = 1.5
-#: A reading needs at least this part of its pixels.
+#: Smallest fraction of valid pixels of a reading.
 MIN_VALID_FRACTION = 0.3
-#: Noise of empty pictures is rounded up to powers of this.
+#: The noise of empty pictures is rounded up to powers of this.
 NOISE_STEP = 1.3
-#: Readings with this part of the largest depth and more hold the load while the zero of depth is found.
+#: While the zero of depth is fitted, the load lies on readings with at least this fraction of the largest depth.
 LOADED = 0.1
-#: Cells that carry less than this part of the largest traction are not in contact for the errors of depth.
+#: For the errors of depth, cells with less than this fraction of the largest traction are not in contact.
 CARRIES = 0.02
 SHEAR = (
     "depth alone does not measure shear: only pressure is sought, and depth that friction causes is counted as pressure"
@@ -46,7 +45,7 @@ SHEAR = (
 
 
 def surface_skin(skin: Skin | str | Path, model: SlopeModel) -> Skin:
-    """The pad of a skin with readings of depth all over the picture, as `ColourTouches` solves.
+    """A skin with the same pad and readings of depth over the whole picture, as `ColourTouches` solves.
 
     Raises
     ------
@@ -80,7 +79,7 @@ def surface_skin(skin: Skin | str | Path, model: SlopeModel) -> Skin:
 
 
 def _pad_of(path: str | Path) -> Skin:
-    """The skin of a file whose places come from pictures."""
+    """The skin in a file whose taxel positions come from pictures."""
     found = validated(skin_text(Path(path)), str(path))
     if len(found.plane) != 1 or found.plane[0].kind != "scattered":
         raise InvalidInput(
@@ -93,7 +92,7 @@ def _pad_of(path: str | Path) -> Skin:
 
 
 class ColourTouches:
-    """Touch of every picture of a gel without dots; iterate over it once. Made by `feel`.
+    """Touches of the pictures of a gel without dots; iterate over it once. Created by `feel`.
 
     Attributes
     ----------
@@ -104,7 +103,7 @@ class ColourTouches:
     pictures : Pictures
         The source.
     last : Relief or None
-        Of the last picture.
+        Relief of the last picture.
     picture : Picture or None
         That picture.
     faults : dict of int to str
@@ -160,7 +159,7 @@ class ColourTouches:
         """The touch of a relief."""
         if not relief.touching:
             quiet = np.zeros((1, 1, *self.skin.planes[0].shape))
-            # rounded up, so that prepared skins serve again
+            # Round up, so that prepared skins can be reused.
             level = NOISE_STEP ** math.ceil(math.log(max(relief.noise, 1e-9), NOISE_STEP))
             skin = self._quiet.setdefault(level, self._with_noise(level))
             touch = skin.reconstruct(quiet, time=[time], **self._options)[0]
@@ -168,7 +167,7 @@ class ColourTouches:
         depth, near = self._binned(relief)
         errors = np.stack([self._binned(replace(relief, depth=e))[0] for e in relief.errors])
         local = np.sqrt((errors[:-2][:, near] ** 2).sum(axis=0).mean()) if len(errors) > 2 else 0.0
-        # cross-validation error of the shape of depth, proportional to depth
+        # Cross-validation error of the shape of the depth, proportional to depth.
         shape = self.model.depth_error * min(1.0, float(depth[near].max()) / self.model.typical_depth)
         noise = float(np.sqrt(relief.noise**2 + local**2 + shape**2))
         skin = self._with_noise(noise).masked(near)
@@ -188,7 +187,7 @@ class ColourTouches:
         return Skin(skin.pad, plane, surface=skin.surface, nuisance=["offset", "ramp"], uncertainty=skin.uncertainty)
 
     def _binned(self, relief: Relief) -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """Mean depth of each reading's square, and whether enough of it is near the contact and known."""
+        """Mean depth in each reading's square, and whether enough of it is known and near the contact."""
         shape = tuple(len(a) for a in self._axes)
         row = np.floor((relief.places[1] - self._axes[0][0]) / self._pitch + 0.5).astype(int)
         column = np.floor((relief.places[0] - self._axes[1][0]) / self._pitch + 0.5).astype(int)
@@ -214,7 +213,7 @@ class ColourTouches:
 
     @staticmethod
     def _columns(skin: Skin, cells: npt.NDArray[np.intp]) -> Floats:
-        """Readings (all places of the array, cell) of unit pressure in cells."""
+        """Readings (place of the array, cell) under unit pressure in cells."""
         shape = skin.surface.shape
         unit = np.zeros((len(cells), len(skin.surface.components), *shape))
         unit.reshape(len(cells), unit.shape[1], -1)[np.arange(len(cells)), -1, cells] = 1.0
@@ -223,11 +222,13 @@ class ColourTouches:
     def _with_errors(
         self, touch: Touch, skin: Skin, errors: Floats, near: npt.NDArray[np.bool_], noise: float
     ) -> Touch:
-        """Add the common error of the depth to the intervals: the traction in contact due to each cause, by regularised least squares."""
+        """Add the common errors of the depth to the intervals: the traction due to each cause, by regularised least
+        squares.
+        """
         values = to_numpy(touch.values)
         pressure = values[-1]
         peak = float(np.abs(pressure).max(initial=0.0))
-        if touch.errors is None or not bool(np.all(touch.touching)) or not peak > 0:
+        if touch._errors is None or not bool(np.all(touch.touching)) or not peak > 0:
             return touch
         cells = np.flatnonzero(np.abs(pressure).ravel() > CARRIES * peak)
         response = self._columns(skin, cells)[near.ravel()]
@@ -255,10 +256,7 @@ class ColourTouches:
             "center": np.sqrt((off**2).sum(axis=0)) / load,
             "peak": np.asarray(float(np.sqrt((found[:, top] ** 2).sum()))),
         }
-        old = touch.stated
-        return replace(
-            touch, stated=Stated(**{n: np.hypot(v, 0.0 if old is None else getattr(old, n)) for n, v in new.items()})
-        )
+        return replace(touch, _errors=touch._errors.adding(new))
 
     def _missing(self, time: float, why: str) -> Touch:
         shape = (len(self.skin.surface.components), *self.skin.surface.shape)
@@ -290,9 +288,10 @@ def _axes(plane: Any) -> tuple[Floats, Floats]:
 
 
 def _zero(response: Floats, terms: Floats, depth: Floats) -> Floats:
-    """The plane (n,) in the depth besides the pressure under the contact, both fitted together (non-negative least squares).
+    """Return the plane (n,) that is an error of the depth map, fitted together with the pressure under the contact (non-negative least squares).
 
-    Slopes determine depth up to a constant, unequal slope errors of the flanks leave a ramp, and a far field outside the slopes is part of both.
+    Slopes determine depth only up to a constant, unequal slope errors of the flanks add a ramp, and displacement far
+    away affects both.
     """
     from scipy.optimize import nnls
 
@@ -326,15 +325,16 @@ def feel(
     skin : path of a calibrated.toml, or Skin
         Its pad and how well that is known; its array is replaced by depth all over the picture.
     model : SlopeModel, optional
-        By default what the section [colour] of the file names.
+        Model of the colours; default: the one that the section [colour] of the file names.
     baseline : int
-        Pictures at the start that show the gel at rest, in place of that of the calibration: better, since lights change from day to day.
+        Number of pictures at the start that show the gel at rest, which replace that of the calibration: better,
+        because lights change from day to day.
     rate : float, optional
         Pictures a second, for sources without times.
     every : int
         Solve only every so manyeth picture.
     **options
-        Of `Skin.reconstruct`, such as method.
+        Options of `Skin.reconstruct`, such as method.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Methods for those who compare, one file each."""
+"""Methods for comparison with published algorithms, one file each."""

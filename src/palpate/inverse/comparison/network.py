@@ -1,4 +1,4 @@
-"""The analog network: units with saturating outputs whose potentials run down the regularised misfit until they settle.
+"""The analog network: units with saturating outputs whose potentials minimise the regularised misfit over time.
 
 Outputs V = g(u) of potentials u, du/dt = -dE/dV (J. J. Hopfield, PNAS 81, 1984, 3088-3092).
 """
@@ -18,7 +18,8 @@ from palpate.inverse.problem import Problem
 
 __all__ = ["AnalogNetwork"]
 
-#: The network has settled when its outputs are this near to their equilibrium; it is run for this long at most [RC].
+#: The network has settled when its outputs are this close (relative) to their equilibrium; it runs for at most HORIZON
+#: [RC].
 SETTLED, HORIZON = 0.02, 1e8
 
 
@@ -52,7 +53,7 @@ class _AnalogNetwork(WholeMap):
     settles = True
 
     def unit(self, p: Frame) -> float:
-        """Of a conductance."""
+        """Unit of the conductance."""
         return float(np.diagonal(p.gram).mean())
 
     def frame(self, p: Frame, start: Floats, noise: float) -> Found:
@@ -62,7 +63,7 @@ class _AnalogNetwork(WholeMap):
         return replace(found, traction=x, converged=found.converged and settled, settling=settling)
 
     def minimised(self, p: Frame, parameter: float, start: Floats) -> tuple[Floats, bool]:
-        """Where the network settles: the regularised solution with every output inside its range."""
+        """The final state of the network: the regularised solution with every output inside its range."""
         solution = minimise(self._hessian(p, parameter), p.linear, self.cone, start)
         return solution.traction, solution.converged
 

@@ -13,8 +13,8 @@ from palpate.inverse.problem import Problem
 
 __all__ = ["NonNegative"]
 
-#: Cells are tried from this part of the first guess's peak on; all others pull by less than the second part of the largest pull in the
-#: end; rounds.
+#: Initial cells are those above TRIED times the first guess's peak; the iteration ends when no other cell's gradient
+#: exceeds OPTIMAL times the largest, or after ROUNDS_OF_CELLS rounds.
 TRIED, OPTIMAL, ROUNDS_OF_CELLS = 0.02, 1e-10, 60
 
 
@@ -46,14 +46,15 @@ class _NonNegative(WholeMap):
     has_parameter = False
 
     def frame(self, p: Frame, start: Floats, noise: float) -> Found:
-        """One frame; the noise plays no part."""
+        """Solve one frame; the noise is not used."""
         x, converged = self.minimised(p, 0.0, start)
         return Found(x, converged=converged)
 
     def minimised(self, p: Frame, parameter: float, start: Floats) -> tuple[Floats, bool]:
-        """Least squares with p >= 0: the library's active-set solver on some columns, until no other would lower the misfit.
+        """Least squares with p >= 0: the library's active-set solver on some columns, repeated until no other column
+        would lower the misfit.
 
-        The solver asks for x >= 0 alone; shear is free of sign as the difference of two.
+        The solver requires x >= 0; shear of either sign is the difference of two such unknowns.
         """
         import scipy.optimize
 

@@ -1,8 +1,8 @@
-"""Methods for comparison: all take the same call, solve for the whole map and never let pressure pull.
+"""Common part of the comparison methods: all have the same call, solve for the whole map, and never let pressure pull.
 
-One file each: `non_negative`, `elastic_net`, `total_variation`, `maximum_entropy`, `network`. The parameter of all but the first is the
-largest whose misfit still equals the noise (V. A. Morozov's discrepancy principle, 1966), the noise being the array's own or, where not
-given, the one that makes the linear model most likely.
+One file each: `non_negative`, `elastic_net`, `total_variation`, `maximum_entropy`, `network`. Except for the first,
+the parameter is the largest whose misfit still equals the noise (V. A. Morozov's discrepancy principle, 1966). The
+noise is the array's own or, if not given, the one that maximises the likelihood of the linear model.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LARGEST = 6000
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Method):
-    """A method that is here for those who compare."""
+    """Base class of the comparison methods."""
 
     needs: ClassVar[Needs] = Needs(free_boundary=True, pressure=True)
     comparison: ClassVar[bool] = True
@@ -61,7 +61,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Found:
-    """Traction (component, cell) of one frame, and how it was found."""
+    """Traction (component, cell) of one frame, the parameter, whether it converged, and the settling time."""
 
     traction: Floats
     parameter: float = math.nan
@@ -72,7 +72,7 @@ class Found:
 class WholeMap(abc.ABC):
     """Matrix and linear model of the whole map, and the loop over frames."""
 
-    #: Whether there is a parameter, and whether it settles in time.
+    #: Whether the method has a parameter, and whether it has a settling time.
     has_parameter: ClassVar[bool] = True
     settles: ClassVar[bool] = False
 
@@ -85,7 +85,7 @@ class WholeMap(abc.ABC):
                 f'method="{name}" keeps the whole map, and {unknowns} unknowns are too many (limit {LARGEST}). Give a '
                 'coarser surface (Skin(..., surface=...)), or use method="adaptive" or "tikhonov".'
             )
-        # twice the whole map, the unknowns scaled and whitened, and a few normal matrices
+        # Twice the whole map, the unknowns scaled and whitened, and a few normal matrices.
         require(
             8.0 * readings * (2.0 * len(problem.surface.components) * math.prod(problem.surface.shape) + 2.0 * unknowns)
             + 48.0 * unknowns**2,
@@ -111,14 +111,14 @@ class WholeMap(abc.ABC):
 
     @abc.abstractmethod
     def minimised(self, p: Frame, parameter: float, start: Floats) -> tuple[Floats, bool]:
-        """Traction for a parameter, and whether it converged."""
+        """The traction for a parameter, and whether the iteration converged."""
 
     def unit(self, p: Frame) -> float:
         """The parameter at which the traction becomes zero."""
         return float(np.abs(p.linear).max())
 
     def frame(self, p: Frame, start: Floats, noise: float) -> Found:
-        """One frame, from a first guess and the noise scale."""
+        """Solve one frame, from a first guess and the noise scale."""
         if self.parameter is not None:
             x, converged = self.minimised(p, self.parameter, start)
             return Found(x, self.parameter, converged)

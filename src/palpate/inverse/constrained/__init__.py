@@ -1,5 +1,5 @@
-"""Numerics of problems with a friction cone: minimise a quadratic over it, its evidence and its variances. Knows no frames.
+"""Numerics of problems with a friction cone: minimum of a quadratic over the cone, its evidence and its variances.
 
-A penalised least-squares problem comes in (`model.ContactModel`), its minimum, log evidence and variances go out. Nothing here
-compares explanations, reads a status or writes a note. Open `cone.py` first: the active-set method that all the rest serves.
+In: a penalised least-squares problem (`model.ContactModel`). Out: its minimum, log evidence and variances. Nothing
+here knows frames, statuses or notes. Open first: `cone.py`, the active-set method that everything else serves.
 """

@@ -1,8 +1,9 @@
-"""A preconditioner for normal matrices that are products: their circulant on the bounding box of the contact.
+"""A preconditioner for normal matrices known by products: their circulant on the bounding box of the contact.
 
-Far from edges a normal matrix H = G'G + P is a convolution, which transforms make diagonal but for the components (T. F. Chan, SIAM J. Sci. Stat.
-Comput. 9, 1988, 766-771; restricted to the cells there are and scaled by their diagonal: H ~ D^1/2 R C R' D^1/2). Conjugate gradients then take a third to a
-fifth of the steps that they take with the diagonal alone, a half where local weights differ from cell to cell (`palpate.inverse.constrained.iterative`).
+Far from edges a normal matrix H = G'G + P is a convolution, so that transforms make it diagonal except for the
+components (T. F. Chan, SIAM J. Sci. Stat. Comput. 9, 1988, 766-771). Here it is restricted to the cells in use and
+scaled by their diagonal: H ~ D^1/2 R C R' D^1/2. Conjugate gradients then need a fifth to a third of the steps needed
+with the diagonal alone, or a half if local weights differ from cell to cell (`palpate.inverse.constrained.iterative`).
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from palpate.inverse.constrained.quadratic import Penalty
 
 __all__ = ["Circulant", "folded", "symbol_of_penalty", "times"]
 
-#: Added to the diagonal of each wavevector, as a part of the largest entry: edges and changing weights keep the true matrix from being so nearly
-#: singular.
+#: Added to the diagonal of each wavevector, as a fraction of the largest entry: because of edges and varying weights,
+#: the true matrix is farther from singular than its circulant.
 RIDGE = 1e-3
 
 
@@ -43,8 +44,9 @@ class Circulant:
 
 
 def folded(shape: Sequence[int], kernels: Sequence[tuple[Floats, Sequence[int]]]) -> tuple[tuple[int, ...], list[Any]]:
-    """The size of the circulant of a box of this shape, and of the kernel (channel, component, *offset) of each plane, with its cells to a pitch, conj(K_i) K_j (channel, component, component, *k): K is the transform of the influence of one cell as
-    it repeats with that size.
+    """Size of the circulant of a box of this shape, and for the kernel (channel, component, *offset) of each plane,
+    with its cells per pitch, the products conj(K_i) K_j (channel, component, component, *k). K is the transform of the
+    influence of one cell, repeated periodically with that size.
     """
     from scipy.fft import next_fast_len
 
@@ -57,14 +59,16 @@ def folded(shape: Sequence[int], kernels: Sequence[tuple[Floats, Sequence[int]]]
             parts = (*kernel.shape[:axis], -1, n, *kernel.shape[axis + 1 :])
             kernel = kernel.reshape(parts).sum(axis=axis)
         waves = rfftn(kernel, size)
-        # with cells finer than the pitch, only some places hold a taxel
+        # With cells finer than the pitch, only some places hold a taxel.
         rare = math.prod(ratios)
         out.append((np.conj(waves)[:, :, None] * waves[:, None] / rare).astype(np.complex64))
     return size, out
 
 
 def symbol_of_penalty(penalty: Penalty, places: npt.NDArray[np.intp], size: Sequence[int]) -> Floats:
-    """Of each component, the mean over cells of the penalty scaled to a diagonal of one, (component, *k); ``places`` (axis, cell)."""
+    """For each component, the mean over cells of the penalty scaled to a unit diagonal, (component, *k); ``places``
+    (axis, cell).
+    """
     away = places[:, penalty.col] - places[:, penalty.row]
     reach = int(np.abs(away).max(initial=0))
     width = 2 * reach + 1
@@ -100,7 +104,9 @@ def times(spectrum: Any, waves: Any) -> Any:
 
 
 def _inverse(symbol: Any) -> Any:
-    """Inverse of Hermitian, positive definite (c, c, *k) for every k, by the last component and the Schur complement of the others."""
+    """Inverse of Hermitian positive definite matrices (c, c, *k) for every k, by the last component and the Schur
+    complement of the others.
+    """
     c = len(symbol)
     if c == 1:
         return 1.0 / symbol

@@ -50,7 +50,7 @@ class Cone:
 
     @property
     def scales(self) -> Floats:
-        """Per component: x = scale * u makes the cone of u the standard one, |q| <= p."""
+        """Scale of each component: with x = scale * u, the cone of u is the standard one, |q| <= p."""
         out = np.ones(len(self.components))
         if self.coupled:
             out[-1] = 1.0 / float(self.friction or 1.0)
@@ -76,7 +76,7 @@ class Cone:
         return out
 
     def nearest(self, traction: Floats) -> Floats:
-        """A traction (component, cell) brought into K (nearest in the scaled variables)."""
+        """The traction in K nearest to a traction (component, cell), in the scaled variables."""
         scales = self.scales[:, None]
         return np.asarray(scales * self.project(traction / scales))
 
@@ -125,10 +125,11 @@ class Solution:
 TOLERANCE = 1e-9
 #: Newton steps of one problem; the active set settles in ten or fewer unless it cycles.
 STEPS = 60
-#: It cycles if the residual has not become smaller by this factor in so many steps; it is then solved from inside, once, and
-#: what is left to do after that is soon done, or not worth more.
+#: Newton's method cycles if the residual has not decreased by the factor SMALLER in PATIENCE steps. Then run the
+#: interior-point method once, followed by at most AFTER such rounds.
 SMALLER, PATIENCE, AFTER = 0.999, 5, 1
-#: Largest number of steps if only products with H are available, each step needing tens of them: identical readings took minutes.
+#: Largest number of steps if only products with H are available, because each step then needs tens of them: with
+#: identical readings it took minutes.
 FEWER_STEPS = 30
 
 
@@ -214,7 +215,7 @@ def minimise(
 def _factored(
     hessian: Quadratic, cone: Cone, v: Floats, step_size: Floats, known: tuple[Face, Factor] | None
 ) -> tuple[Face, Factor]:
-    """The directions that the projection of v leaves free, with the factor of H and of the shrinkage there (`_newton`)."""
+    """The free directions of the projection of v, and the factor of H plus the cone's curvature there (`_newton`)."""
     face = Face(*cone.directions(v), cone.coupled)
     straight = known is not None and not (cone.coupled and (face.oblique.any() or known[0].oblique.any()))
     if known is not None and straight and np.array_equal(face.free, known[0].free):

@@ -1,4 +1,4 @@
-"""Finite differences on a surface grid, traction being zero beyond its edge."""
+"""Finite differences on a surface grid; traction is zero beyond its edge."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CACHE_SIZE = 4
 
 
 class Differences:
-    """Differences along each axis of a grid, traction being zero beyond its edge."""
+    """Differences along each axis of a grid; traction is zero beyond its edge."""
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
@@ -44,17 +44,17 @@ class Differences:
 
     @cached_property
     def laplacian(self) -> Sparse:
-        """int |grad t|^2 as a matrix, without the size of a cell."""
+        """Matrix of int |grad t|^2, without the factor of the cell area."""
         return self._sum([d.T @ d for d in self.along])
 
     @cached_property
     def squared(self) -> Sparse:
-        """The same of second derivatives."""
+        """Matrix of the penalty on second derivatives: the squared Laplacian."""
         return scipy.sparse.csr_array(self.laplacian @ self.laplacian)
 
     @cached_property
     def _entries(self) -> tuple[npt.NDArray[np.intp], list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]]:
-        """Cells of the laplacian's entries on the diagonal, and for each axis which entries are off it, and their edges."""
+        """Cells of the diagonal entries of the Laplacian; and for each axis, the off-diagonal entries and their edges."""
         row = np.repeat(np.arange(math.prod(self.grid.shape)), np.diff(self.laplacian.indptr))
         places = np.unravel_index(np.maximum(row, self.laplacian.indices), self.grid.shape)
         apart = np.abs(row - self.laplacian.indices)
@@ -74,12 +74,14 @@ class Differences:
         return scipy.sparse.csr_array(total)
 
     def even(self, order: int, weights: Sequence[float]) -> list[Sparse]:
-        """weight * int |D^order t|^2 as a matrix for each weight. All share one sparsity pattern."""
+        """Matrix of weight * int |D^order t|^2 for each weight. All share one sparsity pattern."""
         power = self.laplacian if order == 1 else self.squared
         return [_with_entries(power, power.data * (weight * self.grid.cell)) for weight in weights]
 
     def local(self, tau: Floats) -> list[Sparse]:
-        """sum over edges of |difference|^2/tau for each of tau (component, *grid), given on cells. All share the places of their entries."""
+        """Matrix of the sum over edges of |difference|^2/tau, for each tau (component, *grid) given on cells. All
+        share one sparsity pattern.
+        """
         on, off = self._entries
         data = np.zeros((len(tau), self.laplacian.nnz))
         diagonal: Floats = np.zeros(tau.shape)
@@ -93,8 +95,8 @@ class Differences:
         return [_with_entries(self.laplacian, d) for d in data]
 
     def touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:
-        """The edges (flat, of each axis) that cells touch, and the differences across them, of those cells alone. The last ones are kept: rounds
-        ask for the same cells.
+        """Edges (flat, for each axis) that cells touch, and the differences across them from these cells only. The
+        last results are cached, because rounds use the same cells.
         """
         key = cells.tobytes()
         known = self._touched.get(key)
@@ -136,7 +138,9 @@ class Differences:
         return out
 
     def energy(self, squares: Sequence[Floats]) -> Floats:
-        """Mean over the axes of squared differences on edges (component, edge), brought to the cells (component, *grid)."""
+        """Mean over the axes of squared differences on edges (component, edge), interpolated to the cells (component,
+        *grid).
+        """
         total: Floats = np.zeros(1)
         for axis, s in enumerate(squares):
             edges = s.reshape(len(s), *(m + (a == axis) for a, m in enumerate(self.grid.shape)))
@@ -145,7 +149,7 @@ class Differences:
         return np.asarray(total / len(squares))
 
     def on_edges(self, cells: Floats) -> list[Floats]:
-        """Fields (component, *grid) on cells brought to the edges of each axis."""
+        """Fields (component, *grid) on cells, interpolated to the edges of each axis."""
         out: list[Floats] = []
         for axis in range(1, cells.ndim):
             first, second = _both_ends(axis, cells.ndim)
@@ -156,7 +160,7 @@ class Differences:
 
 
 def _both_ends(axis: int, dimensions: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """All but the last along an axis, and all but the first."""
+    """Slices for all but the last entry along an axis, and for all but the first."""
     return tuple(
         tuple(part if a == axis else slice(None) for a in range(dimensions))
         for part in (slice(None, -1), slice(1, None))
@@ -164,7 +168,9 @@ def _both_ends(axis: int, dimensions: int) -> tuple[tuple[slice, ...], tuple[sli
 
 
 def _with_entries(matrix: Sparse, data: Floats) -> Sparse:
-    """A sparse matrix with other entries at the same places, which both share: SciPy's own way checks and copies them each time."""
+    """A sparse matrix with other values and the same, shared sparsity pattern; SciPy's own constructor checks and
+    copies the pattern each time.
+    """
     out = copy.copy(matrix)
     out.data = data
     return out

@@ -16,19 +16,20 @@ from palpate.inverse.constrained.rows import Rows
 
 __all__ = ["Face", "Ray", "slanted", "straight"]
 
-#: Eigenvalues of the projection's derivative below this count as zero: a direction that moves so little is fixed.
+#: Eigenvalues of the projection's derivative below this count as zero: the direction is fixed.
 FREE = 1e-10
 
 
 @lru_cache(maxsize=16)
 def straight(n: int, c: int) -> Floats:
-    """Directions (cell, component, direction) that are the components."""
+    """Directions (cell, component, direction) equal to the components."""
     return np.broadcast_to(np.eye(c), (n, c, c))
 
 
 def slanted(unit: Floats) -> Floats:
-    """Directions (cell, component, direction) of which the first is the generator of the cone |q| <= p over a unit shear (shear component, cell), the
-    second stands on the cone, and the third, of two shears, goes round it.
+    """Directions (cell, component, direction) for cells on the cone |q| <= p at a unit shear (shear component, cell):
+    the first is the generator, the second is normal to the cone, and the third (with two shears) is tangential around
+    it.
     """
     c, root = len(unit) + 1, np.sqrt(0.5)
     basis = np.zeros((unit.shape[1], c, c))
@@ -40,10 +41,11 @@ def slanted(unit: Floats) -> Floats:
 
 
 class Face:
-    """Free directions of every cell: some of the columns of an orthogonal matrix (cell, component, direction) that mixes the components of
-    one cell.
+    """Free directions of every cell: some columns of an orthogonal matrix (cell, component, direction) that mixes the
+    components of one cell.
 
-    ``values`` (direction, cell) is the part of each direction that a projection keeps: directions with 0 are fixed.
+    ``values`` (direction, cell) is the fraction of each direction that a projection keeps: directions with 0 are
+    fixed.
     """
 
     def __init__(self, basis: Floats, values: Floats, mixed: bool) -> None:
@@ -60,19 +62,19 @@ class Face:
         return np.asarray((self.basis != np.eye(len(self.free))).any(axis=(1, 2)))
 
     def spread(self, cells: Floats) -> Floats:
-        """A value of each cell, for each free direction."""
+        """Expand a value per cell to one per free direction."""
         return np.asarray(cells[self.index % len(cells)])
 
     def rotate(self, x: Floats) -> Floats:
-        """W'x of (component, cell)."""
+        """W'x for x (component, cell)."""
         return np.einsum("idk,di->ki", self.basis, x) if self.mixed else x
 
     def unrotate(self, x: Floats) -> Floats:
-        """W x of (direction, cell)."""
+        """W x for x (direction, cell)."""
         return np.einsum("idk,ki->di", self.basis, x) if self.mixed else x
 
     def directions(self) -> Sparse:
-        """W' (free direction, component * cell), with the cone's scales taken out."""
+        """W' (free direction, component * cell), without the cone's scales."""
         c, n = self.free.shape
         direction, cell = np.divmod(self.index, n)
         values = self.basis[cell, :, direction] * self.scales
@@ -82,13 +84,13 @@ class Face:
         return scipy.sparse.csr_array((values[there], places[there], ends), shape=(len(cell), c * n))
 
     def columns(self, rows: Floats) -> Floats:
-        """rows W, of an array (m, component * cell)."""
+        """Product rows W for an array (m, component * cell)."""
         if not self.mixed:
             return np.asarray(rows[:, self.index])
         return np.asarray((self.directions() @ rows.T).T)
 
     def rows(self, rows: Rows) -> Rows:
-        """rows W, of sparse rows over (component, cell)."""
+        """Product rows W for sparse rows over (component, cell)."""
         c, n = self.free.shape
         if len(self.index) == c * n and not self.mixed and (self.scales == 1.0).all():
             return rows
@@ -106,7 +108,7 @@ class Face:
         return Rows(row[kept], col[kept], value[kept], rows.count)
 
     def gathered(self, columns: Floats, order: npt.NDArray[np.intp]) -> Floats:
-        """W' columns of an array (component * cell, m), in some order of the free directions."""
+        """W' columns for an array (component * cell, m), in a given order of the free directions."""
         places = self.index[order]
         out = np.ascontiguousarray(columns[places])
         if not self.mixed:
@@ -115,7 +117,7 @@ class Face:
         direction, cell = np.divmod(places, n)
         turned = np.flatnonzero(self.oblique[cell])
         if len(turned):
-            # as a sparse product: one pass over the columns
+            # Use a sparse product: one pass over the columns.
             weights = self.basis[cell[turned], :, direction[turned]]
             where = cell[turned][:, None] + n * np.arange(c)
             ends = np.arange(0, weights.size + 1, c)
@@ -134,7 +136,8 @@ class Face:
 
 
 class Ray(Face):
-    """Free directions of cells whose traction is one vector (component,) times a pressure, and of that vector's changes.
+    """Free directions if the traction of all cells is one vector (component,) times a pressure, including changes of
+    that vector.
 
     ``turned`` (change, component * cell) is the effect of the possible changes on the traction.
     """

@@ -1,12 +1,12 @@
-"""Factors of normal matrices H = G'G + P on the directions that are free: solutions, square roots of the covariance, variances.
+"""Factors of normal matrices H = G'G + P on the free directions: solutions, square roots of the covariance, variances.
 
-Where readings G are few, H is not formed: P, a penalty on neighbouring cells, has its entries near the diagonal and a Cholesky factor in
-blocks (`Chain`), and readings come in by the identity of Woodbury (W. W. Hager, SIAM Rev. 31, 1989, 221-239),
+If there are few readings G, H is not formed. P, a penalty on neighbouring cells, is banded and has a block Cholesky
+factor (`Chain`); readings are added by the Woodbury identity (W. W. Hager, SIAM Rev. 31, 1989, 221-239),
 
     H^-1 = P^-1 - P^-1 G' S^-1 G P^-1,    S = 1 + G P^-1 G'.
 
-Variances of sums over neighbouring cells need the entries of P^-1 near the diagonal alone (K. Takahashi, J. Fagan, M.-S. Chin, PICA
-Conf. 1973, 63-69).
+Variances of sums over neighbouring cells only need entries of P^-1 near the diagonal (K. Takahashi, J. Fagan, M.-S.
+Chin, PICA Conf. 1973, 63-69).
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ __all__ = ["Beside", "Bordered", "Chain", "Dense", "Factor", "FewReadings", "Par
 
 Index = npt.NDArray[np.intp]
 
-#: Blocks of a chain have this many rows at least: calls of smaller ones cost more than their work.
+#: Smallest number of rows of a block: for smaller ones, the calls cost more than the work.
 BLOCK = 48
-#: Those that are made, whose corners alone are tied, have this many: half as many calls, and less work.
+#: Number of rows of a block in the factor, whose neighbours are coupled only in a corner: half as many calls, and less
+#: work.
 WIDTH = 64
 #: Added to the diagonal, relative to it, if rounding makes a matrix indefinite.
 JITTERS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
@@ -39,24 +40,24 @@ class Factor(Protocol):
     """Interface of a factor of H on n free directions."""
 
     def solve(self, right: Floats) -> Floats:
-        """H^-1 right, of (n,)."""
+        """H^-1 right, for a vector (n,)."""
 
     def inverse(self, right: Floats) -> Floats:
-        """The same of (n, k)."""
+        """H^-1 right, for an array (n, k)."""
 
     def squares(self, rows: Floats) -> Floats:
-        """Diagonal of rows H^-1 rows', of an array (k, n)."""
+        """Diagonal of rows H^-1 rows', for an array (k, n)."""
 
     def variances(self, rows: Rows) -> Floats:
-        """Diagonal of rows H^-1 rows', of rows (k, n)."""
+        """Diagonal of rows H^-1 rows', for sparse rows (k, n)."""
 
 
 def cholesky(matrix: Floats) -> Floats:
-    """Lower factor; if rounding makes the matrix indefinite, that of the matrix plus as little of the identity as necessary."""
+    """Lower Cholesky factor. If rounding makes the matrix indefinite, add as little of the identity as necessary."""
     from scipy.linalg import lapack
 
-    # by LAPACK's own name: what SciPy does before and after takes as long as a factor of a hundred unknowns; a symmetric matrix is its own
-    # transpose, which lies in memory as LAPACK wants it
+    # Call LAPACK directly: SciPy's checks take as long as a factor of a hundred unknowns. A symmetric matrix equals its
+    # transpose, which is in LAPACK's memory order.
     factor, wrong = lapack.dpotrf(matrix.T if matrix.flags.c_contiguous else matrix, lower=1)
     if not wrong:
         return np.asarray(factor)
@@ -70,7 +71,7 @@ def cholesky(matrix: Floats) -> Floats:
 
 
 def _triangle(factor: Floats, right: Floats, *, transposed: bool = False) -> Floats:
-    """L^-1 right, or L'^-1 right, of a lower factor."""
+    """L^-1 right, or L'^-1 right, for a lower factor."""
     from scipy.linalg import lapack
 
     if not factor.size or not right.size:
@@ -85,7 +86,7 @@ def _triangle(factor: Floats, right: Floats, *, transposed: bool = False) -> Flo
 
 
 class Dense:
-    """The Cholesky factor of H, lower."""
+    """The lower Cholesky factor of H."""
 
     def __init__(self, lower: Floats) -> None:
         self._lower = lower
@@ -122,7 +123,7 @@ class Dense:
         return rows.variances(lambda i, j: np.asarray(self._inverse[i, j]))
 
     def trace(self, matrix: Floats) -> float:
-        """Of H^-1 matrix, of a symmetric one."""
+        """Trace of H^-1 matrix, for a symmetric matrix."""
         if not len(self.lower):
             return 0.0
         inverse = self._inverse  # zero above its diagonal, as the factor was
@@ -130,8 +131,9 @@ class Dense:
 
 
 class Beside(Dense):
-    """The factor of free unknowns together with ``some`` of the columns of ``tied`` = L^-1 B: L is the factor of the former, ``left`` that of the
-    Schur complement. Solving needs no more; the whole factor is assembled at first use.
+    """Factor for the free unknowns plus ``some`` of the columns of ``tied`` = L^-1 B: L (``first``) is the factor of
+    the former, ``left`` that of the Schur complement. Solving uses these parts; the whole factor is assembled at first
+    use.
     """
 
     def __init__(self, first: Floats, tied: Floats, some: Index, left: Floats) -> None:
@@ -157,14 +159,15 @@ class Beside(Dense):
 
 
 class Chain:
-    """Cholesky factor of a symmetric matrix whose entries lie near the diagonal, in blocks of which only neighbours are tied.
+    """Block Cholesky factor of a banded symmetric matrix; only neighbouring blocks are coupled.
 
     The matrix is given by its entries of the lower triangle (each once).
     """
 
     def __init__(self, size: int, row: Index, col: Index, value: Floats) -> None:
         self.size = size
-        #: Neighbouring blocks are tied in a corner alone: the first rows of one to the last columns of the one before.
+        #: Neighbouring blocks are coupled in a corner only: the first rows of one with the last columns of the one
+        #: before.
         self.reach = max(int((row - col).max(initial=0)), 1)
         width = max(self.reach, WIDTH)
         self.width = max(size if size <= 2 * width else width, 1)
@@ -200,7 +203,7 @@ class Chain:
             here = on[k, :n, :n]
             if k:
                 tied = below[k - 1, :n]
-                # A L_k'^-1, in the memory of A: before the corner it is zero
+                # A L_k'^-1, in the memory of A: it is zero before the corner.
                 corner = self.upper[-1][width - reach :, width - reach :]
                 tied = blas.dtrsm(1.0, corner, tied.T, trans_a=1, overwrite_b=1).T
                 self.below.append(tied)
@@ -211,7 +214,7 @@ class Chain:
             self.upper.append(factor)
 
     def forward(self, right: Floats) -> Floats:
-        """right L'^-1, of rows (k, size) that lie together by column (order F), in their place."""
+        """right L'^-1, in place, for rows (k, size) in column-major order (order F)."""
         from scipy.linalg import blas
 
         out = right
@@ -226,7 +229,7 @@ class Chain:
         return out
 
     def backward(self, right: Floats) -> Floats:
-        """right L^-1, of rows (k, size) that lie together by column (order F), in their place."""
+        """right L^-1, in place, for rows (k, size) in column-major order (order F)."""
         from scipy.linalg import blas
 
         out = right
@@ -241,7 +244,7 @@ class Chain:
         return out
 
     def coloured(self, white: Floats) -> Floats:
-        """white L', of rows (k, size)."""
+        """white L', for rows (k, size): samples with the covariance of the matrix from white ones."""
         out = np.empty_like(white)
         for k, place in enumerate(self.slices):
             out[:, place] = white[:, place] @ np.triu(self.upper[k])
@@ -273,7 +276,7 @@ class Chain:
         return on, below
 
     def entries(self, i: Index, j: Index) -> Floats:
-        """Entries (i, j), i >= j, of the inverse; NaN if they are neither of one block nor of neighbouring ones."""
+        """Entries (i, j), i >= j, of the inverse; NaN unless they belong to one block or to neighbouring ones."""
         on, below = self._near
         (block, r), (other, c) = np.divmod(i, self.width), np.divmod(j, self.width)
         out = on[block, r, c]
@@ -286,7 +289,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class Part:
-    """Free directions from ``start`` on whose penalty is ``scale`` times that of a chain."""
+    """Consecutive free directions, from ``start``, whose penalty is ``scale`` times that of a chain."""
 
     start: int
     chain: Chain
@@ -297,12 +300,12 @@ class Part:
         return slice(self.start, self.start + self.chain.size)
 
     def same(self, other: Part) -> bool:
-        """Whether this is the same penalty on the same directions: a chain is made once for each set of free cells."""
+        """Whether this is the same penalty on the same directions; a chain is built once for each set of free cells."""
         return self.chain is other.chain and self.scale == other.scale and self.start == other.start
 
 
 def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False) -> list[Floats]:
-    """rows L'^-1 (or L^-1) of P = L L', of the rows (k, size) of each part; parts of one chain are solved together."""
+    """rows L'^-1 (or L^-1), P = L L', for the rows (k, size) of each part; parts of one chain are solved together."""
     out: list[Floats] = list(rows)
     for chain in {id(p.chain): p.chain for p in parts}.values():
         mine = [i for i, p in enumerate(parts) if p.chain is chain]
@@ -317,10 +320,10 @@ def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False
 
 
 class FewReadings:
-    """H = G'G + P by the identity of Woodbury.
+    """H = G'G + P by the Woodbury identity.
 
-    ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that order. ``blocks`` are
-    G L'^-1 of the parts, P = L L', if they are known, and ``products`` what they are times themselves.
+    ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that
+    order. ``blocks`` are G L'^-1 of the parts, P = L L', if known, and ``products`` each of them times its transpose.
     """
 
     def __init__(
@@ -345,7 +348,9 @@ class FewReadings:
         return self.blocks[0] if len(self.blocks) == 1 else np.concatenate([b.T for b in self.blocks]).T
 
     def log_evidence(self, linear: Floats) -> float:
-        """Log marginal likelihood of the Gaussian model whose normal equations are H x = ``linear``, over that of noise alone."""
+        """Log marginal likelihood, relative to noise alone, of the Gaussian model with normal equations H x =
+        ``linear``.
+        """
         return 0.5 * float(linear @ self.solve(linear)) - float(np.log(np.diagonal(self.lower)).sum())
 
     def _split(self, rows: Floats) -> list[Floats]:
@@ -375,8 +380,8 @@ class FewReadings:
         return np.asarray((self.half(rows.T) ** 2).sum(axis=0))
 
     def half(self, right: Floats) -> Floats:
-        """F right, where F'F = H^-1, by A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): with 1 + B'B = L L',
-        (1 - B L'^-1 (L + 1)^-1 B')' P^(-1/2).
+        """F right, with F'F = H^-1, by A. Andrews' square root (AIAA J. 6, 1968, 1165-1166): for 1 + B'B = L L', (1 -
+        B L'^-1 (L + 1)^-1 B')' P^(-1/2).
         """
         rows = np.concatenate([r.T for r in each_of(self.parts, self._split(right[self.order].T))]).T
         seen = _triangle(self.lower, self.b @ rows.T)
@@ -393,17 +398,19 @@ class FewReadings:
         return out
 
     def taken(self) -> Floats:
-        """Degrees of freedom of each reading that H takes up: the diagonal of G H^-1 G' = 1 - S^-1."""
+        """Degrees of freedom that H uses of each reading: the diagonal of G H^-1 G' = 1 - S^-1."""
         return 1.0 - (_triangle(self.lower, np.eye(len(self.lower))) ** 2).sum(axis=0)
 
     @cached_property
     def _seen(self) -> Floats:
-        """Q (direction, reading), of which P^-1 - Q Q' = H^-1, in the order of the parts."""
+        """Q (direction, reading) with P^-1 - Q Q' = H^-1, in the order of the parts."""
         found = each_of(self.parts, [_triangle(self.lower, b) for b in self.blocks], back=True)
         return np.concatenate([f.T for f in found])
 
     def _of_each(self, rows: Rows) -> Floats | None:
-        """Variances of the same rows in one component after another, where each component is a part and as free."""
+        """Variances of the same rows for each component in turn, if each component is a part with the same free
+        directions; None otherwise.
+        """
         one, n = rows.one, self.parts[0].chain.size
         if one is None or rows.others is not None or rows.count != one.count * len(self.parts):
             return None
@@ -426,7 +433,7 @@ class FewReadings:
         if np.isnan(prior).any():
             return None
         ordered = Rows(one.row, col, one.value, one.count)
-        # the readings of all parts side by side: one sparse product
+        # Place the readings of all parts side by side: one sparse product.
         seen = ordered.times(np.concatenate([self._seen[p.place] for p in self.parts], axis=1))
         told = (seen**2).reshape(one.count, len(self.parts), -1).sum(axis=2)
         return np.maximum(prior - told.T.ravel(), 0.0)
@@ -459,7 +466,9 @@ class FewReadings:
 
 @dataclass(frozen=True)
 class Bordered:
-    """The factor of H with a few more unknowns: ``moved`` (n, k) is H^-1 times their coupling, ``corner`` the lower factor of their Schur complement."""
+    """Factor of H with a few more unknowns: ``moved`` (n, k) is H^-1 times their coupling, ``corner`` the lower factor
+    of their Schur complement.
+    """
 
     inner: Factor
     moved: Floats
@@ -467,7 +476,7 @@ class Bordered:
 
     @classmethod
     def of(cls, inner: Factor, border: Floats, corner: Floats) -> Bordered:
-        """``border`` (n, k) and ``corner`` (k, k) are the other blocks of H."""
+        """Build the factor; ``border`` (n, k) and ``corner`` (k, k) are the other blocks of H."""
         moved = inner.inverse(border)
         tied = border.T @ moved
         return cls(inner, moved, cholesky(corner - 0.5 * (tied + tied.T)))
@@ -490,6 +499,6 @@ class Bordered:
         own = replace(rows, others=None)
         if rows.others is None or not rows.others.size:
             return self.inner.variances(own)
-        # the Schur complement of the inner unknowns
+        # Schur complement of the inner unknowns.
         left = rows.others - own.times(self.moved)
         return self.inner.variances(own) + (_triangle(self.corner, left.T) ** 2).sum(axis=0)

@@ -1,14 +1,16 @@
-"""Minima over the friction cone as functions of their problem: batches of them, and their derivatives by the implicit function theorem.
+"""Minima over the friction cone as functions of their problem: batches, and derivatives by the implicit function
+theorem.
 
-x = argmin 1/2 x'Hx - h'x over the cone solves x = P(x - d (Hx - h)). Where strict complementarity holds P is differentiable there: with the
-eigenvectors W of its derivative that are kept (eigenvalue m > 0), which span the face that x lies on,
+x = argmin 1/2 x'Hx - h'x over the cone solves x = P(x - d (Hx - h)). Where strict complementarity holds, P is
+differentiable. Let W be the eigenvectors of its derivative with eigenvalues m > 0, which span the face that x lies on.
+Then
 
     dx = W (W'HW + diag((1 - m)/(m d)))^-1 W' (dh - dH x),
 
-the second term being the curvature of the cone (`palpate.inverse.constrained.faces`). The map is symmetric: what pulls gradients back is the same.
-
-Many problems of one Hessian are solved together by the alternating direction method of multipliers (Boyd et al., Foundations and Trends in Machine Learning 3,
-2011, section 5.2), whose steps are products of matrices; what it does not solve is left to Newton's method, one by one.
+where the second term is the curvature of the cone (`palpate.inverse.constrained.faces`). The map is symmetric, so that
+the same map pulls gradients back. Many problems with one Hessian are solved together by the alternating direction
+method of multipliers (Boyd et al., Foundations and Trends in Machine Learning 3, 2011, section 5.2), whose steps are
+matrix products. Newton's method solves the remaining ones one by one.
 """
 
 from __future__ import annotations
@@ -28,16 +30,19 @@ from palpate.inverse.constrained.quadratic import Formed
 
 __all__ = ["minima", "pulled_back", "together"]
 
-#: Problems of one Hessian from which on they are solved together: its eigenvectors cost as much as some Newton steps.
+#: Smallest number of problems with one Hessian that are solved together: its eigenvectors cost as much as some Newton
+#: steps.
 MANY = 16
-#: Steps of the alternating direction method at most, and between two looks at what is solved. With the square root of the extreme eigenvalues' product for a weight it
-#: gains a digit in some 0.7 sqrt(condition) steps: 100 where the condition is 50, and beyond 2000 Newton's method is faster.
+#: Largest number of steps of the alternating direction method, and steps between two convergence tests. With a weight
+#: sqrt(smallest * largest eigenvalue) it gains a digit in about 0.7 sqrt(condition) steps: 100 steps are enough for a
+#: condition of 50, and beyond 2000 Newton's method is faster.
 MOST, LOOK = 400, 20
 #: Over-relaxation (Boyd et al., section 3.4.3: 1.5 to 1.8).
 RELAXED = 1.7
-#: Problems at a time: 150 MB of work for 432 unknowns.
+#: Problems solved at a time: 150 MB of work for 432 unknowns.
 PIECE = 4096
-#: Residual, as that of `cone.minimise`, which is solved: far enough below `cone.TOLERANCE` that both methods agree to 1e-8.
+#: Residual, as in `cone.minimise`, at which a problem counts as solved: far enough below `cone.TOLERANCE` that both
+#: methods agree to 1e-8.
 SOLVED = 1e-12
 
 
@@ -72,7 +77,8 @@ def minima(hessian: npt.ArrayLike, linear: npt.ArrayLike, cone: Cone) -> Floats:
 
 
 def together(hessian: Any, linear: Any, cone: Cone) -> tuple[Any, Any]:
-    """Minimisers (problem, component * cell) of many problems of one Hessian, and whether each was solved to `SOLVED` (problem,).
+    """Minimisers (problem, component * cell) of many problems with one Hessian, and whether each was solved to
+    `SOLVED` (problem,).
 
     Parameters
     ----------
@@ -95,7 +101,7 @@ def together(hessian: Any, linear: Any, cone: Cone) -> tuple[Any, Any]:
 
 
 def _alternating(h: Any, matrix: Any, inverse: Any, weight: float, step: Any, cone: Cone) -> tuple[Any, Any]:
-    """`together` in the scaled variables, of as many problems as memory is for."""
+    """`together` in the scaled variables, for as many problems as fit in memory."""
     xp = array_api_compat.array_namespace(h)
     shape = (h.shape[0], len(cone.components), -1)
 
@@ -116,7 +122,7 @@ def _alternating(h: Any, matrix: Any, inverse: Any, weight: float, step: Any, co
 
 
 def _projected(xp: Any, v: Any, cone: Cone) -> Any:
-    """`Cone.project` of (problem, component, cell)."""
+    """`Cone.project` for an array (problem, component, cell)."""
     if cone.free:
         return v
     shear, p = v[:, :-1], v[:, -1:]
@@ -132,9 +138,11 @@ def _projected(xp: Any, v: Any, cone: Cone) -> Any:
 def pulled_back(
     hessian: npt.ArrayLike, linear: npt.ArrayLike, solution: npt.ArrayLike, gradient: npt.ArrayLike, cone: Cone
 ) -> Floats:
-    """Gradients (*batch, n) with respect to ``linear`` of something whose gradients with respect to the minimisers are ``gradient``.
+    """Gradients (*batch, n) with respect to ``linear`` of a function whose gradients with respect to the minimisers
+    are ``gradient``.
 
-    That with respect to the Hessian is minus the symmetric part of its outer product with the solution.
+    The gradient with respect to the Hessian is minus the symmetric part of the outer product of this result with the
+    solution.
     """
     h = np.asarray(linear, dtype=np.float64)
     x, g = (np.broadcast_to(np.asarray(v, dtype=np.float64), h.shape) for v in (solution, gradient))
@@ -166,7 +174,7 @@ def pulled_back(
 
 
 def _shared(hessian: npt.ArrayLike, linear: Floats) -> list[tuple[Floats, list[tuple[int, ...]]]]:
-    """Each Hessian with the places of the problems that have it."""
+    """Each distinct Hessian, with the indices of its problems."""
     matrix = np.asarray(hessian, dtype=np.float64)
     n, batch = linear.shape[-1], linear.shape[:-1]
     lead = (1,) * (len(batch) - matrix.ndim + 2) + matrix.shape[:-2]

@@ -1,12 +1,14 @@
-"""An interior-point method for the quadratic programs of `palpate.inverse.constrained.cone`, for where Newton's method on the constraints cycles.
+"""An interior-point method for the quadratic programs of `palpate.inverse.constrained.cone`, used where Newton's
+method cycles.
 
     minimise 1/2 x'Hx - h'x   with  x_i in K,    so that   s = Hx - h in K,   x_i's_i = 0  for every cell i,
 
-K being the second-order cone |q| <= p, or the half-space p >= 0. Both x and s are kept inside while their product falls to zero, along the
-direction of Y. E. Nesterov and M. J. Todd (SIAM J. Optim. 8, 1998, 324-364), predicted and corrected (S. Mehrotra, SIAM J. Optim. 2,
-1992, 575-601; for these cones L. Vandenberghe, The CVXOPT linear and quadratic cone program solvers, 2010). In the eigenvectors of
-the scaling of a cell H gains a diagonal there, so that a step is one factor of H on a face with everything free. It takes 15 to 20 steps
-whatever the contact: deep taxels under friction, of which Newton's method says in each step that others slide, are no harder than shallow ones.
+where K is the second-order cone |q| <= p, or the half-space p >= 0. Both x and s stay inside while their product falls
+to zero, along the direction of Y. E. Nesterov and M. J. Todd (SIAM J. Optim. 8, 1998, 324-364) with predictor and
+corrector (S. Mehrotra, SIAM J. Optim. 2, 1992, 575-601; for these cones L. Vandenberghe, The CVXOPT linear and
+quadratic cone program solvers, 2010). In the eigenvectors of the scaling of a cell, H only gains a diagonal, so that
+each step needs one factor of H with all directions free. It takes 15 to 20 steps for any contact, including deep
+taxels under friction, where Newton's method changes the set of sliding cells in every step.
 """
 
 from __future__ import annotations
@@ -25,20 +27,22 @@ if TYPE_CHECKING:
 
 __all__ = ["GAP", "STEPS", "interior"]
 
-#: Final tolerances: on the objective (relative), and on the gradient's largest entry: Newton's method then needs two more steps.
+#: Tolerance of the objective (relative) and of the largest entry of the gradient: Newton's method then needs two more
+#: steps.
 GAP = 1e-8
 #: Most steps; 15 to 20 are usual.
 STEPS = 40
-#: The iteration fails if the residual has not fallen by this factor in so many steps.
+#: The iteration fails if the residual has not decreased by the factor SMALLER in PATIENCE steps.
 SMALLER, PATIENCE = 0.99, 8
-#: How far inside the start lies, in parts of the largest pressure and of the largest gradient, and how near to the boundary a step goes.
+#: Distance of the start from the boundary, as a fraction of the largest pressure and of the largest gradient; and the
+#: fraction of the way to the boundary that a step may go.
 INSIDE, NEAR = 0.1, 0.99
 #: Avoids division by zero.
 _TINY = 1e-300
 
 
 class Projecting(Protocol):
-    """What a step needs to know of the set of a cell's tractions: `palpate.inverse.constrained.cone.Cone` is one."""
+    """Interface to the set of a cell's tractions; `palpate.inverse.constrained.cone.Cone` implements it."""
 
     @property
     def coupled(self) -> bool: ...
@@ -48,9 +52,11 @@ class Projecting(Protocol):
 def interior(
     hessian: Quadratic, linear: Floats, cone: Projecting, start: Floats, tolerance: float = 0.0
 ) -> tuple[Floats, bool]:
-    """The minimiser (component, cell) over a standard cone, from about ``start``, and whether it came there.
+    """The minimiser (component, cell) over a standard cone, starting near ``start``, and whether the iteration
+    converged.
 
-    ``tolerance`` is that of `palpate.inverse.constrained.cone.minimise`, of traction: of the objective its square may be left, or `GAP`.
+    ``tolerance`` is that of `palpate.inverse.constrained.cone.minimise` for traction; the tolerance of the objective
+    is its square, at least `GAP`.
     """
     goal = max(GAP, tolerance * abs(tolerance))
     kind = _Second if cone.coupled else _Half
@@ -61,7 +67,7 @@ def interior(
     s = kind.slack(cone, gradient)
     s[-1] += INSIDE * float(np.abs(gradient).max()) + 1e-12 * largest
     best, least, since = x, np.inf, 0
-    # factors by products only may diverge: reject overflow
+    # Factors from products may diverge: reject overflow.
     with np.errstate(all="ignore"):
         for _ in range(STEPS):
             give_way()
@@ -99,7 +105,7 @@ def _step(scaling: _Second | _Half, factor: Factor, dual: Floats, target: Floats
 
 
 class _Second:
-    """The scaling of second-order cones at x, s: W s = W^-1 x, in every cell."""
+    """Scaling of second-order cones at x, s: W s = W^-1 x in every cell."""
 
     def __init__(self, x: Floats, s: Floats) -> None:
         c, n = x.shape
@@ -107,7 +113,7 @@ class _Second:
         along = s / size_s
         along[:-1] *= -1.0
         along += x / size_x
-        # the unit vector of the scaling: p^2 - q^2 = 1
+        # Unit vector of the scaling: p^2 - q^2 = 1.
         along /= np.sqrt(_inside(along))
         self.along, self.size = along, np.sqrt(size_x / size_s)
         length = np.sqrt((along[:-1] ** 2).sum(axis=0))
@@ -144,7 +150,7 @@ class _Second:
         """The target of the second step: minus the second order of the products, plus their mean ``centre``."""
         right = -_arrow(self.point, self.point) - _arrow(self.back(ahead), self._times(beside))
         right[-1] += centre
-        # the arrow product's inverse
+        # Inverse of the arrow product.
         shear, pressure = self.point[:-1], self.point[-1]
         top = (pressure * right[-1] - (shear * right[:-1]).sum(axis=0)) / _inside(self.point)
         return np.concatenate([(right[:-1] - top * shear) / pressure, top[None]])
@@ -158,13 +164,13 @@ class _Second:
         root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
         met = (b**2 >= a * c) & ((a < 0) | (b < 0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            # of the two forms of a root use the one without cancellation
+            # Of the two formulas for the root, use the one without cancellation.
             first = np.where(b < 0, c / (root - b), (-b - root) / a)
         return float(np.where(met & (first > 0), first, np.inf).min())
 
 
 class _Half:
-    """The same of p >= 0 with shear free, or none."""
+    """The same scaling for p >= 0, with shear free or absent."""
 
     def __init__(self, x: Floats, s: Floats) -> None:
         c, n = x.shape
@@ -203,11 +209,11 @@ class _Half:
 
 
 def _inside(x: Floats) -> Floats:
-    """p^2 - q^2."""
+    """p^2 - q^2 of each cell: positive inside the cone."""
     size = np.sqrt((x[:-1] ** 2).sum(axis=0))
     return np.asarray(np.maximum((x[-1] - size) * (x[-1] + size), _TINY))
 
 
 def _arrow(a: Floats, b: Floats) -> Floats:
-    """The cones' own product, (p q' + p' q, x'x')."""
+    """The product of the cone's algebra, (p q' + p' q, x'x')."""
     return np.concatenate([a[-1] * b[:-1] + b[-1] * a[:-1], (a * b).sum(axis=0)[None]])

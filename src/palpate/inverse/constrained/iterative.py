@@ -1,7 +1,8 @@
-"""A factor (`palpate.inverse.constrained.factors.Factor`) of a normal matrix of which only products are available.
+"""A factor (`palpate.inverse.constrained.factors.Factor`) of a normal matrix that is known only by products.
 
-Solutions are by conjugate gradients that begin with the circulant of the matrix (`palpate.inverse.constrained.circulant`), in single precision;
-variances are those of samples: H x = G'e + P^(1/2) e with e white has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
+Solutions use conjugate gradients, preconditioned by the circulant of the matrix
+(`palpate.inverse.constrained.circulant`), in single precision. Variances come from samples: if H x = G'e + P^(1/2) e
+with white e, x has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SAMPLES", "Iterative"]
 
-#: Tolerances: of a Newton step, relative to its right side (the next step corrects it); of samples, relative to their size; and of errors of sums, by
+#: Relative tolerances: of a Newton step (the next step corrects it), of samples, and of the errors of sums, which use
 #: exact products.
 STEP, SAMPLE, SHARP = 1e-2, 2e-2, 1e-3
 #: Largest number of steps of conjugate gradients.
@@ -43,7 +44,7 @@ class Multiplied(Protocol):
 
 
 class Iterative:
-    """Of W'HW + diag(more) on the free directions W of a face."""
+    """Factor of W'HW + diag(more) on the free directions W of a face."""
 
     def __init__(self, hessian: Multiplied, face: Face, more: Floats) -> None:
         self.hessian, self.face, self.more = hessian, face, more
@@ -55,16 +56,18 @@ class Iterative:
         self.diagonal = diagonal.ravel()[face.index] + more
         self._small = (1.0 / np.sqrt(self.diagonal)).astype(np.float32)
         component, cell = np.divmod(face.index, n)
-        #: Of each free direction that is a component, its place in the box.
+        #: Position in the box of each free direction that is a component.
         self._places = component * math.prod(hessian.matrix.box.shape) + hessian.matrix.inside[cell]
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
-        # cells last: the sums are then over memory that lies together
+        # Cells last, so that sums run over contiguous memory.
         turned = face.basis.transpose(1, 2, 0) if face.mixed else np.zeros((c, c, 0))
         self._turned = np.ascontiguousarray(turned, dtype=np.float32)
         self._root_of_more = np.sqrt(more).astype(np.float32)
 
     def _apply(self, v: Any, *, about: bool = False) -> Any:
-        """(k, free); ``about`` as for `Products.many`: a Newton step is followed by an exact residual, and errors need no more."""
+        """The product with H (k, free). ``about`` allows the approximate product of `Products.many`: the exact
+        residual is computed after each Newton step, and error bars need no higher accuracy.
+        """
         face = self.face
         whole = np.zeros((len(v), self._shape[0] * self._shape[1]), dtype=v.dtype)
         whole[:, face.index] = v
@@ -74,12 +77,14 @@ class Iterative:
         out = self.hessian.many(x, about=about)
         if face.mixed:
             out = np.einsum("dki,sdi->ski", self._turned, out)
-        # one root at a time: nearly fixed directions exceed single precision
+        # Scale by one root at a time: nearly fixed directions exceed single precision.
         root = self._root_of_more
         return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
 
     def _near(self, r: Any) -> Any:
-        """An approximation of H^-1 r, of (k, free) in single precision, by circulants of H (`palpate.inverse.constrained.circulant`)."""
+        """Approximate H^-1 r for r (k, free), in single precision, by circulants of H
+        (`palpate.inverse.constrained.circulant`).
+        """
         matrix, face = self.hessian.matrix, self.face
         c, n = self._shape
         r = self._small * r
@@ -107,11 +112,13 @@ class Iterative:
 
     def solve(self, right: Floats) -> Floats:
         found = self._solved(right[None], STEP)[0]
-        # reject a step that overflows; the exact residual that follows decides
+        # Replace a step that overflows by zero; the exact residual that follows decides.
         return np.asarray(np.where(np.isfinite(found), found, 0.0))
 
     def _solved(self, right: Floats, tolerance: float, *, about: bool = True) -> Floats:
-        """H^-1 right (k, free), in single precision, relative to the size of each; NaN on overflow: errors are then unknown."""
+        """H^-1 right (k, free), in single precision, with a tolerance relative to each row; NaN on overflow, so that
+        errors are unknown.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
             return self._descended(right, tolerance, about=about)
 
@@ -151,17 +158,19 @@ class Iterative:
         return self._solved(right.T, SHARP, about=False).T
 
     def roughly(self, right: Floats) -> Floats:
-        """H^-1 right, of (free, k), as well as samples are made."""
+        """H^-1 right, for (free, k), with the accuracy of samples."""
         return self._solved(right.T, SAMPLE).T
 
     def squares(self, rows: Floats) -> Floats:
-        """Diagonal of rows H^-1 rows', of (k, free), to the square of the error of solutions."""
+        """Diagonal of rows H^-1 rows', for (k, free); its error is the square of that of the solutions."""
         return np.asarray((rows * self._solved(rows, SAMPLE)).sum(axis=1))
 
     # -- samples
 
     def samples(self, count: int = SAMPLES) -> Floats:
-        """(sample, free) of a Gaussian of mean 0 and covariance H^-1, made `FEW` at a time: the first ones are always the same."""
+        """Samples (sample, free) of a Gaussian with mean 0 and covariance H^-1, generated `FEW` at a time; the first
+        ones are always the same.
+        """
         while len(self._drawn) < count:
             rng = np.random.default_rng(len(self._drawn))
             shaken = self.hessian.perturbed(rng, FEW)
@@ -178,7 +187,7 @@ class Iterative:
         return np.asarray((rows.times(self.samples(FEW if few else SAMPLES).T) ** 2).mean(axis=1))
 
     def taken(self) -> Floats:
-        """Degrees of freedom that H takes from each reading."""
+        """Degrees of freedom that H uses of each reading."""
         matrix, face = self.hessian.matrix, self.face
         if not len(self.diagonal):
             return np.zeros(matrix.shape[0])

@@ -1,4 +1,4 @@
-"""A contact model of a frame: traction that solves a constrained problem on some cells of a grid."""
+"""A contact model of a frame: the solution of a constrained problem on some cells of a grid."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ def level_operator(operator: Operator, ratio: int) -> Operator:
     return operator.finer(ratio)
 
 
-#: Cells of a contact along a ray up to which it is formed although all its components are not, and entries of their columns (200 MB).
+#: Largest contact (cells, and entries of their columns: 200 MB) along a ray for which a matrix is formed, even if the
+#: full contact is solved by products.
 FEW_ALONG, ENTRIES_ALONG = 1200, 25_000_000
 
 
@@ -66,15 +67,15 @@ class Level:
         self.grid = operator.surface
         self.differences = Differences(self.grid)
         self.boxes = Boxes(operator, columns)
-        #: Cache of `sharp`: the readings, and columns of all cells, as they are and orthogonalised.
+        #: Cache of `few_cells`: the readings, and the columns of all cells, as they are and orthogonalised.
         self.orthogonal: tuple[bytes, tuple[Floats, Floats]] | None = None
 
     def matrix(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
-        """Whitened columns (reading, component * cell) of the readings that are observed."""
+        """Whitened columns (reading, component * cell) of the observed readings."""
         return np.ascontiguousarray(self.rows(cells, noise, observed).T)
 
     def rows(self, cells: Index, noise: Floats, observed: Flags) -> Floats:
-        """The same as rows (component * cell, reading), which is how they are gathered: one cell is one place in memory."""
+        """The same as rows (component * cell, reading), the order in which they are gathered: each cell is contiguous."""
         full = self.operator.columns(self.columns, cells)
         full = full.transpose(1, 2, 0).reshape(-1, len(full))
         full = full if observed.all() else full[:, observed]
@@ -93,8 +94,10 @@ class Level:
         once: bool = False,
         slides: bool = False,
     ) -> Normal:
-        """The normal equations of some cells, for readings ``y`` in units of the noise; ``kept`` is that of `Rounds`;
-        ``products``: large contacts need no matrix; ``once``, ``slides``: as for `by_products`.
+        """The normal equations of some cells, for readings ``y`` in units of the noise.
+
+        ``kept`` is the cache of `Rounds`; ``products``: solve large contacts by products instead of a matrix;
+        ``once``, ``slides``: see `by_products`.
         """
         count = int(observed.sum())
         if products and by_products(self.operator, cells, len(self.columns), count, once=once, slides=slides):
@@ -115,14 +118,15 @@ class Level:
 
 
 class Rounds(threading.local):
-    """While a frame is solved: columns of the cells that its rounds have requested so far, by the ratio of the level.
+    """Cache while a frame is solved: columns of the cells used so far, by the ratio of the level, and the matrix-free
+    linear model of the frame.
 
-    They are let go of at its end, so that no frame's answer depends on another's. So is what a matrix-free linear model makes of the frame.
+    The cache is cleared at the end of the frame, so that no result depends on another frame.
     """
 
     kept: dict[int, Columns] | None = None
     linear: FrameAtSize | None = None
-    #: The readings that were projected last, by the spectrum.
+    #: The readings last projected, by spectrum.
     _projected: dict[int, tuple[Floats, Floats]] | None = None
 
     def __enter__(self) -> None:
@@ -132,7 +136,7 @@ class Rounds(threading.local):
         self.kept = self.linear = self._projected = None
 
     def projected(self, spectrum: Spectrum, rows: Sequence[Floats]) -> Floats:
-        """Readings in the basis of a spectrum: rounds that differ in their noise ask for the same."""
+        """Readings in the basis of a spectrum, cached because rounds with other noise use the same."""
         flat = np.concatenate([r.ravel() for r in rows])
         known = None if self._projected is None else self._projected.get(id(spectrum))
         if known is not None and np.array_equal(known[0], flat):
@@ -143,17 +147,17 @@ class Rounds(threading.local):
         return out
 
     def of(self, linear: LinearAtSize) -> FrameAtSize:
-        """The frame as a matrix-free linear model."""
+        """The frame in a matrix-free linear model, cached."""
         if self.linear is None or self.linear.linear is not linear:
             self.linear = linear.frame()
         return self.linear
 
 
 class Columns:
-    """Whitened columns of cells that can grow, and their normal matrix at first use.
+    """Whitened columns of a growing set of cells, and their normal matrix at first use.
 
-    The rounds of a frame solve nearly the same cells at other noise. Rows (cell, component, reading) have spare room: adding cells copies nothing,
-    and selecting cells copies row by row.
+    The rounds of a frame solve nearly the same cells with other noise. Rows (cell, component, reading) have spare
+    room, so that adding cells copies nothing, and selecting cells copies row by row.
     """
 
     def __init__(self, level: Level, cells: Index, noise: Floats, observed: Flags) -> None:
@@ -179,7 +183,9 @@ class Columns:
         return self._room[: self.count].reshape(self.count * self.components, -1)
 
     def lost(self, observed: Flags) -> Index | None:
-        """Those among the readings that are no longer observed, if they are few: independent readings can be removed one by one."""
+        """Indices of the readings that are no longer observed, if they are few and independent, so that they can be
+        removed one by one; None otherwise.
+        """
         if np.array_equal(observed, self.observed):
             return np.zeros(0, dtype=np.intp)
         gone = self.observed & ~observed
@@ -190,13 +196,13 @@ class Columns:
         return np.flatnonzero(gone[self.observed])
 
     def scale_of(self, noise: Floats, observed: Flags) -> float | None:
-        """The factor of the columns for another noise level, or None if the noise ratios of the readings change."""
+        """The common factor of the columns for another noise level; None if the factor differs between readings."""
         ratio = self.noise[observed] / noise[observed]
         first = float(ratio[0]) if len(ratio) else 1.0
         return first if bool((np.abs(ratio - first) <= 1e-13 * abs(first)).all()) else None
 
     def places(self, cells: Index) -> Index | None:
-        """Places of cells among the cached ones, with the missing cells added; None if these are too many."""
+        """Positions of cells in the cache, after adding missing cells; None if these are too many."""
         new = cells[self.place[cells] < 0]
         if len(new) and self.components * (self.count + len(new)) > MAX_CACHED_UNKNOWNS:
             return None
@@ -220,16 +226,16 @@ class Columns:
         return np.asarray(self.place[cells])
 
     def picks(self, position: Index) -> Index:
-        """The rows (component, cell) of the cells in these places."""
+        """Indices of the rows (component, cell) of the cells at these positions."""
         return np.asarray((np.arange(self.components)[:, None] + position * self.components).ravel())
 
     @property
     def formed(self) -> bool:
-        """Whether there is a normal matrix."""
+        """Whether the normal matrix has been computed."""
         return self._gram is not None
 
     def gram(self, position: Index) -> Floats:
-        """The normal matrix of the cells in these places."""
+        """The normal matrix of the cells at these positions."""
         if self._gram is None:
             self._gram = self.rows @ self.rows.T
         picks = self.picks(position)
@@ -238,7 +244,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Picked:
-    """Some of the columns, ``scale`` times, not yet gathered: many problems ask for the normal matrix alone."""
+    """A selection of columns times ``scale``, gathered only when needed: many problems use only the normal matrix."""
 
     columns: Columns
     position: Index
@@ -253,7 +259,7 @@ class Picked:
         return Picked(self.columns, self.position[position], self.scale, self.lost)
 
     def linear(self, white: Floats) -> Floats:
-        """The right-hand side (component, cell), for whitened readings."""
+        """The right-hand side (component, cell) for whitened readings."""
         kept = self.columns
         if len(self.lost):
             white = np.insert(white, self.lost - np.arange(len(self.lost)), 0.0)
@@ -261,7 +267,7 @@ class Picked:
         return np.asarray(found.reshape(kept.components, -1) * self.scale)
 
     def matrix(self) -> Floats:
-        """(reading, component * cell)."""
+        """The matrix (reading, component * cell)."""
         rows = self.columns.rows.take(self.columns.picks(self.position), axis=0)
         if len(self.lost):
             rows = np.delete(rows, self.lost, axis=1)
@@ -305,8 +311,8 @@ class Later:
 class Normal:
     """Whitened columns of some cells of a level, and the right-hand side (component, cell) of their normal equations.
 
-    ``given`` is a matrix as an array (reading, component * cell), `Applied`, or `Picked` or `Later`, which make it at first use; ``known`` is the
-    normal matrix, if available.
+    ``given`` is the matrix: an array (reading, component * cell), `Applied`, or `Picked` or `Later`, which build it at
+    first use; ``known`` is the normal matrix, if available.
     """
 
     level: Level
@@ -317,7 +323,7 @@ class Normal:
 
     @property
     def at_size(self) -> bool:
-        """Whether the contact is too large for a matrix."""
+        """Whether the contact is too large for a matrix, so that products are used."""
         return isinstance(self.given, Applied)
 
     @cached_property
@@ -333,7 +339,7 @@ class Normal:
         return self.given.gram() if isinstance(self.given, Picked | Later) else self.matrix.T @ self.matrix
 
     def part(self, position: Index) -> Normal:
-        """The same for some of the cells."""
+        """The normal equations of some of the cells."""
         if isinstance(self.given, Applied):
             return Normal(self.level, self.cells[position], self.given.part(position), self.linear[:, position])
         c, n = self.linear.shape
@@ -346,19 +352,20 @@ class Normal:
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
     def as_matrix(self) -> Normal:
-        """The same with an explicit matrix instead of products."""
+        """Return this normal matrix with an explicit matrix of the readings instead of convolutions."""
         if not isinstance(self.given, Applied):
             return self
         rows = self.level.rows(self.cells, 1.0 / self.given.weight, self.given.observed)
         return Normal(self.level, self.cells, rows.T, self.linear)
 
     def along(self, ray: Floats) -> Normal:
-        """The same for traction ``ray`` (component,) times the unknowns (1, cell)."""
+        """Return the normal matrix for unknowns (1, cell) that multiply a fixed direction ``ray`` (component,) of the traction."""
         n = self.linear.shape[1]
         if isinstance(self.given, Applied):
             few = n <= FEW_ALONG and self.linear.size * len(self.given.weight) <= ENTRIES_ALONG
             if few and self.level.ratio > 1:
-                # a third of the unknowns: a matrix is soon formed, and so are all models on parts of them; products are those of a finer grid
+                # A third of the unknowns: a matrix is quickly formed and serves all models on parts of it, while
+                # products would run on a finer grid.
                 return self.as_matrix().along(ray)
             return Normal(self.level, self.cells, self.given.along(ray), (ray @ self.linear)[None])
         matrix = sum(a * self.matrix[:, i * n : (i + 1) * n] for i, a in enumerate(ray))
@@ -369,7 +376,7 @@ class Normal:
         return Normal(self.level, self.cells, np.asarray(matrix), (ray @ self.linear)[None], known)
 
     def explained(self, pressure: Floats) -> Floats:
-        """The normal matrix (component, component) of tractions that are one vector times a pressure."""
+        """The normal matrix (component, component) of tractions that are a constant vector times a pressure."""
         c, n = self.linear.shape
         if self.formed:
             whole = self.gram.reshape(c, n, c, n)
@@ -381,7 +388,7 @@ class Normal:
         """The normal matrix with a penalty."""
         if isinstance(self.given, Applied):
             return Products(self.given, penalty)
-        if self.known is not None and not self._readings:  # blocks of cells: the normal matrix is all there is of them
+        if self.known is not None and not self._readings:  # blocks of cells have only a normal matrix
             return Formed(penalty.added(self.known.copy()))
         return formed_or_not(lambda: self.matrix.T, self._readings, lambda: self.gram, penalty)
 
@@ -393,7 +400,7 @@ class Normal:
 
     @property
     def formed(self) -> bool:
-        """Whether there is a normal matrix."""
+        """Whether the normal matrix has been computed."""
         return self.known is not None or "gram" in self.__dict__
 
 
@@ -401,11 +408,12 @@ class Normal:
 class ContactModel:
     """One model of a frame: a solution on some cells of a level.
 
-    ``contact``, if given, is the same on the cells that are surely in contact; the errors come from it. Cells where noise sometimes presses, mostly
-    beyond the array, are as free as any other on the face of the constraints, and would count in full. ``ray`` is the traction over the pressure if
-    that is equal for all cells, and ``changes`` (change, component) its possible changes; ``hessian`` and ``penalty`` are then those of the pressure.
-    ``shared`` (free, unknown) is the error due to unknowns that act on many readings; ``stated`` (free, unknown) the change of traction due to the
-    uncertainty of the pad, which no constant of the method scales. ``compact``: only a few cells are sought.
+    ``contact``, if given, is the same model on the cells that are certainly in contact; errors are computed from it.
+    Otherwise cells where only noise presses, mostly beyond the array, would count fully in the errors. ``ray`` is the
+    traction over the pressure if it is equal in all cells, and ``changes`` (change, component) its possible changes;
+    ``hessian`` and ``penalty`` then belong to the pressure. ``shared`` (free, unknown) is the error due to unknowns
+    that act on many readings. ``stated`` (free, unknown) is the change of traction due to the uncertainty of the pad,
+    which no calibration constant scales. ``compact``: the model is a disc of a few cells.
     """
 
     data: Normal

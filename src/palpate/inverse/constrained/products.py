@@ -1,8 +1,9 @@
-"""Normal matrices of large contacts: known by products alone, made of FFTs over the contact's bounding box.
+"""Normal matrices of large contacts, known only by products: FFTs over the contact's bounding box.
 
-A contact of thousands of cells on an array of thousands of readings has a matrix of influences that is slow to form and slower to
-factorise. Its products are convolutions with the influence of one cell (`palpate.sensing.operator.Convolution`), and its normal matrix is well enough
-conditioned, smooth by the penalty and seen through noise, for conjugate gradients (`palpate.inverse.constrained.iterative`).
+For thousands of cells under thousands of readings, the matrix of influences is slow to form and slower to factorise.
+Its products are convolutions with the influence of one cell (`palpate.sensing.operator.Convolution`). The normal
+matrix, smoothed by the penalty, is well enough conditioned for conjugate gradients
+(`palpate.inverse.constrained.iterative`).
 """
 
 from __future__ import annotations
@@ -35,51 +36,54 @@ __all__ = ["AT_SIZE", "FIRST_AT_SIZE", "Applied", "Boxes", "Products", "by_produ
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: If the average sensitivity of readings to the cells is at least this part of that to most of them, use one circulant for all: two take twice the
-#: time each.
+#: If the mean sensitivity to the cells is at least this fraction of the typical one, use one circulant for all cells;
+#: two take twice the time.
 MIN_EVENNESS = 0.85
-#: Boxes are rounded to multiples of this many cells, so that the rounds of a frame share them; so many are cached.
+#: Boxes are rounded to multiples of STEP cells, so that the rounds of a frame share them; KEPT boxes are cached.
 STEP, KEPT = 8, 6
-#: A part of a contact gets a box of its own if that has at most this part of the area.
+#: A part of a contact gets its own box if that has at most this fraction of the area.
 SMALLER = 0.8
-#: Cells this many depths inside an array feel its edges to a hundredth: influences of stress fall like the fourth power of the distance, and
-#: what two cells have in common beyond the edge like its sixth.
+#: Cells this many depths inside an array are affected by its edges by at most a hundredth: influences of stress
+#: decrease with the fourth power of distance, and the products of two cells' influences beyond the edge with the sixth.
 FROM_EDGE = 2.0
-#: Below these counts of near cells of a contact (as in patches of noise) and of excluded readings, the other criteria decide.
+#: An endless array is used if at most the fraction FEW_NEAR of the cells is near an edge (such as patches of noise),
+#: and at most FEW_MISSING readings are excluded.
 FEW_NEAR, FEW_MISSING = 0.01, 8
-#: Random combinations of readings that represent all of them if each has an error of its own.
+#: Number of random combinations of readings that represent the independent errors of all.
 SKETCH = 32
-#: Solve smaller systems with a matrix: exactly, so that mirror images have mirror solutions.
+#: Systems with fewer unknowns are solved with a matrix: exactly, so that mirror images have mirror solutions.
 MIN_ITERATIVE_UNKNOWNS = 600
-#: Of so few readings exact factors are small. Frames whose contact covers the array took with products, of the time with a matrix: 8 x 8 x 3 3.3 to 7.3,
-#: 10 x 10 x 3 2.8 to 3.8, 12 x 12 x 3 1.6, 16 x 16 x 3 0.5.
+#: Of so few readings exact factors are small. With products, frames whose contact covers the array take 3.3 to 7.3 times as
+#: long on 8 x 8 x 3, 2.8 to 3.8 on 10 x 10 x 3, 1.6 on 12 x 12 x 3, and half as long on 16 x 16 x 3.
 FEW_READINGS = 500
-#: Total count of products for solving, local weights and error bars, and the cost of one entry of a padded transform over one multiplication of a
-#: matrix product. Of the time that round contacts take with a matrix they take with products, on 16 x 16 x 3 to 64 x 64 x 3, where the work
-#: is so many entries: at 1.5e3 1.0 to 1.1 of it (0.5 where friction is given), at 3e3 0.4 (0.1), at 1.4e4 0.1, at 4e4 0.04.
+#: Number of products for solving, local weights and error bars; and cost of one entry of a padded transform relative to
+#: one multiplication of a matrix product. For round contacts on 16 x 16 x 3 to 64 x 64 x 3, the ratio of the time with
+#: products to that with a matrix is 1.0 to 1.1 (0.5 with friction) at 1.5e3 entries, 0.4 (0.1) at 3e3, 0.1 at 1.4e4 and
+#: 0.04 at 4e4.
 PRODUCTS, ENTRY = 1.6e3, 60.0
-#: The same where contact may slide as a whole: with a matrix it is solved on finer cells, which pays (balls and blocks that slide on a bonded gel: 0.44 of the
-#: clairvoyant filter's error, without 0.58).
+#: The same if contact may slide as a whole. With a matrix it is solved on finer cells, which is more accurate (balls
+#: and blocks that slide on a bonded gel: 0.44 of the clairvoyant filter's error instead of 0.58).
 FEWEST_SLIDING, PRODUCTS_SLIDING = 1200, 5e3
-#: Products for a first solution, which estimates noise and region. With more readings than this its cost counts, and fewer unknowns suffice.
+#: Number of products for a first solution, from which noise and region are estimated. With more than MANY readings its
+#: cost matters, so that products are used from FEWEST_OF_MANY unknowns on.
 PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
-#: Relative residual at which a solution by products counts as exact, a hundredth of what noise makes of it or less, and that of the
-#: first solutions, which tell noise and region.
+#: Relative residuals at which a solution by products counts as exact (at most a hundredth of the effect of noise), and
+#: for first solutions.
 AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
-#: Multiplications up to which an exact factor can be had of readings after all.
+#: Largest number of multiplications for an exact factor from the readings.
 MATRIX = 2e9
-#: Factorisations of a model.
+#: Number of factorisations of one model, for comparison with products.
 FACTORS = 3.0
 
 
 def by_products(
     operator: Operator, cells: Index, components: int, readings: int, *, once: bool = False, slides: bool = False
 ) -> bool:
-    """Whether products serve the contact sooner than matrices, formed or left as readings and penalty: by the work of each. ``once``: it is solved once;
-    ``slides``: it may slide as a whole.
+    """Whether products are faster than matrices for this contact, by counting operations. ``once``: it is solved only
+    once; ``slides``: it may slide as a whole.
     """
     unknowns = components * len(cells)
-    # of so many readings not even the columns of a few cells are quickly made
+    # With so many readings, even the columns of a few cells take long.
     once = once and readings > MANY
     fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (MIN_ITERATIVE_UNKNOWNS, PRODUCTS)
     if readings <= FEW_READINGS or unknowns < (FEWEST_OF_MANY if once else fewest) or not can_be_applied(operator):
@@ -96,25 +100,25 @@ def by_products(
 
 
 def can_be_applied(operator: Operator) -> bool:
-    """Whether there are products at all: of regular arrays whose noise is independent."""
+    """Whether products are available: regular arrays with independent noise."""
     regular = all(isinstance(p, Convolution) for p in operator.planes)
     return regular and not any(a.noise_correlation for a in operator.planes_of)
 
 
 def box_of(cells: Index, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """The bounding box of cells, out to multiples of `STEP`."""
+    """The bounding box of cells, rounded up to multiples of `STEP`."""
     places = np.unravel_index(cells, shape)
     low = [int(p.min()) // STEP * STEP for p in places]
     high = [min(-(-(int(p.max()) + 1) // STEP) * STEP, n) for p, n in zip(places, shape)]
     return tuple(slice(a, b) for a, b in zip(low, high))
 
 
-#: Of each plane a size and the transform (channel, component, component, *k) of that size.
+#: For each plane, the size of the grid and the transform (channel, component, component, *k) of that size.
 Correlated = list[tuple[tuple[int, ...], Any]]
 
 
 class Boxes:
-    """Convolutions from boxes of an operator's surface to all its readings; the last ones are kept."""
+    """Convolutions from boxes of an operator's surface to all its readings, with a cache."""
 
     def __init__(self, operator: Operator, columns: Sequence[int]) -> None:
         self.operator, self.columns = operator, tuple(columns)
@@ -122,7 +126,7 @@ class Boxes:
         self._correlated: OrderedDict[tuple[int, ...], Correlated | None] = OrderedDict()
 
     def around(self, cells: Index) -> Box:
-        """The block that holds some cells."""
+        """The box that contains some cells."""
         place = box_of(cells, self.operator.surface.shape)
         key = tuple((s.start, s.stop) for s in place)
         found = self._kept.get(key)
@@ -136,7 +140,7 @@ class Boxes:
         return found
 
     def correlated(self, box: Box) -> Correlated | None:
-        """`Box.correlated`, which boxes of one shape share."""
+        """`Box.cell_correlation`, shared by boxes of one shape."""
         if box.shape not in self._correlated:
             self._correlated[box.shape] = box.cell_correlation()
             while len(self._correlated) > KEPT:
@@ -191,8 +195,9 @@ class Box:
         return folded(self.shape, [(plane.kernel[:, list(self.columns)], plane.ratios) for plane, *_ in self.planes])
 
     def cell_correlation(self) -> Correlated | None:
-        """For each plane, the transform (channel, component, component, *k) of the correlation between the influences of two cells for an endless
-        array, and its size. None if the real array differs too much: with cells finer than the pitch, or displacement, which reaches everywhere.
+        """For each plane, the size of a grid and the transform (channel, component, component, *k) of the correlation
+        between the influences of two cells under an endless array. None if the real array differs too much: cells
+        finer than the pitch, or displacement, which every load changes everywhere.
         """
         out = []
         for array, (plane, _, _, _) in zip(self.arrays, self.planes):
@@ -213,7 +218,7 @@ class Box:
         out = np.empty((plane.rows, c, c, *size[:-1], size[-1] // 2 + 1), dtype=np.complex64)
         for i in range(c):
             for j in range(c):
-                # of cells j and j': sum over taxels i of K(i - j) K(i - j')
+                # For cells j and j': sum over taxels i of K(i - j) K(i - j').
                 found = irfftn(np.conj(waves[:, i]) * waves[:, j], whole)
                 kept = np.zeros((plane.rows, *size))
                 for corner in np.ndindex(*(2,) * d):
@@ -225,7 +230,9 @@ class Box:
         return size, out
 
     def together(self, x: Any, spectra: Sequence[tuple[tuple[int, ...], Any]]) -> Any:
-        """(k, component, *box) of the same, by transforms (component, component, *k) of each plane."""
+        """The normal product (k, component, *box) for x of the same shape, by transforms (component, component, *k) of
+        each plane.
+        """
         total: Any = 0.0
         for size, spectrum in spectra:
             out = times(spectrum, rfftn(x, size))
@@ -233,7 +240,7 @@ class Box:
         return total
 
     def forward(self, x: Any) -> Any:
-        """Readings (k, reading) of (k, component, *box), in its precision."""
+        """Readings (k, reading) of tractions (k, component, *box), in their precision."""
         parts = []
         for (plane, size, spectra, _), valid in zip(self.planes, self.valid):
             rows = times(spectra[x.dtype == np.float32], rfftn(x, size))
@@ -243,7 +250,9 @@ class Box:
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def adjoint(self, rows: Any, *, squared: bool = False) -> Any:
-        """Its transpose: (k, component, *box) of readings (k, reading); ``squared``: with the squares of all influences."""
+        """The transpose: (k, component, *box) for readings (k, reading); ``squared``: with the squares of all
+        influences.
+        """
         total: Any = 0.0
         start = 0
         for (plane, size, spectra, squares), valid in zip(self.planes, self.valid):
@@ -299,7 +308,7 @@ class Applied:
         return int(self.observed.sum()), self.components * len(self.cells)
 
     def part(self, position: Index) -> Applied:
-        """The same of some of the cells."""
+        """Return the products restricted to the cells at ``position``."""
         out = self._copy()
         cells = self.cells[position]
         if len(cells):
@@ -323,7 +332,7 @@ class Applied:
 
     @cached_property
     def endless(self) -> list[tuple[tuple[int, ...], Any]] | None:
-        """Transforms of the normal matrix of an endless array, or None if the real one differs."""
+        """Transforms of the normal matrix of an endless array; None if the real one differs too much."""
         if np.count_nonzero(~self.observed) > FEW_MISSING:
             return None
         found = None if self._near_an_edge() else self.box.correlated
@@ -343,7 +352,7 @@ class Applied:
 
     @cached_property
     def symbol(self) -> tuple[tuple[int, ...], Any]:
-        """The size of the box's circulant, and the normal matrix on it (component, component, *k)."""
+        """Size of the box's circulant, and the normal matrix on it (component, component, *k)."""
         size, planes = self.box.folded
         weight, total, start = np.where(self.observed, self.weight**2, 0.0), None, 0
         for each, valid in zip(planes, self.box.valid):
@@ -367,7 +376,9 @@ class Applied:
         return False
 
     def together(self, x: Any) -> Any:
-        """About G'G x, of (k, component, cell) in single precision: twice as fast, or the same as by products."""
+        """Approximate G'G x for x (k, component, cell) in single precision, twice as fast; exact if the array cannot
+        be taken as endless.
+        """
         if self.endless is None:
             return self.adjoint(self.forward(x))
         if self.ray is not None:
@@ -381,7 +392,7 @@ class Applied:
         return out
 
     def forward(self, x: Any) -> Any:
-        """(k, observed reading) of (k, component, cell)."""
+        """Readings (k, observed reading) for x (k, component, cell)."""
         if self.ray is not None:
             x = self.ray.astype(x.dtype)[None, :, None] * x
         whole = np.zeros((len(x), len(self.box.columns), math.prod(self.box.shape)), dtype=x.dtype)
@@ -391,7 +402,7 @@ class Applied:
         return out if self.observed.all() else out[:, self.observed]
 
     def adjoint(self, rows: Any) -> Any:
-        """(k, component, cell) of (k, observed reading)."""
+        """The transpose (k, component, cell) for readings (k, observed reading)."""
         if not self.observed.all():
             whole = np.zeros((len(rows), len(self.observed)), dtype=rows.dtype)
             whole[:, self.observed] = rows
@@ -406,7 +417,7 @@ class Applied:
     def squares(self) -> Floats:
         """The diagonal (component * cell,) of the normal matrix."""
         if self.ray is not None:
-            # of rays, as if components were separated: it only makes iterations short
+            # For rays, neglect the coupling of components: this only affects the number of iterations.
             whole = copy.copy(self)
             whole.ray = None
             each = Applied.squares.func(whole).reshape(len(self.ray), -1)
@@ -426,7 +437,9 @@ class Applied:
         return np.asarray(out[0] if rows.ndim == 1 else out)
 
     def sketched(self, each: Floats) -> Floats:
-        """Rows whose squares add up to those of every reading's row times ``each``, on average: combinations of random signs."""
+        """Random combinations of rows, with random signs, whose squares sum on average to those of every reading's row
+        times ``each``.
+        """
         rng = np.random.default_rng(0)
         signs = np.where(rng.random((SKETCH, len(each))) < 0.5, -1.0, 1.0)
         return (signs * each) @ self / math.sqrt(SKETCH)
@@ -464,7 +477,9 @@ class Products:
         return np.asarray(self.many(x[None])[0])
 
     def many(self, x: Any, *, about: bool = False) -> Any:
-        """H x, of (k, component, cell), in its precision; ``about``: with an endless array, if that is nearly the same."""
+        """H x for x (k, component, cell), in its precision; ``about``: with an endless array, if that is nearly the
+        same.
+        """
         scales = self.scales.astype(x.dtype)[None, :, None]
         x = x * scales
         out = self.matrix.together(x) if about else self.matrix.adjoint(self.matrix.forward(x))
@@ -477,8 +492,9 @@ class Products:
 
     @cached_property
     def circulants(self) -> list[tuple[Any, Circulant]]:
-        """Circulants that are next to the matrix scaled to a diagonal of one, and the root of the part that each has in the cells (cell,), in single
-        precision: of those that the readings tell of, and of those beyond the array that the penalty alone ties.
+        """Circulants that approximate the matrix scaled to a unit diagonal, and the square root of the weight of each
+        in the cells (cell,), in single precision: one for cells that affect the readings, one for cells beyond the
+        array with only the penalty.
         """
         matrix, c = self.matrix, self.matrix.components
         size, data = matrix.symbol
@@ -509,7 +525,7 @@ class Products:
         return Iterative(self, face, more)
 
     def exactly(self) -> Quadratic:
-        """With a matrix of the readings, if they are few enough."""
+        """Return the quadratic form with an explicit matrix of the readings, if they are few enough."""
         readings, unknowns = self.matrix.shape
         if readings**2 * unknowns > MATRIX:
             return self

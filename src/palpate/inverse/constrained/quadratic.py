@@ -1,7 +1,8 @@
-"""Normal matrices H = G'G + P: of readings G, whitened, and a penalty P of each component on neighbouring cells.
+"""Normal matrices H = G'G + P, for whitened readings G and a penalty P that couples neighbouring cells of each
+component.
 
-Quadratic forms: with an explicit matrix if there are many readings, or as factors if there are few readings per cell (a finer grid under a small
-array).
+They are stored as a matrix if there are many readings, or as factors if there are few readings per cell (a finer grid
+under a small array).
 """
 
 from __future__ import annotations
@@ -37,11 +38,12 @@ __all__ = ["Formed", "Penalty", "Quadratic", "Unformed", "formed_or_not", "prior
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Form the matrix of systems with fewer unknowns.
+#: Smaller systems are always formed as a matrix.
 MIN_UNFORMED_UNKNOWNS = 150
-#: Do not form a matrix if that takes at most this part of the work: smaller calls cost more than their size.
+#: A matrix stays unformed only if its factor takes at most this fraction of the work for a formed one: small calls cost
+#: more than their size suggests.
 WORTH = 0.4
-#: Entries of a penalty up to which sums are sooner than a sparse matrix, which has to be made first.
+#: Largest number of entries of a penalty for which direct sums are faster than building a sparse matrix.
 SUMMED = 20_000
 
 
@@ -52,22 +54,22 @@ class Quadratic(Protocol):
     by_products: bool
 
     def product(self, x: Floats) -> Floats:
-        """H x, of (component, cell)."""
+        """H x for x (component, cell)."""
 
     def diagonal(self) -> Floats:
-        """(component * cell,)."""
+        """Diagonal of H (component * cell,)."""
 
     def scaled(self, scales: Floats) -> Quadratic:
-        """S H S, of a scale for each component."""
+        """S H S, with one scale per component."""
 
     def factor(self, face: Face, more: Floats) -> Factor:
-        """Of W'HW + diag(more) on the free directions W of a face."""
+        """Factor of W'HW + diag(more) on the free directions W of a face."""
 
     def exactly(self) -> Quadratic:
-        """The same with exact factors, if possible."""
+        """Return the quadratic form in a representation that can be factorised exactly, if there is one."""
 
     def dense(self) -> Floats:
-        """(component * cell, component * cell)."""
+        """H as an array (component * cell, component * cell)."""
 
 
 class Formed:
@@ -77,11 +79,13 @@ class Formed:
 
     def __init__(self, matrix: Floats) -> None:
         self.matrix = matrix
-        self._asked = False  # for a factor with free shear
+        self._asked = False  # whether a factor with free shear was requested before
         self._shear: tuple[Floats, Floats, Floats] | None = None
 
     def _beside(self, pressing: Index, shear: int) -> Dense:
-        """The factor with all shear free, and pressure free in some cells: it eliminates shear once, and the rest is small."""
+        """The factor if all shear is free and pressure only in some cells: shear is eliminated once, and the rest is
+        small.
+        """
         from scipy.linalg import blas
 
         if self._shear is None:
@@ -105,7 +109,7 @@ class Formed:
         c, n = face.free.shape
         if c > 1 and not face.mixed and face.free[:-1].all() and not more.any():
             pressing = np.flatnonzero(face.free[-1])
-            # if some are fixed, others follow: the Schur complement of shear serves all steps
+            # If some cells are fixed now, more steps of this kind follow: reuse the Schur complement of shear.
             if self._asked or n // 2 < len(pressing) < n:
                 return self._beside(pressing, (c - 1) * n)
             self._asked = True
@@ -122,7 +126,7 @@ class Formed:
 
 
 class Penalty:
-    """The penalties of all components on the same cells: entries (row, col), values (component, entry)."""
+    """Penalties of all components on the same cells: entries (row, col), values (component, entry)."""
 
     def __init__(self, cells: Index, each: Sequence[Sparse], shape: tuple[int, ...]) -> None:
         self.cells, self.shape = cells, shape
@@ -142,11 +146,11 @@ class Penalty:
                 self.values[i, slice(None) if len(key) == len(every) else np.searchsorted(every, key)] = part[2]
         self._order()
 
-        #: Chains of free cells: the first one (with free shear) and the last.
+        #: Cached chains of free cells: the first one (with free shear) and the last.
         self._made: list[tuple[Flags, Floats, Chain]] = []
 
     def _order(self) -> None:
-        """Rank of each cell, so that neighbours are as near as can be."""
+        """Order the cells so that the bandwidth is small."""
         n = len(self.cells)
         self.rank = np.arange(n)
         self.reach = int(np.abs(self.row - self.col).max(initial=0))
@@ -167,7 +171,7 @@ class Penalty:
 
     @cached_property
     def _whole(self) -> Sparse:
-        """Over (component, cell)."""
+        """Sparse matrix over (component, cell)."""
         c, n = len(self.values), len(self.cells)
         counts = np.tile(np.bincount(self.row, minlength=n), c)
         col = (self.col + n * np.arange(c)[:, None]).ravel()
@@ -176,11 +180,11 @@ class Penalty:
 
     @cached_property
     def _lower(self) -> Flags:
-        """Entries of the lower triangle, by rank."""
+        """Mask of the entries of the lower triangle, in the order of ranks."""
         return np.asarray(self.rank[self.row] >= self.rank[self.col])
 
     def product(self, x: Floats) -> Floats:
-        """P x, of (component, cell)."""
+        """P x for x (component, cell)."""
         if self.values.size > SUMMED:
             return np.asarray(self._whole @ x.ravel()).reshape(x.shape)
         return np.asarray(np.add.reduceat(self.values * x.take(self.col, axis=1), self._starts, axis=1))
@@ -191,11 +195,11 @@ class Penalty:
         return np.flatnonzero(np.diff(self.row, prepend=-1))
 
     def many(self, x: Any) -> Any:
-        """P x, of (k, component, cell)."""
+        """P x for x (k, component, cell)."""
         return np.asarray((self._whole @ x.reshape(len(x), -1).T).T, dtype=x.dtype).reshape(x.shape)
 
     def perturbed(self, rng: np.random.Generator, count: int) -> Floats:
-        """Samples (count, component, cell) of a Gaussian whose covariance is P."""
+        """Samples (count, component, cell) of a Gaussian with covariance P."""
         n = len(self.cells)
         out = np.empty((count, len(self.values), n))
         order = np.argsort(self.rank)
@@ -213,24 +217,24 @@ class Penalty:
         return self.values[:, self.row == self.col].ravel()
 
     def added(self, matrix: Floats) -> Floats:
-        """A matrix (component * cell, component * cell) with the penalty added to it, in place."""
+        """Add the penalty to a matrix (component * cell, component * cell), in place."""
         n = len(self.cells)
         for i, value in enumerate(self.values):
             matrix[i * n + self.row, i * n + self.col] += value
         return matrix
 
     def dense(self) -> Floats:
-        """(component * cell, component * cell)."""
+        """P as an array (component * cell, component * cell)."""
         return self.added(np.zeros((self.values.shape[0] * len(self.cells),) * 2))
 
     def parts(self, face: Face, more: Floats) -> tuple[list[Part], Index]:
-        """W'PW + diag(more) on the free directions of a face, as parts, and their order."""
+        """W'PW + diag(more) on the free directions of a face, as parts; and the order of the directions."""
         lower = self._lower
         row, col, values = self.row[lower], self.col[lower], self.values[:, lower]
         return self._mixed(face, more, row, col, values) if face.mixed else self._apart(face, more, row, col, values)
 
     def _apart(self, face: Face, more: Floats, row: Index, col: Index, values: Floats) -> tuple[list[Part], Index]:
-        """Each component by itself; those whose penalties are in proportion share a factor."""
+        """Parts for each component by itself; components with proportional penalties share a factor."""
         parts: list[Part] = []
         orders: list[Index] = []
         n, start = len(self.cells), 0
@@ -265,7 +269,7 @@ class Penalty:
         return parts, np.concatenate(orders)
 
     def _mixed(self, face: Face, more: Floats, row: Index, col: Index, values: Floats) -> tuple[list[Part], Index]:
-        """All components together, cell by cell."""
+        """One part for all components together, cell by cell."""
         c, n = face.free.shape
         direction, cell = np.divmod(face.index, n)
         order = np.argsort(self.rank[cell] * c + direction)
@@ -285,14 +289,15 @@ class Penalty:
 
 
 class Unformed:
-    """A matrix kept as readings and penalty."""
+    """A matrix stored as readings and penalty."""
 
     by_products = False
 
     def __init__(self, columns: Floats, penalty: Penalty) -> None:
-        #: ``columns`` (component * cell, reading) is G'.
+        #: G' as ``columns`` (component * cell, reading).
         self.columns, self.penalty = columns, penalty
-        #: G L'^-1 of parts of the last factor, and its Gram matrix: free shear is the same in every step.
+        #: Cached G L'^-1 of the parts of the last factor, and its Gram matrix: free shear does not change between
+        #: steps.
         self._known: dict[int, tuple[Part, Floats, Floats]] = {}
 
     def product(self, x: Floats) -> Floats:
@@ -331,7 +336,9 @@ class Unformed:
 def formed_or_not(
     columns: Callable[[], Floats], readings: int, gram: Callable[[], Floats], penalty: Penalty
 ) -> Quadratic:
-    """H of so many ``readings`` and a penalty: ``columns()`` gives G' (component * cell, reading), ``gram()`` G'G if forming it is cheaper."""
+    """H of ``readings`` readings and a penalty, formed or not, whichever is faster. ``columns()`` returns G'
+    (component * cell, reading), ``gram()`` returns G'G.
+    """
     c = len(penalty.values)
     size = c * len(penalty.cells)
     few = work_of_few(size, readings, c * penalty.reach)
@@ -341,13 +348,13 @@ def formed_or_not(
 
 
 def work_of_few(unknowns: int, readings: int, reach: int) -> float:
-    """Multiplications of a factor of `Unformed` if the penalty couples unknowns ``reach`` apart."""
+    """Number of multiplications for a factor of `Unformed`, if the penalty couples unknowns up to ``reach`` apart."""
     wide = max(reach, BLOCK)
     return unknowns * wide * (2.4 * wide + 2.0 * readings) + unknowns * readings**2 + readings**3 / 3.0
 
 
 def prior_factor(penalty: Penalty, face: Face) -> Factor:
-    """Of the penalty alone on the free directions of a face."""
+    """Factor of the penalty alone on the free directions of a face."""
     parts, order = penalty.scaled(face.scales).parts(face, np.zeros(len(face.index)))
     return FewReadings(parts, order, np.zeros((len(order), 0)))
 

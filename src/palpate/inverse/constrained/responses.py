@@ -1,4 +1,4 @@
-"""Readings of a surface traction, and the adjoint: a matrix if that is small, else transforms."""
+"""Map from surface traction to readings, and its adjoint: by a matrix if small, otherwise by transforms."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["Responses"]
 
-#: Largest number of entries of an operator as a matrix: above, transforms are as fast.
+#: Largest number of entries for which a matrix is used: above, transforms are as fast.
 SMALL = 500_000
 
 
 class Responses:
-    """The operator between the components sought, ``columns``, and the vector of working readings."""
+    """The operator from the components sought (``columns``) to the vector of working readings."""
 
     def __init__(self, operator: Operator, columns: tuple[int, ...], readings: Readings) -> None:
         self.operator, self.columns, self.readings = operator, columns, readings
 
     def of(self, traction: Floats) -> Floats:
-        """A t (reading,) of traction (component, cell), in its precision."""
+        """Readings A t (reading,) of a traction (component, cell), in its precision."""
         if self._matrix is not None:
             return np.asarray(self._matrix @ traction.ravel())
         grid = self.operator.surface
@@ -33,7 +33,7 @@ class Responses:
         return self.readings.flat(self.operator.forward(full))
 
     def back(self, data: Floats) -> Floats:
-        """A' data (component, cell) of readings (reading,)."""
+        """A' data (component, cell) for readings (reading,)."""
         if self._matrix is not None:
             return np.asarray(data @ self._matrix).reshape(len(self.columns), -1)
         adjoint = self.operator.adjoint(self.readings.planes(data))
@@ -41,7 +41,7 @@ class Responses:
 
     @cached_property
     def _matrix(self) -> Floats | None:
-        """(reading, component * cell), if it is so small that matrix products are faster than transforms."""
+        """The matrix (reading, component * cell), if small enough to be faster than transforms; None otherwise."""
         cells = math.prod(self.operator.surface.shape)
         if len(self.readings.std) * len(self.columns) * cells > SMALL:
             return None

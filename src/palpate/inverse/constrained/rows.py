@@ -1,4 +1,4 @@
-"""Sparse rows over cells, whose variances are requested: differences between neighbours, means over a few cells."""
+"""Sparse rows over cells whose variances are requested: differences between neighbours, means over a few cells."""
 
 from __future__ import annotations
 
@@ -20,24 +20,26 @@ Index = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Rows:
-    """Sparse rows, entry by entry and row after row; entries of one place add up. ``others`` (row, k) are columns behind the last that are full."""
+    """Sparse rows as entries, row after row; entries at the same position are summed. ``others`` (row, k) are dense
+    columns after the sparse ones.
+    """
 
     row: Index
     col: Index
     value: Floats
     count: int
     others: Floats | None = None
-    #: The rows over cells that these are for one component after another.
+    #: The rows over cells that these rows repeat for each component.
     one: Rows | None = None
 
     @classmethod
     def of(cls, matrix: Any) -> Rows:
-        """Those of a sparse matrix in rows."""
+        """Convert a sparse matrix in row format."""
         row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
         return cls(row, np.asarray(matrix.indices, dtype=np.intp), np.asarray(matrix.data), matrix.shape[0])
 
     def each(self, components: int, cells: int) -> Rows:
-        """Rows over cells as rows over (component, cell), for one component after another."""
+        """Repeat rows over cells for each component, as rows over (component, cell)."""
         i = np.arange(components)[:, None]
         return Rows(
             (self.row + i * self.count).ravel(),
@@ -48,7 +50,7 @@ class Rows:
         )
 
     def times(self, dense: Floats) -> Floats:
-        """rows dense, of an array (n, k)."""
+        """Product of the rows with an array (n, k)."""
         starts = np.concatenate([[0], np.cumsum(np.bincount(self.row, minlength=self.count))])
         n = len(dense) - (0 if self.others is None else self.others.shape[1])
         own = scipy.sparse.csr_array((self.value, self.col, starts), shape=(self.count, n))
@@ -56,11 +58,11 @@ class Rows:
         return out if self.others is None else out + self.others @ dense[n:]
 
     def variances(self, entries: Callable[[Index, Index], Floats]) -> Floats:
-        """Diagonal of rows C rows', where ``entries(i, j)`` are those of C, i >= j."""
+        """Diagonal of rows C rows', where ``entries(i, j)`` returns entries of C, i >= j."""
         return self.variances_of(self.col, entries)
 
     def variances_of(self, col: Index, entries: Callable[[Index, Index], Floats]) -> Floats:
-        """The same with other numbers of the columns."""
+        """Return the variances of the rows if the columns are renumbered by ``col``."""
         row, first, other, weight = self._pairs
         i, j = col[first], col[other]
         each = weight * entries(np.maximum(i, j), np.minimum(i, j))
@@ -68,7 +70,7 @@ class Rows:
 
     @cached_property
     def _pairs(self) -> tuple[Index, Index, Index, Floats]:
-        """Of every entry with itself and those of its row before it: the row, both places, and the weight."""
+        """Pairs of each entry with itself and with earlier entries of its row: row, both positions, weight."""
         counts = np.bincount(self.row, minlength=self.count)
         starts = np.cumsum(counts) - counts
         before = np.arange(len(self.row)) - starts[self.row] + 1

@@ -1,5 +1,5 @@
-"""Variances of a contact model on the face of the constraints that its solution lies on, in which it may move freely; the freedom that it
-takes of the readings.
+"""Variances of a contact model on the face of the constraints that its solution lies on, and the degrees of freedom
+that it uses.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ __all__ = [
 ]
 
 
-#: Unknowns beside contact are not told where the readings tell this part of the best told.
+#: Unknowns beside contact are undetermined below this fraction of the largest information on any.
 UNTOLD = 1e-6
 
 
 def carried(solution: Solution, rows: Floats) -> Floats:
-    """H^-1 rows' (free, row), of ``rows`` (row, component * cell), on the face of the cone that the solution lies on."""
+    """H^-1 rows' (free, row) for ``rows`` (row, component * cell), on the face of the cone that the solution lies on."""
     face, factor = face_of(solution)
     return factor.inverse(face.columns(rows).T)
 
 
 def covariance_of(solution: Solution, rows: Floats) -> Floats:
-    """The posterior covariance (row, row) of rows' x there."""
+    """Posterior covariance (row, row) of rows' x on that face."""
     face, factor = face_of(solution)
     local = face.columns(rows)
     found = local @ factor.inverse(local.T)
@@ -51,34 +51,36 @@ def covariance_of(solution: Solution, rows: Floats) -> Floats:
 
 
 def told_by_each(model: ContactModel, rows: Floats, white: Floats) -> Floats:
-    """Contribution of each reading to sums ``rows`` (row, component * cell) of a contact, (reading, row): dF/dy y, with dF/dy = A H^-1 rows' on the
-    face of the contact. ``white``: the readings, whitened.
+    """Contribution of each reading to sums ``rows`` (row, component * cell) of a contact, (reading, row): dF/dy y,
+    with dF/dy = A H^-1 rows' on the face of the contact. ``white`` are the whitened readings.
     """
     told = seen_of(model, carried(model.solution, rows))
     return np.asarray(told * white[:, None])
 
 
 def told_of(model: ContactModel, rows: Floats) -> Floats:
-    """S = B'B - B'A H^-1 A'B, what readings tell of unknowns that do ``rows`` B (reading, unknown), whitened, to them, besides contact on its face."""
+    """Schur complement S = B'B - B'A H^-1 A'B: information on unknowns with whitened columns ``rows`` B (reading,
+    unknown), beside the contact on its face.
+    """
     return np.asarray(rows.T @ rows - covariance_of(model.solution, rows.T @ model.data.matrix))
 
 
 def deviations_of(precision: Floats) -> Floats:
-    """Square roots of the diagonal of S^-1 (`told_of`); directions that the readings do not tell are as wide as `UNTOLD` of what they tell."""
+    """Square roots of the diagonal of S^-1. Undetermined directions get `UNTOLD` of the largest information."""
     values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
     values = np.maximum(values, UNTOLD * max(float(values.max(initial=0.0)), 1e-300))
     return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)))
 
 
 def seen_of(model: ContactModel, moved: Floats) -> Floats:
-    """Change of the whitened readings with steps (free, k) in the free directions, (reading, k)."""
+    """Change of the whitened readings (reading, k) caused by steps (free, k) in the free directions."""
     face = face_of(model.solution)[0]
     return np.asarray(model.data.matrix @ np.asarray(face.directions().T @ moved))
 
 
 def by_gains(model: ContactModel, rows: Floats, white: Floats) -> Floats:
-    """Variances of sums ``rows`` of a contact, of readings each of which is wrong by a part of itself with a standard deviation of 1: sum over readings of
-    (dF/dy y)^2, as `told_by_each`.
+    """Variances of sums ``rows`` of a contact if each reading has an independent gain error with standard deviation 1
+    (100 %): sum over readings of (dF/dy y)^2, as in `told_by_each`.
     """
     return np.asarray((told_by_each(model, rows, white) ** 2).sum(axis=0))
 
@@ -91,7 +93,7 @@ def face_of(solution: Solution) -> tuple[Face, Factor]:
 
 
 def taken_by(model: ContactModel) -> float:
-    """How many degrees of freedom of the readings a model takes up: computed once for each factor, as rounds compare with the first."""
+    """Degrees of freedom that a model uses of the readings; cached for each factor."""
     face, factor = face_of(model.solution)
     if model.taken is None or model.taken[0] is not factor:
         if isinstance(factor, Dense) and len(model.data.matrix) > len(factor.lower):
@@ -103,7 +105,7 @@ def taken_by(model: ContactModel) -> float:
 
 
 def taken_of_each(model: ContactModel) -> Floats:
-    """The same of each reading."""
+    """Degrees of freedom that a model uses of each reading."""
     factor = face_of(model.solution)[1]
     if isinstance(factor, FewReadings | Iterative):
         return factor.taken()
@@ -114,11 +116,13 @@ def taken_of_each(model: ContactModel) -> Floats:
 
 
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:
-    """K (free, unknown): the error of a model due to unknowns that act on many readings at once, so that K K' adds to its covariance.
+    """K (free, unknown): error of a model due to unknowns that act on many readings at once; K K' is added to its
+    covariance.
 
-    ``columns`` (reading, unknown) is the effect of each unknown on the readings, whitened; ``prior`` (unknown,) its standard deviation. With
-    X = H^-1 W'A' B on the face, an unknown change c of the readings changes the traction by -X c. An infinite deviation is determined by the
-    readings: (B'B - B'A W X)^-1. A finite one is not reduced: the penalty's amplitude was learnt from these readings and adds no information.
+    ``columns`` (reading, unknown) is the whitened effect of each unknown on the readings; ``prior`` (unknown,) its
+    standard deviation. With X = H^-1 W'A' B on the face, a change c of the unknowns changes the traction by -X c. An
+    unknown with infinite deviation is determined by the readings: (B'B - B'A W X)^-1. A finite deviation is not
+    reduced: the penalty's amplitude was learned from these readings and adds no information.
     """
     rows = columns.T @ model.data.matrix
     x = carried(model.solution, rows)
@@ -128,14 +132,16 @@ def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats
         b, found = columns[:, observed], x[:, observed]
         precision = b.T @ b - face_of(model.solution)[0].columns(rows[observed]) @ found
         values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-        # directions that the readings do not determine stay as wide as the readings allow
+        # Directions that the readings do not determine keep the largest uncertainty.
         floor = 1e-6 * max(float(np.trace(b.T @ b)), 1e-300)
         out[:, observed] = found @ (vectors / np.sqrt(np.maximum(values, floor)))
     return np.asarray(out)
 
 
 def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats:
-    """Posterior variance of sparse rows' x over (component, cell), with correlations; if samples give it, ``few`` are enough."""
+    """Posterior variance of sparse rows' x over (component, cell), with correlations; ``few``: use few samples if it
+    is computed from samples.
+    """
     face, factor = face_of(model.solution)
     local = face.rows(rows)
     out = factor.variances(local, few=few) if isinstance(factor, Iterative) else factor.variances(local)
@@ -152,14 +158,14 @@ def owed_of(model: ContactModel, rows: Rows) -> Floats:
 
 
 def owed_of_sums(model: ContactModel, rows: Floats) -> Floats:
-    """The same of rows that are not sparse."""
+    """Return, for dense rows, the variance due to the unknowns of ``model.stated``; 0 without any."""
     if model.stated is None:
         return np.zeros(len(rows))
     return np.asarray(((face_of(model.solution)[0].columns(rows) @ model.stated) ** 2).sum(axis=1))
 
 
 def variance_of_sums(model: ContactModel, rows: Floats) -> Floats:
-    """The same of rows that are not sparse."""
+    """Posterior variance for dense rows."""
     face, factor = face_of(model.solution)
     local = face.columns(rows)
     out = factor.squares(local)

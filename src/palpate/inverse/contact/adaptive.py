@@ -59,16 +59,18 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
     @property
     def reach(self) -> int:
-        """Cells round those in contact that share their error."""
+        """Number of cells around the contact whose error bars include the uncertainty of its edge."""
         return 1
 
     @property
     def finds_sliding(self) -> bool:
-        """Where friction is given."""
+        """Sliding is a candidate only if friction is given."""
         return self.cone.coupled
 
     def _ratio(self, places: float, freedom: float, unknowns: int) -> int:
-        """How much finer than the surface the problem is worth solving, where the data tell ``freedom`` of ``places`` unknowns."""
+        """How many times finer than the surface grid to solve, if the data determine ``freedom`` of ``places``
+        unknowns.
+        """
         d = self.operator.surface.dimensions
         spacing = (places / max(freedom, 1.0)) ** (1.0 / d)
         policy = self.policy
@@ -86,7 +88,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
 
     def _freedom_along(self, data: Normal, weight: float) -> float:
-        """How many degrees of freedom of the pressure the data tell, by the even penalty of that weight."""
+        """Degrees of freedom of the pressure that the data determine under an even penalty with that weight."""
         import scipy.linalg
 
         even = self.precisions(data.level, 1, weight)[-1][data.cells][:, data.cells].toarray()
@@ -101,11 +103,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
     ) -> Iterator[ContactModel]:
-        """The models of a frame, with their weights, each made when it is asked for.
+        """Yield the models of a frame with their weights; each is computed when the caller asks for it.
 
-        Where a contact that crosses the array's edge ends is not in the data (the objectives differ by a nat or less): some
-        of the weight goes to models that end it on the surface. Nor is friction in the data, where the channels alone do not tell pressure
-        from shear: half of the weight goes to models that friction bounds.
+        If the contact crosses the edge of the array, the data cannot tell where it ends (the objectives differ by at
+        most one nat). Part of the weight therefore goes to models whose contact ends on the surface. If the channels
+        cannot separate pressure from shear, half of the weight goes to models with a limit on friction.
         """
         policy = self.policy
         size = np.abs(first[-1]).reshape(self.operator.surface.shape)
@@ -139,7 +141,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         grid, c = self.operator.surface, len(self.columns)
         possible = int(region.sum())
         if not self.cone.free:
-            # what the models would trim in any case makes them slow, and takes the share of finer cells: without this shear was 6 % worse
+            # Remove cells that every model would trim anyway: they cost time and prevent a finer grid. Without this
+            # step the shear error grew by 6 %.
             pressure = first[-1].reshape(grid.shape)
             region = region & dilated(pressure > self._trim(y) * np.where(region, pressure, 0.0).max(), 1)
         count = int(region.sum())
@@ -156,7 +159,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
         if fields < 0.5:
-            # the first model is the one that noise is learned from
+            # The noise is estimated from the first model, so the more probable kind comes first.
             yield from compact
         slides: list[tuple[Floats, Floats, float]] = []
         if self.cone.coupled and policy.parts.sliding:
@@ -173,7 +176,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
         if slides and not coarse.at_size:
-            # pressure alone has fewer unknowns than the data tell: a finer grid pays sooner
+            # Pressure alone has fewer unknowns than the data determine, so that a finer grid is worth its cost.
             freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
             finer = self._ratio(count, freedom, count)
             if (
@@ -193,7 +196,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
     def _compact(
         self, data: Normal, first: Floats, y: Floats, noise: Floats, observed: Flags, parameter: float, possible: int
     ) -> Discs | None:
-        """Discs that a contact of a few taxels may be (`palpate.inverse.contact.compact`); none where it is larger."""
+        """Candidate discs for a contact of a few taxels (`palpate.inverse.contact.compact`); None if the contact is
+        larger.
+        """
         if not self.policy.parts.compact or data.at_size:
             return None
         white = self.readings.white(y[observed], observed)
@@ -203,11 +208,12 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return discs(self, data, first, white, float(left @ left), taken, possible)
 
     def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
-        """The models that are discs, with their weights."""
+        """One model for each disc, with its weight."""
         if found is None:
             return
         for disc in found.drawn:
-            # gradients of the disc's own size at its edge are what is expected: of its pressure, or of its shear where it has none
+            # Expected gradient: the disc's pressure over one cell, because that is the step at its edge; its shear if
+            # it has no pressure.
             size = float(disc.traction[-1].max()) or float(np.abs(disc.traction).max())
             slope = size / min(data.level.grid.spacings)
             per_cell = [1.0 / (data.level.grid.cell * (v * slope**2 + 1e-300)) for v in self.variances]
@@ -223,7 +229,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         y: Floats,
         evidence: Mapping[int, LinearEvidence],
     ) -> Iterator[ContactModel]:
-        """The models on the cells of ``data``, with their weights."""
+        """Yield the models on the cells of ``data``, with their weights."""
         policy = self.policy
         level = data.level
         odds = weights_by_evidence({order: e.gain for order, e in evidence.items()})
@@ -232,7 +238,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         reaches = self._reaches(level)
         even = 1.0
         if reaches:
-            # an even penalty gets its share, and half where the second derivative is what the frame speaks for
+            # The even penalty gets its prior weight, and half of the weight that the evidence gives to the second
+            # derivative.
             smooth = sum(odds[order] for order in chosen[1:]) / total
             even = (1.0 - smooth) * policy.prior.even + smooth / 2.0 if policy.parts.even_model else 0.0
         first: ContactModel | None = None
@@ -257,7 +264,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield member
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
-        """Without the cells whose pressure is not told from none: all of it pushes, so that noise there would add up."""
+        """The model without cells whose pressure is below the noise. Pressure is never negative, so noise there would
+        add up to a force.
+        """
         policy = self.policy
         pressure = member.solution.traction[-1]
         position = np.flatnonzero(pressure > self._trim(y) * pressure.max())
@@ -267,10 +276,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return self._without_faint(found, precision) if policy.parts.trim and not self.cone.free else found
 
     def _without_faint(self, member: ContactModel, precision: Sparse | Sequence[Sparse]) -> ContactModel:
-        """Without faint pressure all round, where it makes up much of the force and the readings do not ask for it.
+        """The model without faint pressure around the contact, if that makes up much of the force and the fit stays as
+        good without it.
 
-        Wide even pressure on a thin bonded layer is hardly felt, and costs no gradients; where friction is known, noise in shear asks for it: a
-        twisted ball of 2.4 N was read as 3.5 N.
+        Wide, even pressure on a thin bonded layer hardly changes the readings and costs no gradient. If friction is
+        given, noise in the shear produces such pressure: a twisted ball of 2.4 N was read as 3.5 N.
         """
         policy = self.policy
         pressure = member.solution.traction[-1]
@@ -283,12 +293,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return found if self._explains(found, member) else member
 
     def _trim(self, y: Floats) -> float:
-        """The part of the peak below which pressure is noise, for whitened readings."""
+        """Fraction of the peak below which pressure counts as noise, for whitened readings ``y``."""
         policy = self.policy
         return min(policy.extent.trim / max(float(np.abs(y).max()), 1e-300), policy.extent.faint)
 
     def _reaches(self, level: Level) -> list[tuple[float, bool]]:
-        """Widths in cells of the local means that differ on this grid; without the variance weak shear would be lost."""
+        """(width in cells, whether to include the posterior variance) of each distinct local mean on this grid. Weak
+        shear needs the variance, or it would shrink to zero.
+        """
         policy = self.policy
         cell, shear = min(level.grid.spacings), len(self.columns) > 1
         wide = (max(policy.prior.reach * self.depth / cell, 1.0), shear)
@@ -299,7 +311,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
     def _relearned(
         self, member: ContactModel, width: float, variance: bool, y: Floats, energies: Floats
     ) -> ContactModel:
-        """The penalty learned from its own result, over and over, beginning with the ``energies`` of the first."""
+        """Re-estimate the local penalty from the model's own gradients several times, starting from the ``energies``
+        of the first model.
+        """
         policy = self.policy
         level, first = member.level, member
         precisions: list[Sparse] = []
@@ -312,7 +326,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             position = np.flatnonzero(keep)
             if not len(position):
                 break
-            least = policy.prior.floor * tau.max()  # of all components: without friction shear is nothing
+            least = policy.prior.floor * tau.max()  # of all components: without friction the shear can be zero
             last = i == rounds - 1
             for larger in policy.prior.larger:
                 each = level.differences.local(larger * np.maximum(tau, least))
@@ -330,10 +344,10 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return self._trimmed(member, precisions, y) if precisions else member
 
     def _explains(self, member: ContactModel, first: ContactModel) -> bool:
-        """Whether a model leaves no more of the readings than the first: few readings leave local weights to shrink contact to nothing,
-        each round from the smaller gradients of the one before.
+        """Whether a model fits the readings as well as the first one. With few readings, local weights can shrink the
+        contact to nothing: each round starts from the smaller gradients of the round before.
 
-        A model of fewer degrees of freedom leaves as many more squares of the noise, and by chance their deviation.
+        A model with fewer degrees of freedom has a larger residual by chance; the test allows for this.
         """
         policy = self.policy
         if not policy.parts.explains or len(self.readings.std) > policy.work.hold:
@@ -345,7 +359,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return more < fewer + policy.prior.left_more * math.sqrt(fewer)
 
     def _local_scales(self, member: ContactModel, width: float, energies: Floats) -> Floats:
-        """tau (component, *grid): local mean of the squared gradient, of each component by itself."""
+        """tau (component, *grid): local mean of the squared gradient, for each component separately."""
         import scipy.ndimage
 
         grid = member.level.grid
@@ -353,9 +367,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
         return np.asarray(scipy.ndimage.gaussian_filter(energies, sigma, mode="constant"))
 
     def _energies(self, member: ContactModel, variance: bool) -> Floats:
-        """Squared gradient (component, *grid) of a model.
+        """Squared gradient (component, *grid) of a model, plus its posterior variance if ``variance``.
 
-        Weak shear keeps its posterior variance: it must not learn from its own estimate that it is nothing.
+        Without the variance, weak shear would be driven to zero by its own small estimate.
         """
         level, c = member.level, len(self.columns)
         fields = np.zeros((c, math.prod(level.grid.shape)))

@@ -1,4 +1,6 @@
-"""From the solved models of an explanation to the frame that is answered: errors, fit, notes' figures, bounds; and frames where nothing was found."""
+"""Build the result of a frame from its solved models: traction, errors, fit and bounds; also results for frames
+without contact.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.Generator | None) -> Frame:
-    """One frame of the explanation that it was solved with."""
+    """The result of one frame under the explanation that was solved."""
     h = run.explanation
     deviation = nuisance_errors(prepared, run)
     at_limit = observed.limited
@@ -38,7 +40,7 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
     each = np.full(prepared.noise.count, run.scale) if run.levels is None else run.levels
     if not run.members:
         rest = np.where(run.observed, run.data / np.where(run.noise > 0, run.noise, 1.0), 0.0)
-        # a reading that stands alone may be a small contact right over a shallow taxel
+        # A single reading that stands out may be a small contact directly above a shallow taxel.
         alone = np.where(shallow(prepared.operator.planes_of, prepared.policy), observed.data, 0.0)
         nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
         fit = misfit_of(prepared, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
@@ -51,7 +53,7 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
             share(prepared, m, run, deviation, at_limit)
         fit, left, free = fit_of(prepared, run)
         result = combined(prepared, run, each, fit, left, rng)
-        # the models may explain on a finer grid what cells of the surface cannot
+        # The models use a finer grid and may fit readings that surface cells cannot.
         pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
         turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
         result = replace(
@@ -88,7 +90,9 @@ def combined(
     rng: np.random.Generator | None,
     also: Solved | None = None,
 ) -> Frame:
-    """The mean of the models of a run, and of ``also`` another, with the errors of all."""
+    """The weighted mean of the models of a run (and of a second run ``also``), with errors that include the spread
+    between models.
+    """
     policy = prepared.policy
     runs = [run] if also is None else [run, also]
     members = [m for r in runs for m in r.members]
@@ -130,10 +134,10 @@ def combined(
 def _nothing(
     prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
 ) -> Frame:
-    """No contact; ``alone`` is what readings that are left out may yet say of it."""
+    """A result without contact. ``alone`` are readings (reading,) that are left out but may still come from a contact."""
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
-    # from the readings themselves: the residual is all noise
+    # Use the readings themselves: without contact the whole residual is noise.
     rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
     errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
@@ -142,7 +146,7 @@ def _nothing(
 
 
 def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:
-    """A frame that no contact explains: nothing is known."""
+    """Result of a frame that no explanation fits: traction and errors are NaN."""
     nothing = _nothing(prepared, math.nan, math.nan, data, outliers)
     gap, terms = math.nan * nothing.traction, np.full(len(prepared.terms), math.nan)
     return replace(
@@ -159,12 +163,14 @@ def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float
 
 
 def nothing_known(errors: Errors) -> Errors:
-    """Errors of a frame of which nothing is known, as large as others."""
+    """Errors of the same shapes, all NaN."""
     return Errors(**{f.name: np.full_like(getattr(errors, f.name), math.nan) for f in fields(Errors)})
 
 
 def hidden(prepared: Prepared, data: Floats) -> Floats:
-    """Net forces (component, 2) of contact as large as the largest of readings allows that no contact explains."""
+    """Bounds on the net force (component, 2) of an undetected contact, from the largest of readings that no contact
+    explains.
+    """
     largest = float(np.abs(data / prepared.readings.std).max(initial=0.0))
     force = WIDE * prepared.undetected(largest, data).force
     return np.stack([-force, force], axis=-1)

@@ -1,4 +1,4 @@
-"""The constrained solution on the surface, over the cells where contact is."""
+"""Solve the constrained problem on the surface grid, over the cells in contact."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ def solved(
     *,
     keep_face: bool = False,
 ) -> tuple[Floats, Floats, ContactModel]:
-    """The constrained solution on the surface grid (component, cell), the readings that it explains, and the model it is of.
+    """Constrained solution on the surface grid (component, cell), the readings that it predicts (reading,), and its model.
 
-    It is solved over cells where pressure is likely; cells are added until none is missing. ``near`` is the solution of a problem that
-    differs little, where there is one: it saves steps and changes nothing else. ``keep_face`` is that of `minimise`.
+    Start with the cells where pressure is likely and add cells until none is missing. ``near`` is the solution of a
+    similar problem, used as a starting point: it saves iterations and does not change the result. ``keep_face`` is passed
+    to `minimise`.
     """
     policy = estimator.policy
     level, components = estimator.level(1), len(estimator.columns)
@@ -56,18 +57,20 @@ def solved(
         traction = np.zeros((components, math.prod(grid.shape)))
         traction[:, cells] = member.solution.traction
         explained = estimator.explained_by(traction)
-        # a cell left out is missing if pressure there would lower the objective
+        # A cell outside the region is missing if pressure there would lower the objective.
         slope = estimator.misfit_gradient(y - explained / noise, noise, observed) - np.stack(
             [q @ t for q, t in zip(precisions, traction)]
         )
         pull = np.abs(estimator.cone.project(slope * estimator.cone.scales[:, None])[-1])
         pull[region] = 0.0
-        # the edge of what is hardly felt grows by a few cells in many rounds; models have a margin of their own
+        # The edge of a weakly sensed contact would grow by a few cells for many rounds. Stop: the models add a margin
+        # of their own.
         beside = dilated(region.reshape(grid.shape), 1).ravel()
         missing = pull > reference
         if not (missing & ~beside).any() and missing.sum() <= policy.work.few_cells * region.sum():
             break
-        # where Newton's method cycles all of the surface is soon in contact: of a large one, one hard problem instead of one a round
+        # If Newton's method cycles, most of the surface is in contact. For a large surface, solve one problem over a
+        # larger region instead of one per round.
         region |= missing | (data.at_size and member.solution.hard)
         start = traction
     return traction, explained, member

@@ -1,8 +1,9 @@
-"""Models of a contact of a few taxels: discs (strips on a line) of even traction, everywhere and of every size.
+"""Models of a contact of a few taxels: discs (strips on a line) of constant traction, at any place and of any size.
 
-Between shallow taxels little is felt: readings of a small contact are those of a wide one of less force, and a penalty of gradients always says the
-wide one. Here the places and radii that explain the readings are weighed by what they leave, and some of them, drawn in the order of their force,
-become models of the frame: traction on their cells alone. How far they differ is then part of every error bar.
+Between shallow taxels the sensitivity is low: a small contact gives the same readings as a wide one with less force,
+and a penalty on gradients always prefers the wide one. Here each place and radius that fits the readings is weighted
+by its residual. Discs drawn from that distribution become models of the frame, with traction on their cells only. The
+spread between them is part of every error bar.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ Index = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Disc:
-    """Cells (their places among those of the data) and the traction on them (component, cell)."""
+    """Cells of a disc (indices into the cells of the data) and the traction on them (component, cell)."""
 
     position: Index
     traction: Floats
@@ -39,7 +40,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class Discs:
-    """Discs of equal weight, and the weight of all."""
+    """Discs of equal weight, and their total weight."""
 
     drawn: tuple[Disc, ...]
     weight: float
@@ -47,8 +48,9 @@ class Discs:
 
 @dataclass(frozen=True)
 class _Tried:
-    """What readings shapes give (shape, component, reading), the traction (shape, component) that explains most with each, and the squares that
-    it leaves (shape,)."""
+    """Candidate shapes: their readings (shape, component, reading), the best traction of each (shape, component), and
+    its squared residual (shape,).
+    """
 
     columns: Floats
     traction: Floats
@@ -56,11 +58,11 @@ class _Tried:
 
 
 class _Neighbours:
-    """Which cells of a region lie how near to which."""
+    """Distances between the cells of a region, for looking up discs and rings."""
 
     def __init__(self, cells: Index, shape: tuple[int, ...], radii: tuple[float, ...], steps_to_a_cell: int) -> None:
         steps, self.far, next_to, self.shares = _steps(len(shape), radii[-1], steps_to_a_cell)
-        # the place of every cell among those of the region, and none round it
+        # Index of every cell within the region, with a border of -1 around it.
         reach = int(radii[-1])
         wide = tuple(n + 2 * reach for n in shape)
         self.count = len(cells)
@@ -71,31 +73,33 @@ class _Neighbours:
         self.steps, self.next_to = steps @ along, next_to @ along
 
     def found(self, centres: Index, radius: float, beyond: float = -1.0) -> Index:
-        """Cells within a radius of centres (centre, neighbour), and farther than another; -1 where there is none."""
+        """Cells (centre, neighbour) farther than ``beyond`` and at most ``radius`` from each centre, in cells; -1 for
+        a missing one.
+        """
         low, high = np.searchsorted(self.far, (beyond, radius), side="right")
         return np.asarray(self.number[self.first[centres][:, None] + self.steps[None, low:high]])
 
     def of(self, centres: Index, radius: float, beyond: float = -1.0) -> Sparse:
-        """Discs, or rings, (centre, cell) of ones."""
+        """Sparse matrix (centre, cell) with ones inside each disc, or each ring if ``beyond`` is given."""
         found = self.found(centres, radius, beyond)
         there = found >= 0
         ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
         return scipy.sparse.csr_array((np.ones(ends[-1]), found[there], ends), shape=(len(centres), self.count))
 
     def summed(self, centres: Index, radius: float, weights: Floats) -> Floats:
-        """Discs (cell,), weighed."""
+        """Weighted sum of discs (cell,)."""
         found = self.found(centres, radius)
         there = found >= 0
         each = np.broadcast_to(weights[:, None], found.shape)
         return np.bincount(found[there], each[there], minlength=self.count).astype(np.float64)
 
     def next_to_each(self, centres: Sequence[int]) -> Index:
-        """The neighbours of cells (cell, neighbour), the cell itself among them; -1 where there is none."""
+        """Adjacent cells of each cell (cell, neighbour), including the cell itself; -1 for a missing one."""
         return np.asarray(self.number[self.first[list(centres)][:, None] + self.next_to])
 
     def about(self, centre: int) -> tuple[Index, Floats]:
-        """The neighbours of a cell, itself among them, and their share (place, neighbour) in places between them, by linear interpolation: `steps` of
-        them to a cell.
+        """Adjacent cells of a cell, including itself, and the weights (place, neighbour) of linear interpolation at
+        places between them, `steps` per cell.
         """
         near = self.next_to_each([centre])[0]
         share = self.shares[:, near >= 0]
@@ -104,7 +108,9 @@ class _Neighbours:
 
 @functools.cache
 def _steps(dimensions: int, radius: float, between_cells: int) -> tuple[Index, Floats, Index, Floats]:
-    """Steps to cells within the largest radius, from near to far, and how far; steps to the next cells, and their share in places between them."""
+    """Offsets to cells within the largest radius, nearest first, and their distances; offsets to adjacent cells, and
+    their interpolation weights at places in between.
+    """
 
     reach = int(radius)
     steps = _lattice(np.arange(-reach, reach + 1), dimensions)
@@ -116,12 +122,14 @@ def _steps(dimensions: int, radius: float, between_cells: int) -> tuple[Index, F
 
 
 def _lattice(steps: npt.NDArray[Any], dimensions: int) -> npt.NDArray[Any]:
-    """All places (place, axis) whose coordinates are among the steps."""
+    """All places (place, axis) whose coordinates are among the ``steps``."""
     return np.stack(np.meshgrid(*[steps] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions)
 
 
 def _shares(places: Floats) -> Floats:
-    """The share (place, neighbour) of a cell and its neighbours in places (place, axis) between them, in cells from its middle."""
+    """Linear interpolation weights (place, neighbour) of adjacent cells at places (place, axis), given in cells from
+    the middle of the central cell.
+    """
     next_to = _lattice(np.arange(-1, 2), places.shape[1])
     return np.asarray(np.prod(np.maximum(1.0 - np.abs(places[:, None, :] - next_to[None]), 0.0), axis=2))
 
@@ -135,10 +143,11 @@ def discs(
     taken: float,
     possible: int,
 ) -> Discs | None:
-    """The discs that explain the whitened readings ``white``; None where contact is no small one, or fields explain them better.
+    """The discs that fit the whitened readings ``white``. None if the contact is not small, or if a smooth field fits
+    better.
 
-    ``first`` is the first solution (component, *surface), ``left`` the squares that it leaves, and ``taken`` the degrees of freedom that it takes;
-    ``possible`` is how many cells of the surface a contact may lie on.
+    ``first`` is the first solution (component, *surface), ``left`` its squared residual and ``taken`` its degrees of
+    freedom; ``possible`` is the number of surface cells on which a contact may lie.
     """
     rules = estimator.policy.discs
     radii, count = rules.radii, len(rules.radii)
@@ -176,7 +185,7 @@ def discs(
     for inner, ring in itertools.pairwise(rings):
         ring += inner  # all that lies within
     coarse = tried(np.concatenate(rings))
-    # between cells: the best, and their neighbours' share of them
+    # Refine to places between cells: take the best discs and interpolate between their neighbours.
     best = np.argsort(coarse.left, kind="stable")[: rules.best]
     sizes = best // len(some)
     near = [places.about(int(some[k % len(some)])) for k in best]
@@ -198,7 +207,7 @@ def discs(
     fine = [tried(np.concatenate([blocks[k] for k in range(len(best))]).reshape(-1, c, len(white)))]
     usual, axes = len(fine[0].left), _lattice(np.arange(-1.0, 2.0), grid.dimensions)
     volume = [np.zeros(usual)]
-    # the best place of each radius, and those next to it; of all radii together
+    # Search by halving steps around the best place of each radius, for all radii together.
     best_of = [int(some[int(np.argmin(left))]) for left in coarse.left.reshape(count, -1)]
     around = places.next_to_each(best_of)
     missing = around < 0
@@ -232,14 +241,14 @@ def discs(
     theirs = max(len(white) - taken, 1.0)
     if (float(left_by.min()) - floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
         return None
-    # any radius up to the largest is as likely
+    # Prior: every radius up to the largest is equally likely.
     size_by = np.array([size for *_, size, _ in shapes])
     log_weight = -0.5 * free * np.log(left_by) + np.log(np.gradient(np.array(radii)))[size_by] + np.concatenate(volume)
     top = -0.5 * free * math.log(float(left_by.min()))
     weight = np.exp(log_weight - top)
     if weight[size_by == count - 1].sum() > rules.at_end * weight.sum():
         return None
-    # of all shapes, those as good as the best
+    # Fraction of all shapes that fit as well as the best.
     anywhere = max(possible * data.level.ratio**grid.dimensions, n)
     chance = float(weight.sum()) / (anywhere * count * usual / len(best))
     mine = top + 0.5 * free * math.log(free * total) + math.log(chance)

@@ -47,7 +47,7 @@ class ConstrainedEstimator(Prepared):
 
     @cached_property
     def even_noise(self) -> ConstrainedEstimator:
-        """The same estimator with one noise for all channels of a kind (`Problem.with_even_noise`)."""
+        """The same estimator with one noise level for all channels of a kind (`Problem.with_even_noise`)."""
         problem = self.problem.with_even_noise()
         out = ConstrainedEstimator(problem, self.cone, parameter=self.parameter, draws=self.draws, policy=self.policy)
         out.signs = tuple(sign for sign in self.signs if sign)
@@ -61,10 +61,10 @@ class ConstrainedEstimator(Prepared):
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
     ) -> Iterator[ContactModel]:
-        """The models of a frame, with their weights: here one, the constrained solution on the contact and a margin.
+        """Yield the one model of a frame: the constrained solution on the contact and a margin around it.
 
-        What is farther from it is noise, of which pressure that only pushes would keep half; so are patches that explain no more
-        of the readings than noise does.
+        Pressure farther away is noise (noise pressed to be non-negative keeps half of itself), and so is a patch that
+        improves the fit no more than noise would.
         """
         import scipy.ndimage
 

@@ -1,4 +1,4 @@
-"""Errors of a large contact, worked out when they are first asked for: they take as long as a third of the frame."""
+"""Errors of a large contact, computed on first access because they take a third of the time of a frame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NAMES = tuple(f.name for f in fields(Errors))
 
 
 class ContactErrors(Deferred, Errors):
-    """`Errors` of one frame, each field worked out when it is first asked for; the frame's models are let go of with the last one."""
+    """`Errors` of one frame, each field computed on first access. The models are released when all fields are known."""
 
     _made_of: Summary
     _cut: Callable[[Floats], Floats]
@@ -28,7 +28,9 @@ class ContactErrors(Deferred, Errors):
 
     @classmethod
     def of(cls, summary: Summary, cut: Callable[[Floats], Floats], frames: npt.NDArray[np.int_]) -> ContactErrors:
-        """``cut`` takes the surface's part of a field; ``frames`` (*batch) of zeros has the batch's shape: the frame stands wherever that is."""
+        """Errors from a ``summary``. ``cut`` returns the part of a field that lies on the surface; ``frames`` is an
+        array of zeros with the shape of the batch.
+        """
         out: ContactErrors = object.__new__(cls)
         for name, value in (("_made_of", summary), ("_cut", cut), ("_frames", frames)):
             object.__setattr__(out, name, value)
@@ -53,15 +55,15 @@ class ContactErrors(Deferred, Errors):
 
     @property
     def deferred(self) -> bool:
-        """Whether something may still have to be worked out."""
+        """Whether some field has not been computed yet."""
         return "_made_of" in self.__dict__
 
     def inputs(self) -> Iterator[tuple[str, Any]]:
-        """What has the batch axes."""
+        """Yield the arrays that have the batch axes."""
         yield "frame", self._frames
 
     def changed(self, change: Callable[[Any], Any]) -> ContactErrors:
-        """The frames that ``change`` picks; what is there already is picked too."""
+        """Apply ``change``, an index operation on batch axes, to computed fields and to those still to be computed."""
         out = self.of(self._made_of, self._cut, np.asarray(change(self._frames)))
         for name in _NAMES:
             if name in self.__dict__:

@@ -1,15 +1,17 @@
-"""What a pad's model leaves unexplained: a term of the noise, in proportion to the readings.
+"""Model error of the pad as a noise term proportional to the readings.
 
-A real pad has edges, gains that differ, a lattice or a stiffening rubber, and follows no elastic model to better than some per cent. So
+A real pad has edges, unequal gains, a lattice or a stiffening rubber: no elastic model fits it better than to a few
+per cent. So
 
-    readings = A t + noise + discrepancy,    discrepancy ~ N(0, share^2 * mean square of the readings),
+    readings = A t + noise + discrepancy,    discrepancy ~ N(0, share^2 * mean square of the readings).
 
-and ``share`` is learned from the frame: the smallest of a few shares with which contact explains the readings. It widens every interval twice: as
-noise of that size, independent from reading to reading, and as an error that all readings share (`Touch.discrepancy`), since what a model does
-wrong at one taxel it does wrong at the next.
+``share`` is learned from the frame: the smallest value of `Fit.shares` with which contact fits the readings. It widens
+every interval twice: as independent noise of that size, and as an error common to all readings (`Touch.discrepancy`),
+because a model that is wrong at one taxel is wrong in the same way at its neighbours.
 
-"No contact" is a claim about noise. Only noise that the user gave, or that frames at rest showed, proves it: what exceeds such noise is contact or
-unexplained, and on few readings noise that was learned from the frame itself proves nothing.
+"No contact" is a statement about noise. It is only proven if the noise level was given by the user or measured at
+rest; then a reading beyond the noise is contact or unexplained. A noise level learned from the frame itself proves
+nothing if there are few readings.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ _FIXED = ("center", "outside_center", "variance_reduction")
 
 
 def explained(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
-    """One frame with the smallest share that explains it; see the module."""
+    """The result of one frame with the smallest discrepancy that makes it fit; see the module."""
     policy = estimator.policy
     zeroed = estimator.problem.zeroed
     data = estimator.readings.flat(estimator.operator.observed(readings))
@@ -69,7 +71,7 @@ def explained(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Ge
 
 
 def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
-    """A contact that leaves more than noise, with the share that it leaves."""
+    """The frame with a discrepancy computed from its residual."""
     left = frame.residual * _rms(frame.noise) / max(_rms(data / estimator.readings.std), 1e-300)
     return replace(
         frame, discrepancy=max(frame.discrepancy, _posterior(min(left, 1.0), frame.free, len(data), estimator.policy))
@@ -77,18 +79,20 @@ def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
 
 
 def _undecided(frame: Frame) -> Frame:
-    """A frame of few readings that noise explains which nobody gave: contact may be in them, as large as the largest reading allows."""
+    """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact as large as
+    the largest reading.
+    """
     return replace(frame, traction=math.nan * frame.traction, undecided=True, bounds=_hidden(frame))
 
 
 def _hidden(frame: Frame) -> Floats:
-    """Net forces (component, 2) that may hide in a frame where nothing was found."""
+    """Bounds on the net force (component, 2) of a contact that would not be detected."""
     force = 1.96 * frame.known.force
     return np.stack([-force, force], axis=-1)
 
 
 def _explains(frame: Frame) -> bool:
-    """Whether the contact that was found explains a frame."""
+    """Whether the contact that was found passes the fit test."""
     return not frame.fit < POOR_FIT and (frame.pushed or frame.sign < 0 or frame.sign > 1)
 
 
@@ -99,7 +103,9 @@ def _with_shares(
     plain: Frame | None,
     rng: np.random.Generator | None,
 ) -> Frame:
-    """The frame with the first of the shares that explains it, else what comes nearest."""
+    """The frame with the first of the discrepancies that makes it fit; otherwise with the best of them, or
+    unexplained.
+    """
     policy = estimator.policy
     level = estimator.even_noise
     ratio = _rms(data / level.readings.std)
@@ -119,7 +125,7 @@ def _with_shares(
         share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
     if best is not None and best[0] < policy.detection.most_left:
         left, found = best
-        # every share that was tried is refuted
+        # No discrepancy makes the contact fit.
         return replace(
             found,
             discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, len(data), policy)),
@@ -128,12 +134,14 @@ def _with_shares(
     nothing = replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
     if estimator.problem.zeroed:
         return nothing
-    # offsets may be in readings without a zero: contact is as large as the largest reading allows
+    # Without a zero, the readings may contain offsets: allow a contact as large as the largest reading.
     return replace(nothing, bounds=hidden(estimator, data))
 
 
 def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None) -> Frame:
-    """A frame with ``factor`` times the noise that the estimator was prepared for: the problem is linear, so the readings are divided instead."""
+    """Solve a frame with ``factor`` times the prepared noise. The problem is linear, so divide the readings instead
+    and scale the result.
+    """
     scaled = copy.copy(estimator)
     if estimator.given_ends is not None:
         scaled.given_ends = (estimator.given_ends[0] / factor, estimator.given_ends[1] / factor)
@@ -160,8 +168,9 @@ def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rn
 
 
 def _size_probability(frame: Frame, count: int) -> float:
-    """Misfit probability by the size of what is left alone: a discrepancy is alike among neighbours, so that whiteness tells nothing; NaN where contact follows
-    every reading."""
+    """Misfit probability from the size of the residual only. Model errors are correlated between neighbours, so the
+    whiteness test does not apply. NaN if contact leaves less than one degree of freedom.
+    """
     import scipy.special
 
     if not frame.free >= 1.0:
@@ -174,12 +183,16 @@ def _grown(name: str, value: Floats, factor: float) -> Floats:
 
 
 def posterior(share: float, free: float, policy: Fit) -> float:
-    """The share with its prior, from a ``share`` per degree of freedom that is left (part of the readings' root mean square) and so many of them."""
+    """Posterior estimate of the discrepancy: ``share`` measured with ``free`` degrees of freedom, combined with its
+    prior. Fractions of the readings' root mean square.
+    """
     return math.sqrt((policy.prior_weight * DISCREPANCY**2 + free * share**2) / (policy.prior_weight + free))
 
 
 def _posterior(left: float, free: float, count: int, policy: Policy) -> float:
-    """`posterior` of what is left of ``count`` readings (part of their root mean square) with so many degrees of freedom."""
+    """`posterior` from ``left``, the root mean square of the residual of ``count`` readings as a fraction of theirs,
+    with ``free`` degrees of freedom.
+    """
     free = max(free, 0.0) if math.isfinite(free) else 0.0
     return posterior(left * math.sqrt(count / free) if free > 0.0 else 0.0, free, policy.fit)
 

@@ -1,4 +1,4 @@
-"""Cells of a surface by where the array ends."""
+"""Find the cells at and beyond the edge of the array."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def outside_taxels(operator: Operator) -> Flags:
-    """The cells outside the outermost taxels, on the surface's grid."""
+    """Mask of the surface cells that lie outside the outermost taxels."""
     grid = operator.surface
     points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
     out = np.zeros(grid.shape, dtype=bool)
@@ -27,7 +27,7 @@ def outside_taxels(operator: Operator) -> Flags:
 
 
 def ring_of(outside: Flags) -> Flags:
-    """The cells over the outermost taxels (cell,), where ``outside`` are those beyond."""
+    """Mask (cell,) of the cells above the outermost taxels, given the mask ``outside`` of the cells beyond them."""
     inside, d = ~outside, outside.ndim
     edge = np.zeros(outside.shape, dtype=bool)
     for axis in range(d):

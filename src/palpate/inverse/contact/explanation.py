@@ -1,4 +1,4 @@
-"""What a frame may be taken to be: an explanation, its rough solution, and the explanation solved."""
+"""Data classes: an explanation of a frame, its rough solution, and its full solution."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Rough:
-    """A rough solution: its gain, the noise that it leaves, degrees of freedom left, traction (component, cell), loaded part of the ring, and how the sizes of
-    its nuisances change when contact and they are solved together, with
-    their standard deviations.
+    """A rough solution: gain (see `score.gain_of`), residual noise and degrees of freedom, traction (component, cell),
+    predicted readings, the loaded fraction of the cells above the outermost taxels, and the change of the sizes of its
+    nuisances (nuisance,) if contact and they are solved together, with its standard deviations.
     """
 
     gain: float
@@ -35,10 +35,12 @@ class Rough:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a frame is taken to be.
+    """One hypothesis about a frame: the sign of the contact, and which nuisances (offsets, ramps) are in the readings.
 
-    ``sign`` is 1 where contact pushes, -1 where it pulls, 0 where it does both; ``sizes`` are those of the nuisances (0: absent), ``present``
-    says which are. ``rivals`` are the others with nuisances, the best first. ``noise`` is what contact in a few cells leaves, where the linear model takes the readings for noise (`palpate.inverse.contact.few_cells`).
+    ``sign`` is 1 if contact pushes, -1 if it pulls, 0 if it does both. ``sizes`` are the sizes of the nuisances (0 if
+    absent) and ``present`` marks those present. ``rivals`` are the alternatives with nuisances, best first. ``noise``
+    is the residual of a contact in a few cells, if the linear model would take the readings for noise
+    (`palpate.inverse.contact.few_cells`).
     """
 
     sign: int
@@ -51,9 +53,10 @@ class Explanation:
 
 @dataclass
 class Solved:
-    """One explanation of a frame, solved: its models, and what they were solved with. Without models nothing touches.
+    """A solved explanation: its models, and the data, noise and settings used. No models means no contact.
 
-    ``drift``: `misfit.drift_probability`; ``adrift``: the weight of models whose normal force may be drift (`systematic.add_hidden_drift`).
+    ``drift``: see `misfit.drift_probability`; ``adrift``: total weight of the models whose normal force may be drift
+    (`systematic.add_hidden_drift`).
     """
 
     explanation: Explanation

@@ -1,15 +1,17 @@
-"""Contact much smaller than a pitch: readings of a few taxels stand out, and the others read noise.
+"""Detect a contact much smaller than the pitch: a few readings stand out and all others read noise.
 
-Evidence of the linear model (`palpate.inverse.linear.evidence`) knows no more than the mean square of readings and how alike neighbours are.
-Of shallow taxels, of which a small contact touches one or two, that is as noise has it. What noise does not have is a reading thirty
-times larger than most: so contact is sought in a few cells, one after the other (orthogonal matching pursuit, Y. C. Pati, R. Rezaiifar,
-P. S. Krishnaprasad, Asilomar Conf. 1993, 40-44), and is worth
+The evidence of the linear model (`palpate.inverse.linear.evidence`) depends only on the mean square of the readings
+and on the correlation of neighbours. A small contact on shallow taxels changes one or two readings, which looks like
+noise by both measures. But noise does not contain one reading thirty times larger than most. So the search adds cells
+one after the other (orthogonal matching pursuit, Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Asilomar Conf. 1993,
+40-44). The score is
 
     gain = free log(total/left) - k log(cells),
 
-where ``total`` and ``left`` are root mean squares over the degrees of freedom before and after, ``free`` those after, and each of the k
-cells costs the choice among all. Noise that is not Gaussian has large readings too: the gain must exceed what Student's distribution of two degrees of
-freedom, with a scale for each channel, explains.
+where ``total`` and ``left`` are root mean squares per degree of freedom before and after, ``free`` is the number of
+degrees of freedom after, and each of the k cells pays for the choice among all. Noise that is not Gaussian has large
+readings too: the gain must exceed the log likelihood gained by a Student distribution with two degrees of freedom and
+one scale per channel.
 """
 
 from __future__ import annotations
@@ -33,14 +35,14 @@ Index = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class FewCells:
-    """Gain of contact in a few cells over Gaussian noise, and the noise that it leaves, in units of the whitening."""
+    """Gain of contact in a few cells over Gaussian noise, and its residual noise in units of the whitening."""
 
     gain: float
     left: float
 
 
 def contact_in_few_cells(estimator: Prepared, data: Floats, observed: Flags) -> FewCells | None:
-    """Contact in a few cells, where noise does not explain the readings as well, about offsets or not; None where it does."""
+    """Contact in a few cells, with or without offsets; None if noise explains the readings as well."""
     policy, readings = estimator.policy, estimator.readings
     channel = estimator.noise.index[observed]
     if not policy.parts.few_cells or not _stands_out(data[observed], channel, policy):
@@ -55,7 +57,7 @@ def contact_in_few_cells(estimator: Prepared, data: Floats, observed: Flags) -> 
     heavy = heavy_tails(left, channel, free, policy)
     total = math.sqrt(float(left @ left) / free)
     known = 1.0 if estimator.noise_known else None
-    # what it leaves is no less than what the model cannot follow
+    # The residual noise cannot be below the accuracy of the model.
     floor = max(estimator.least_noise(data), known or 0.0)
     search = _Search(estimator, observed)
     best: FewCells | None = None
@@ -79,7 +81,7 @@ def contact_in_few_cells(estimator: Prepared, data: Floats, observed: Flags) -> 
 
 
 def heavy_tails(white: Floats, channel: Index, free: int, policy: Policy) -> float:
-    """Log likelihood of noise of Student's distribution with a scale for each channel, over that of Gaussian noise of one level."""
+    """Log likelihood gained over Gaussian noise of one level by a Student distribution with one scale per channel."""
     v = policy.detection.student
     constant = math.lgamma(0.5 * (v + 1.0)) - math.lgamma(0.5 * v) - 0.5 * math.log(math.pi * v)
     total = float(white @ white) / free
@@ -98,13 +100,13 @@ def heavy_tails(white: Floats, channel: Index, free: int, policy: Policy) -> flo
 
 
 def _stands_out(data: Floats, channel: Index, policy: Policy) -> bool:
-    """Whether a reading is far larger than most of its channel."""
+    """Whether one reading is far larger than most readings of its channel."""
     sizes = [np.abs(data[channel == one]) for one in np.unique(channel)]
     return any(bool(s.max() > policy.detection.stands_out * np.median(s)) for s in sizes)
 
 
 class _Search:
-    """Looks for the cell whose traction explains most of what is left."""
+    """Search for the cell whose traction explains most of the residual."""
 
     def __init__(self, estimator: Prepared, observed: Flags) -> None:
         policy = estimator.policy
@@ -119,27 +121,27 @@ class _Search:
         self.every = self._of_all() if self.some >= self.cells else None
 
     def _of_all(self) -> tuple[Floats, Floats]:
-        """`_of` of all cells, which frames share while the same readings count."""
+        """`_of` for all cells, cached as long as the same readings are observed."""
         kept, key = self.level.orthogonal, self.observed.tobytes()
         if kept is None or kept[0] != key:
             kept = self.level.orthogonal = key, self._of(np.arange(self.cells))
         return kept[1]
 
     def _of(self, cells: Index) -> tuple[Floats, Floats]:
-        """Whitened columns (cell, reading, component), and the same orthogonal to each other."""
+        """Whitened columns (cell, reading, component), and an orthonormal basis of the columns of each cell."""
         readings = self.estimator.readings
         matrix = self.level.matrix(cells, readings.std, self.observed)
         each = matrix.reshape(len(matrix), -1, len(cells)).transpose(2, 0, 1)
         return each, np.linalg.qr(each).Q
 
     def best(self, left: Floats) -> Floats:
-        """Columns (reading, component) of the cell that explains most of what is left."""
+        """Columns (reading, component) of the cell that explains most of the residual ``left``."""
         each, unit = self.every or self._of(self._near(left))
         power = (np.einsum("cri,r->ci", unit, left) ** 2).sum(axis=1)
         return np.asarray(each[int(np.argmax(power))])
 
     def _near(self, left: Floats) -> Index:
-        """The cells nearest to the reading of which most is left."""
+        """The cells nearest to the reading with the largest residual."""
         arrays = self.estimator.operator.planes_of
         points = np.concatenate([np.tile(a.points[a.valid.ravel()], (len(a.channels), 1)) for a in arrays])
         place = points[self.observed][int(np.argmax(np.abs(left)))]

@@ -1,4 +1,4 @@
-"""One frame while it is solved, and when it is."""
+"""Result of one frame, before the frames of a batch are gathered."""
 
 from __future__ import annotations
 
@@ -20,13 +20,18 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame's result. Errors of a contact too large for matrices are worked out when they are asked for. ``small``: it may be a disc of about a
-    pitch or less (`palpate.inverse.contact.compact`); 2 where one taxel alone tells it. ``adrift``: drift may be part of its force. ``stated``: what it owes to a pad that is not known exactly.
-    ``alone``: the largest part of the load that one taxel alone tells; ``beyond``: `Posterior.beyond`; ``unproven``: as `no_contact.detection_limit` has it;
-    ``hangs``: the part of the normal force that one reading alone tells, where no ends of its range are given. ``discrepancy``: share of the readings that the pad's model leaves
-    unexplained; ``unexplained``: nothing explains the readings; ``undecided``: noise or an offset explains them, and so may
-    contact; ``one_penalty``: found by one even penalty
-    (`palpate.inverse.contact.discrepancy`); ``overload``: so many readings lie at the end of their range that the load has no upper end; ``bounds`` (component, 2): net forces that the readings do not rule out besides, NaN where there are none; ``free``: degrees of freedom that contact left to noise.
+    """Result of one frame. Errors of a contact too large for dense matrices are computed on demand.
+
+    ``small``: 1 if the contact may be a disc of about a pitch or less (`palpate.inverse.contact.compact`), 2 if only
+    one taxel shows it. ``adrift``: drift may be part of its force. ``stated``: errors due to pad properties that are
+    not known exactly. ``alone``: largest fraction of the load that rests on one taxel. ``beyond``: see
+    `Posterior.beyond`. ``unproven``: see `no_contact.detection_limit`. ``hangs``: fraction of the normal force that
+    rests on one reading, if the limits of its range are not given. ``discrepancy``: model error as a fraction of the
+    readings. ``unexplained``: no explanation fits the readings. ``undecided``: noise or an offset explains the
+    readings, but so may contact. ``one_penalty``: solved with a single even penalty
+    (`palpate.inverse.contact.discrepancy`). ``overload``: so many readings are saturated that the load has no upper
+    bound. ``bounds`` (component, 2): net forces that the readings do not exclude beyond the interval, NaN if there are
+    none. ``free``: degrees of freedom of the residual.
     """
 
     traction: Floats
@@ -62,5 +67,5 @@ class Frame:
 
     @property
     def known(self) -> Errors:
-        """The errors, worked out."""
+        """All errors, computed if necessary."""
         return self.errors.errors() if isinstance(self.errors, Summary) else self.errors

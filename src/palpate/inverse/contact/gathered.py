@@ -1,4 +1,4 @@
-"""The frames of a batch, put together."""
+"""Combine the frames of a batch into one estimate."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...
 
 
 def _stated(frames: Sequence[Frame], stacked: Callable[[Sequence[Floats]], Floats]) -> Stated | None:
-    """What the frames owe to a pad that is not known exactly, zero where nothing touches."""
+    """Errors of the frames due to pad properties that are not known exactly; zero for frames without contact."""
     known = next((f.stated for f in frames if f.stated is not None), None)
     if known is None:
         return None

@@ -1,15 +1,17 @@
-"""method="local": traction of either sign that is strong in few places, with nothing to tune.
+"""method="local": traction of either sign, concentrated in few places, without tuning.
 
-Cells on gels and pads that stick pull as well as push, so that no sign says where traction ends; that it is strong in few places still does. Each
-component is Gaussian with the covariance
+Cells on gels and sticking pads pull as well as push, so the sign cannot show where traction ends; but traction is
+still concentrated. Each component is Gaussian with the covariance
 
     cov(t(a), t(b)) = sqrt(v(a) v(b)) exp(-|a - b|^2 / 2 l^2),
 
-whose variance v is local: the square of Tikhonov's traction, averaged over about l (one step of sparse Bayesian learning, M. E. Tipping, J. Mach. Learn.
-Res. 1, 2001, 211-244, with neighbours sharing their variance; further steps use the readings again and follow noise). Cells of little variance are
-left out, so that a problem of hundreds of unknowns remains. Lengths l from half a taxel's distance on are weighed by their marginal likelihood, which knows sharp
-patches from smooth ones; their mean is the answer, and their spread part of its error. Patterns that are no contact (`palpate.sensing.nuisance`) are
-unknowns beside the traction: where traction ends, it tells a drift of the image from a net force.
+with a local variance v: the square of Tikhonov's traction, averaged over about l. (This is one step of sparse Bayesian
+learning, M. E. Tipping, J. Mach. Learn. Res. 1, 2001, 211-244, in which neighbours share their variance; more steps
+would use the readings again and fit noise.) Cells of low variance are left out, so that a few hundred unknowns remain.
+Lengths l from half a taxel pitch upwards are weighted by their marginal likelihood, which separates sharp patches from
+smooth ones. The result is the weighted mean, and the spread is part of its error. Nuisances
+(`palpate.sensing.nuisance`) are unknowns beside the traction: because traction ends somewhere, a drift of the image
+can be separated from a net force.
 """
 
 from __future__ import annotations
@@ -43,31 +45,34 @@ __all__ = ["LocalEstimator"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: What displacements are thought to hold besides traction where nobody says: an image moves and turns.
+#: Nuisances assumed for displacements by default: an image shifts and rotates.
 DRIFT = ("offset", "rotation")
-#: Readings that are left so many times the usual from nothing, and so much of the largest, are left out as no noise: so many of all at most, in so many rounds.
+#: Outliers: residuals beyond BROKEN standard deviations and beyond DETAIL of the largest reading, at most MOST_BROKEN
+#: of all readings, in at most ROUNDS_OF_BROKEN rounds.
 BROKEN, DETAIL, MOST_BROKEN, ROUNDS_OF_BROKEN = 6.0, 0.03, 0.05, 3
-#: Unless a neighbour is off by this part of that, the same way.
+#: A neighbour with a residual of the same sign and at least this fraction of the limit shows real traction, not an
+#: outlier.
 ALIKE = 0.3
-#: Patches that the shortest length fits best may be narrower than a marker's distance: traction of their cells is known to this part of it, however small the noise.
+#: If the shortest length fits best, patches may be narrower than the marker spacing: relative error of traction in
+#: their cells, whatever the noise.
 UNRESOLVED = 0.2
-#: No pad and no grid is known better than this part of the net force.
+#: Relative error of the net force that no pad and no grid can beat.
 MODEL_FORCE = 5e-4
 
 
 class LocalEstimator:
-    """The method prepared for a problem: Tikhonov's, which it starts from, and the operator's columns."""
+    """The method, prepared for a problem: Tikhonov's method as its start, and the columns of the operator."""
 
     def __init__(self, problem: Problem, linear: Linear, *, draws: int = 0) -> None:
         self.problem, self.draws = problem, draws
         self.grid, self.columns, self.operator = linear.grid, problem.columns, problem.operator
         self.alone = linear.linear if isinstance(linear, InDoubt) else linear
-        #: Tikhonov's method as it is answers where no place is different from others.
+        #: Tikhonov's method with all its errors, for frames in which traction is not concentrated.
         self.even: Linear = InDoubt(self.alone, problem, problem.doubts) if problem.doubts.any else self.alone
         image = all(find_channel(c).kind.absolute for a in self.operator.planes_of for c in a.channels)
         drift = problem.nuisance is None and image
         if drift:
-            # where traction ends, what an image drifts by is told from it
+            # Traction that ends somewhere can be separated from a drift of the image.
             if isinstance(self.alone, Regularised):
                 self.alone = Regularised(self.alone.decomposition, tikhonov, "evidence", nuisance=DRIFT)
             else:
@@ -83,12 +88,12 @@ class LocalEstimator:
         batch, rng = batch_of(readings, self.operator), rng or np.random.default_rng(0)
         frames: list[Frame | None] = []
         for planes in frames_of(readings, self.operator):
-            # alone: a batch is rounded otherwise
+            # Solve each frame by itself: a batch would be rounded differently.
             start = self._starts(self.alone.solve([p[None] for p in planes]))[0]
             data = Data(planes, self.places.white(self.readings.flat(planes)[None])[0], self.places.every, start)
             frame = self._solved(data, rng)
             if frame is not None and (np.abs(frame.sizes) > SURE * frame.deviations).any():
-                # an even penalty makes traction of a part of the drift
+                # The even penalty explained part of the drift by traction. Subtract the drift and solve again.
                 data = replace(data, start=self._mended(data, frame))
                 frame = self._solved(data, rng)
             for _ in range(ROUNDS_OF_BROKEN):
@@ -98,20 +103,20 @@ class LocalEstimator:
                 data = replace(data, observed=data.observed & ~broken)
                 data = replace(data, start=self._mended(data, frame))
                 frame = self._solved(data, rng)
-            # what explains every reading knows nothing of its errors
+            # A model that fits every reading exactly has no information on its errors.
             frames.append(frame if frame is not None and frame.told > UNEXPLAINED else None)
-        # what the pad owes to an even penalty is asked for only where that answers
+        # Compute errors due to the pad only if Tikhonov's method answers some frame.
         found = (self.even if any(f is None for f in frames) else self.alone).solve(readings)
         return self._gathered(found, batch, frames)
 
     def _starts(self, found: Estimate) -> list[Start]:
-        """What Tikhonov's method says of each frame."""
+        """Traction, noise and parameter of each frame from Tikhonov's method."""
         traction = to_numpy(found.traction).astype(np.float64).reshape(-1, len(self.grid.components), *self.grid.shape)
         noise, chosen = (np.ravel(np.asarray(v, dtype=np.float64)) for v in (found.noise_scale, found.parameter))
         return [Start(t[list(self.columns)], float(n) ** 2, float(p)) for t, n, p in zip(traction, noise, chosen)]
 
     def _mended(self, data: Data, frame: Frame) -> Start:
-        """The start made anew: without the patterns that were found, and with what the other readings say where one is broken."""
+        """Repeat the start without the nuisances that were found, and with predicted values for outliers."""
         flat, lost = self.readings.flat(data.planes), ~data.observed
         flat[lost] -= (frame.left * self.readings.std)[lost]
         for pattern, size in zip(self.patterns, frame.sizes):
@@ -119,13 +124,13 @@ class LocalEstimator:
         return self._starts(self.alone.solve([p[None] for p in self.readings.planes(flat)]))[0]
 
     def _solved(self, data: Data, rng: np.random.Generator) -> Frame | None:
-        """A frame; None where its traction is everywhere or nowhere."""
+        """Result of one frame; None if its traction is not concentrated, or if there is none."""
         members = self.places.members(data)
         if not members:
             return None
         frame = self._frame(data, members, rng)
         if frame.fit < POOR_FIT and frame.shared > 1.0 and not self.places.known:
-            # noise that neighbours share is as much more at the wavelengths of traction
+            # Noise that is correlated between neighbours is larger at the wavelengths of traction.
             again = self.places.members(
                 replace(data, start=replace(data.start, noise=frame.noise**2 * frame.shared)), told=True
             )
@@ -133,17 +138,17 @@ class LocalEstimator:
         return frame
 
     def _broken(self, frame: Frame | None, data: Data) -> Flags:
-        """Readings that are left so far off that no noise explains it, where they are few; of independent readings."""
+        """Mask of outliers: few residuals too large for noise. Only for independent readings."""
         none = np.zeros(len(data.y), dtype=bool)
         if frame is None or not self.readings.independent:
             return none
         usual = 1.4826 * float(np.median(np.abs(frame.left[data.observed])))
         largest = float(np.quantile(np.abs(data.y), 1.0 - MOST_BROKEN))
         off = np.abs(frame.left) * data.observed
-        # the farthest first: what they made of the traction may be why others are off
+        # The largest first: they distort the traction and so may cause the other residuals.
         limit = max(math.hypot(BROKEN * usual, DETAIL * largest), 0.5 * float(off.max()))
         broken = off > limit
-        # what is broken stands alone: neighbours that are off alike are traction that has no cell
+        # An outlier stands alone. Neighbours with residuals of the same sign are traction that no cell covers.
         i, j = self.pairs
         alike = (frame.left[i] * frame.left[j] > 0) & (np.minimum(off[i], off[j]) > ALIKE * limit)
         broken[i[alike]] = broken[j[alike]] = False
@@ -152,7 +157,7 @@ class LocalEstimator:
     # -- one frame
 
     def _frame(self, data: Data, members: list[Member], rng: np.random.Generator, shared: float = 1.0) -> Frame:
-        """What the weighed models say of a frame."""
+        """Weighted mean of the models of a frame, with errors, fit and nuisances."""
         weights = np.array([m.weight for m in members])
         traction = np.tensordot(weights, np.stack([m.traction for m in members]), 1)
         whole = self._everywhere(traction)
@@ -182,7 +187,7 @@ class LocalEstimator:
         )
 
     def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
-        """Fields (..., component sought, *surface) with all components."""
+        """Expand fields (..., component sought, *surface) to all components of the surface."""
         d = self.grid.dimensions
         lead = sought.shape[: -1 - d]
         out = np.full((*lead, len(self.grid.components), *self.grid.shape), fill)
@@ -191,7 +196,9 @@ class LocalEstimator:
         return out
 
     def _again(self, members: list[Member], rows: list[Floats]) -> Floats:
-        """What the models make of readings (row, channel, *array) per plane: (row, component, *surface)."""
+        """Traction (row, component, *surface) that the models estimate from other readings (row, channel, *array) per
+        plane.
+        """
         count = len(rows[0])
         white = self.places.white(np.stack([self.readings.flat([r[i] for r in rows]) for i in range(count)]))
         out = np.zeros((count, len(self.columns), math.prod(self.grid.shape)))
@@ -202,11 +209,11 @@ class LocalEstimator:
     def _fit(
         self, data: Data, left: Floats, members: list[Member], weights: Floats, whole: Floats, noise: float
     ) -> float:
-        """Misfit probability of what is left (`palpate.inverse.fit`)."""
+        """Misfit probability of the residual ``left`` (`palpate.inverse.fit`)."""
         taken = float(weights @ [m.taken for m in members])
         columns, _ = self.problem.doubtful(self.problem.doubts, whole)
         if columns.shape[1]:
-            # what a pad that is not known exactly would leave is no misfit
+            # A residual that an inexactly known pad would cause is no misfit.
             rows = self.places.white(columns.T).T * data.observed[:, None]
             left = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
             taken += columns.shape[1]
@@ -219,7 +226,7 @@ class LocalEstimator:
         )
 
     def _shared(self, left: Floats) -> float:
-        """Sum of the correlations of what is left at a taxel and at its neighbours, 1 where it is white."""
+        """Sum of the correlations of the residual between a taxel and its neighbours; 1 if the residual is white."""
         i, j = self.pairs
         if not len(i):
             return 1.0
@@ -227,7 +234,7 @@ class LocalEstimator:
         return max(1.0 + beside * float(np.mean(left[i] * left[j]) / np.mean(left**2)), 1.0)
 
     def _errors(self, members: list[Member], weights: Floats, whole: Floats) -> Errors:
-        """Standard deviations of a frame: those of the models, and how far these are apart."""
+        """Standard deviations of a frame: errors of each model, and the spread between models."""
         grid, c = self.grid, len(self.columns)
         pressure = whole[-1]
         presses = self.columns[-1] == len(grid.components) - 1
@@ -294,7 +301,7 @@ class LocalEstimator:
     # -- the batch
 
     def _gathered(self, found: Estimate, batch: tuple[int, ...], frames: Sequence[Frame | None]) -> Estimate:
-        """The estimate of all frames; Tikhonov's where there is no model."""
+        """One estimate for all frames; Tikhonov's result for frames without a model."""
 
         def joined(parts: Sequence[Any]) -> Any:
             values = np.stack([np.asarray(p) for p in parts])
@@ -344,10 +351,10 @@ class LocalEstimator:
         )
 
     def _said(self, found: Estimate, batch: tuple[int, ...], there: Flags) -> tuple[str, ...]:
-        """What is said of the batch: patterns as found with local weights, and the rest as Tikhonov's method says it."""
+        """Notes of the batch: drift from the local models, everything else from Tikhonov's method."""
         said = list(found.said)
         if there.all():
-            # each frame says these of itself
+            # The local models report these nuisances frame by frame.
             said = [s for s in said if not s.startswith((BLIND, *(p.label for p in self.patterns)))]
         if not there.all():
             some = f" in {int((~there).sum())} of {len(there)} frames" if batch else ""
@@ -359,7 +366,7 @@ class LocalEstimator:
 
 @dataclass
 class Frame:
-    """What is known of one frame."""
+    """Result of one frame."""
 
     traction: Floats
     errors: Errors
@@ -377,13 +384,13 @@ class Frame:
 
 
 def _picked(errors: Any, batch: tuple[int, ...], i: int) -> Any:
-    """One frame of `Errors` or `Stated`."""
+    """One frame ``i`` of `Errors` or `Stated`."""
     place = np.unravel_index(i, batch) if batch else ()
     return type(errors)(**{x.name: np.asarray(getattr(errors, x.name))[place] for x in fields(type(errors))})
 
 
 def _errors_of(errors: Errors | None, batch: tuple[int, ...], i: int) -> Errors:
-    """One frame of Tikhonov's errors, worked out for it alone."""
+    """Tikhonov's errors of one frame, computed for this frame only."""
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("a linear method works its errors out")
     place = np.unravel_index(i, batch) if batch else ()

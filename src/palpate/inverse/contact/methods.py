@@ -25,14 +25,14 @@ from palpate.inverse.problem import Problem
 
 __all__ = ["Adaptive", "Automatic", "AutomaticEstimator", "Constrained", "Local", "cone_of"]
 
-#: Beyond this coefficient of friction the bound |q| <= mu p says nothing, and its scale spoils the numerics.
+#: For a larger coefficient of friction the bound |q| <= mu p has no effect, and its scale harms the numerics.
 LARGEST_FRICTION = 10.0
 _FRICTION = "coefficient of friction mu: |shear| <= mu * pressure in every cell"
 _DRAWS = "samples of the posterior kept with the result (slow: each is an optimisation)"
 
 
 def cone_of(components: tuple[str, ...], friction: float | None) -> Cone:
-    """The set that every cell's traction lies in."""
+    """The admissible set of the traction in each cell."""
     if friction is not None and components == ("z",):
         raise Unsupported(
             "friction ties shear to pressure, and only pressure is sought here. Leave friction out, or seek shear too, with "
@@ -75,18 +75,18 @@ class Adaptive(Method):
     draws: int = count(help=_DRAWS)
 
     def prepare(self, problem: Problem) -> AdaptiveEstimator:
-        """Both linear models that it starts from."""
+        """Prepare the estimator for a problem, including its linear models."""
         return self._prepared_by(problem, Policy())
 
     def _prepared_by(self, problem: Problem, policy: Policy) -> AdaptiveEstimator:
-        """The same, going by other numbers (`palpate.bench.ablation`)."""
+        """Prepare with another policy (`palpate.bench.ablation`)."""
         self.check(problem)
         return AdaptiveEstimator(problem, cone_of(problem.components, self.friction), draws=self.draws, policy=policy)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Constrained(Method):
-    """One even penalty with the same constraints: less sharp than `Adaptive`, faster, and what a `Tracker` does.
+    """One even penalty with the same constraints: less sharp than `Adaptive`, but faster. `Tracker` uses this method.
 
     ``friction`` and ``draws`` as for `Adaptive`; ``parameter`` is the weight of the penalty (default: by evidence).
 
@@ -110,7 +110,7 @@ class Constrained(Method):
     draws: int = count(help=_DRAWS)
 
     def prepare(self, problem: Problem) -> ConstrainedEstimator:
-        """The linear model that it starts from."""
+        """Prepare the estimator for a problem, including its linear model."""
         self.check(problem)
         cone = cone_of(problem.components, self.friction)
         return ConstrainedEstimator(problem, cone, parameter=self.parameter, draws=self.draws)
@@ -118,7 +118,7 @@ class Constrained(Method):
 
 @dataclass(frozen=True, kw_only=True)
 class Local(Method):
-    """Traction of either sign that is strong in few places, as of cells on gels; see `palpate.inverse.contact.local`.
+    """Traction of either sign, concentrated in few places, such as cells on gels; see `palpate.inverse.contact.local`.
 
     Parameters
     ----------
@@ -146,18 +146,19 @@ class Local(Method):
     draws: int = count(help=_DRAWS)
 
     def prepare(self, problem: Problem) -> LocalEstimator:
-        """Tikhonov's method, which it starts from."""
+        """Prepare the estimator and Tikhonov's method, from which it starts."""
         self.check(problem)
         return LocalEstimator(problem, Tikhonov().prepare(problem), draws=self.draws)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Automatic(Method):
-    """The default: `Adaptive` where pressure can be sought, frame by frame; `Local` where it is not (cells on gels); `Tikhonov` for frames that pull
-    and on periodic surfaces.
+    """The default. It uses `Adaptive` for each frame if pressure is sought, `Local` if it is not (cells on gels), and
+    `Tikhonov` on periodic surfaces and for frames that pull.
 
-    A frame that contact which only pushes does not explain is sought with pull about it (adhesion); where that does not explain it either (cells
-    that pull), it is given to `Tikhonov`, unless ``friction`` says that there is contact. What other frames hold makes no difference.
+    If pushing contact does not fit a frame, it tries contact with pull around it (adhesion). If that does not fit
+    either (cells that pull), `Tikhonov` solves the frame, unless ``friction`` is given, which implies contact. Each
+    frame is decided independently of the others.
 
     Examples
     --------
@@ -178,7 +179,7 @@ class Automatic(Method):
     draws: int = count(help=_DRAWS)
 
     def resolved(self, problem: Problem) -> Method:
-        """`Local` where pressure is not sought, `Tikhonov` on a periodic surface."""
+        """The method that solves this problem: `Local` if pressure is not sought, `Tikhonov` on a periodic surface."""
         free = problem.boundary != "periodic"
         if free and "z" in problem.components:
             return self
@@ -192,12 +193,12 @@ class Automatic(Method):
         return other
 
     def prepare(self, problem: Problem) -> Prepared:
-        """The adaptive method; the linear one when a frame first needs it."""
+        """Prepare the adaptive method; the linear method is prepared when a frame first needs it."""
         other = self.resolved(problem)
         return self._prepared_by(problem, Policy()) if other is self else other.prepare(problem)
 
     def _prepared_by(self, problem: Problem, policy: Policy) -> AutomaticEstimator:
-        """Where pressure is sought, going by these numbers."""
+        """Prepare with this policy, if pressure is sought."""
         pushing = Adaptive(friction=self.friction, draws=self.draws)._prepared_by(problem, policy)
         linear = self.friction is None and not problem.ambiguous and policy.parts.pulls
         return AutomaticEstimator(
@@ -206,14 +207,14 @@ class Automatic(Method):
 
 
 class AutomaticEstimator:
-    """The adaptive method, and another one for the frames that it does not explain."""
+    """The adaptive method, and a linear method for frames that it does not fit."""
 
     def __init__(self, pushing: AdaptiveEstimator, pulling: Callable[[], Linear] | None) -> None:
         self.pushing, self.grid = pushing, pushing.grid
         self._pulling = pulling
         if (
             pushing.policy.parts.pulls and not pushing.ambiguous
-        ):  # there, that pressure pushes is what tells it from shear
+        ):  # ambiguous channels need the sign of pressure to separate it from shear
             pushing.signs = (1, -1) if pulling is None else (1, -1, 0)
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
@@ -225,7 +226,8 @@ class AutomaticEstimator:
             method[found.one_penalty] = Constrained.name
         if self._pulling is None or found.pushed is None or found.sign is None:
             return replace(found, method=method)
-        # a pull as a whole is a push of the other sign, and solved as such; so is a push with pull about it
+        # A frame that pulls as a whole is solved as a push with the opposite sign, and a push with pull around it is
+        # solved too: neither needs the linear method.
         pulls = ~found.pushed & (found.sign >= 0) & (found.sign < 2)
         for answered in (found.unexplained, found.undecided, found.overload):
             if answered is not None:
@@ -242,7 +244,7 @@ class AutomaticEstimator:
 
 
 def _both_stated(mine: Stated | None, theirs: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:
-    """``theirs`` in the frames ``where``, ``mine`` elsewhere."""
+    """Errors stated for the pad: ``theirs`` for the frames ``where``, ``mine`` for the others."""
     if mine is None:
         return theirs
     out = {}
@@ -254,13 +256,15 @@ def _both_stated(mine: Stated | None, theirs: Stated | None, where: npt.NDArray[
 
 
 def _rows(readings: Any, batch: tuple[int, ...], where: npt.NDArray[np.intp]) -> Any:
-    """Some frames of a batch as (frame, channel, *array), in the kind of array that they come in."""
+    """Selected frames of a batch as (frame, channel, *array), in the same kind of array."""
     values = to_numpy(readings)
     return from_numpy(values.reshape(-1, *values.shape[len(batch) :])[where], readings)
 
 
 def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> Estimate:
-    """``found`` with the frames where ``pulls`` from ``other``, whose arrays hold those frames alone; what it has no word for is NaN."""
+    """``found`` with the frames marked in ``pulls`` replaced by those of ``other``, whose arrays hold only these
+    frames; fields missing in ``other`` become NaN.
+    """
 
     def filled(mine: Any, theirs: Any, otherwise: Any = None) -> Any:
         if mine is None:

@@ -1,4 +1,4 @@
-"""Does contact explain the readings? What it leaves is tested for its size, for whiteness, and for what a drift of the sensor would leave."""
+"""Test whether contact explains the readings: size of the residual, whiteness, and drift of the sensor."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ __all__ = ["drift_probability", "fit_of", "misfit_of", "noise_ratio", "proportio
 
 
 def fit_of(estimator: Prepared, run: Solved) -> tuple[float, float, float]:
-    """Misfit probability (`misfit_of`) of the weighed models of a frame, the root mean square of what they leave, in units of the noise, and the degrees
-    of freedom that they leave to noise."""
+    """Misfit probability (`misfit_of`) of the weighted models of a frame; root mean square of the residual, in units
+    of the noise; degrees of freedom of the residual.
+    """
     y, observed, total = run.data / run.noise, run.observed, sum(m.weight for m in run.members)
     found = sum(m.weight / total * (m.data.matrix @ m.solution.traction.ravel()) for m in run.members)
     misfit = estimator.readings.white(y[observed], observed) - found
@@ -30,9 +31,11 @@ def fit_of(estimator: Prepared, run: Solved) -> tuple[float, float, float]:
 
 
 def proportional_part(estimator: Prepared, run: Solved) -> float:
-    """The share of the readings that is left in proportion to them, where the noise is learned from the frame; 0 where it does not show.
+    """The discrepancy: fraction of the readings by which the residual is proportional to them; 0 if it is not
+    significant or if the noise is given.
 
-    By maximum likelihood of residuals r ~ N(0, a^2 + share^2 m^2), m being what contact explains of each reading, against share = 0 (likelihood ratio).
+    Maximum likelihood for residuals r ~ N(0, a^2 + share^2 m^2), where m are the predicted readings, compared with
+    share = 0 by a likelihood ratio.
     """
     observed, total = run.observed, sum(m.weight for m in run.members)
     if estimator.noise_known or not estimator.readings.independent:
@@ -41,7 +44,7 @@ def proportional_part(estimator: Prepared, run: Solved) -> float:
     residual = run.data[observed] / run.noise[observed] - found
     sizes = np.abs(found)
     level = max(float(np.sqrt(np.mean(residual**2))), 1e-300)
-    # the likelihood on a grid of both: even noise in parts of what is left, and shares
+    # Evaluate the likelihood on a grid of a (as a fraction of the residual) and share.
     even, shares = level * np.geomspace(0.1, 1.5, 12), np.r_[0.0, np.geomspace(0.02, 0.6, 12)]
     variance = even[:, None, None] ** 2 + (shares[None, :, None] * sizes) ** 2
     minus = 0.5 * (residual**2 / variance + np.log(variance)).sum(axis=-1)
@@ -51,10 +54,11 @@ def proportional_part(estimator: Prepared, run: Solved) -> float:
 
 
 def noise_ratio(estimator: Prepared, run: Solved, left: float) -> float:
-    """How many times as large as the noise that was given is what contact leaves, ``left`` in units of it (root mean square); 1 where it is no larger.
+    """Ratio of the residual noise to the given noise, at least 1. ``left`` is the root mean square of the residual in
+    units of the given noise.
 
-    Errors of least squares grow by this ratio (R. T. Birge, Phys. Rev. 40, 1932, 207-227). Gains that spread leave more than noise and too little
-    for a misfit.
+    Least-squares errors are scaled by this ratio (R. T. Birge, Phys. Rev. 40, 1932, 207-227). Unequal gains, for
+    example, leave more than noise but not enough to fail the fit test.
     """
     policy = estimator.policy
     if not estimator.noise_known:
@@ -68,16 +72,18 @@ def noise_ratio(estimator: Prepared, run: Solved, left: float) -> float:
 
 
 def misfit_of(estimator: Prepared, run: Solved, residual: Floats, taken: float, largest: float) -> float:
-    """Misfit probability of a frame: of size and whiteness (`palpate.inverse.fit.misfit_probability`) and of drift (`drift_probability`).
+    """Misfit probability of a frame: from size and whiteness (`palpate.inverse.fit.misfit_probability`) and from drift
+    (`drift_probability`).
 
-    ``residual`` is what is left and ``largest`` the largest reading, in units of the noise; ``taken`` the degrees of freedom that contact took.
+    ``residual`` (reading,) and ``largest``, the largest reading, are in units of the noise; ``taken`` is the number of
+    degrees of freedom used by the contact.
     """
     known, columns, observed = estimator.noise_known, run.doubtful[0], run.observed
     stretch = float(np.median(run.noise / estimator.readings.std)) if known else 1.0
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * largest
     taken += columns.shape[1]
     if columns.shape[1]:
-        # what a pad that is not known exactly would leave is no misfit
+        # A residual that an inexactly known pad would cause is no misfit.
         rows = estimator.readings.white(columns[observed], observed)
         left = residual[observed]
         residual = residual.copy()
@@ -94,15 +100,19 @@ def misfit_of(estimator: Prepared, run: Solved, residual: Floats, taken: float, 
 
 
 def drift_probability(estimator: Prepared, run: Solved) -> float:
-    """Probability that noise alone leaves as much along offsets and ramps of the channels, B, as contact leaves; NaN where it cannot be told.
+    """Probability that noise alone would leave as much offset and ramp (columns B) in the residual as was found; NaN
+    if this cannot be computed.
 
-    Of r = y - A t, where t is the contact with the penalty P, the drift g = B'r has the covariance S = B'B - B'A (A'A + P)^-1 A'B, on the face of
-    the contact. g' S^-1 g is chi^2 of as many degrees of freedom as there are patterns (the score test; C. R. Rao, Proc. Cambridge Phil. Soc.
-    44, 1948, 50-57), or F where noise was learned. Contact takes up nearly all of a drift, and what is left is too small and too smooth for tests
-    of size and of neighbours. The model that it explains least counts: in the others it may be what they smooth.
+    Let r = y - A t, where t is the contact under the penalty P. The drift g = B'r has the covariance S = B'B - B'A
+    (A'A + P)^-1 A'B on the face of the contact. g' S^-1 g follows chi^2 with as many degrees of freedom as there are
+    patterns (the score test; C. R. Rao, Proc. Cambridge Phil. Soc. 44, 1948, 50-57), or F if the noise was learned.
+    The contact absorbs most of a drift, and the rest is too small and too smooth for the tests of size and of
+    neighbours. The largest probability over the models counts: in a model that smooths more, the residual may be due
+    to smoothing.
 
-    Taken out first (by the Schur complement) is what a pad may do that is not known exactly, and shear in one proportion to the pressure, which
-    the penalty keeps small. Of more than `LOUD` readings the covariance is S + S D^2 S: drifts of a size D are no misfit.
+    Two causes are removed first (by the Schur complement): deviations that an inexactly known pad would cause, and
+    shear in a fixed proportion to pressure, which the penalty shrinks. With more than `Fit.loud` readings the
+    covariance is S + S D^2 S: a drift of size D is below the accuracy of the model.
     """
     policy = estimator.policy
     import scipy.special
@@ -134,11 +144,11 @@ def drift_probability(estimator: Prepared, run: Solved) -> float:
         along, face = each.T @ misfit, face_of(m.solution)[0]
         local, moved = face.columns(rows), carried(m.solution, rows)
         if m.data.at_size:
-            # what the solution is short of, for being solved to a tolerance
+            # The solution is known only to a tolerance: correct the residual for it.
             slope = (misfit @ matrix).reshape(t.shape)
             if m.ray is None:
                 slope = slope - m.penalty.product(t)
-            else:  # the penalty of what slides is that of its pressure
+            else:  # a sliding contact is penalised by its pressure only
                 slope[-1:] -= m.penalty.product(t[-1:])
             along = along - moved.T @ face.columns(slope.reshape(1, -1))[0]
         covariance = each.T @ each - local @ moved
@@ -165,7 +175,7 @@ def drift_probability(estimator: Prepared, run: Solved) -> float:
 
 
 def _squares(covariance: Floats, along: Floats, least: float) -> tuple[int, float]:
-    """Degrees of freedom and g' S^-1 g, without directions that are not told."""
+    """Degrees of freedom and g' S^-1 g, without directions that the data do not determine."""
     if not len(along):
         return 0, 0.0
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))

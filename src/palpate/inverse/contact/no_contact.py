@@ -1,4 +1,4 @@
-"""Whether noise explains a frame, alone or about offsets: "no contact" is a claim."""
+"""Test whether noise explains a frame, with or without offsets, and limit the contact that may have been missed."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from palpate.inverse.linear.evidence import log_evidence
 
 __all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
 
-#: Half of an interval of 95 % in standard deviations.
+#: Half-width of a 95 % interval, in standard deviations.
 WIDE = 1.96
 
 Flags = npt.NDArray[np.bool_]
 
 
 def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Explanation | None:
-    """The explanation of a frame that noise explains, alone or with offsets; None where there is more."""
+    """The explanation of a frame by noise, with or without offsets; None if contact is needed."""
     policy = estimator.policy
     rows = estimator.readings.planes(data)
     loud = uneven_noise(estimator, data, observed, None)
@@ -54,18 +54,20 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
     if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
         return None
-    # noise alone, about an offset
+    # Noise alone, around an offset.
     unit = np.sqrt((patterns**2).sum(axis=1))
     sizes = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
     present = none > 0
     present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
     none[: estimator.usual] = sizes
-    return Explanation(1, nothing, np.where(present, none, 0.0), present)
+    left = (data - estimator.shifts @ np.where(present, none, 0.0)) / estimator.readings.std
+    noise_left = float(np.sqrt(np.mean(estimator.readings.white(left[observed], observed) ** 2)))
+    return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)
 
 
 def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:
-    """Whether "no contact" hides what may be contact: noise explains the readings ill (``fit``), or nobody gave it and it has tails
-    that Gaussian noise has not, as contact that few taxels feel leaves.
+    """Whether "no contact" may be wrong: either noise explains the readings poorly (``fit``), or the noise is not
+    given and has heavier tails than Gaussian noise, as a contact on few taxels would cause.
     """
     if fit < PROVEN or estimator.noise_known:
         return fit < PROVEN
@@ -81,11 +83,12 @@ def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:
 
 
 def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
-    """The net force (component,) of contact on most of a short line that explains what is taken for noise, where nobody gave the noise; None where there
-    is none.
+    """Net force (component,) of a contact over most of a short line that would explain readings taken for noise; None
+    if the noise is given or no such contact fits.
 
-    A few taxels on a line, all of them pressed, read as noise has it, as each has two neighbours only. Contact that only pushes (or pulls) then leaves next
-    to nothing; so it does of noise that chance made like that, and no reading says which.
+    If all of a few taxels on a line are pressed, the readings look like noise, because each taxel has only two
+    neighbours. A contact of one sign then leaves almost no residual. But noise can do the same by chance, and the
+    readings cannot tell which it is.
     """
     policy = estimator.policy
     lines = estimator.operator.surface.dimensions == 1
@@ -114,11 +117,12 @@ def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
 
 
 def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
-    """Errors of a frame where nothing was found, and why they are wider than ``errors``: 0 where they are not, 1 where `unproven`, 2 where
-    `short_line_load`."""
+    """Errors of a frame without contact, and the reason if they are wider than ``errors``: 0 not wider, 1 because of
+    `unproven`, 2 because of `short_line_load`.
+    """
     why = 0
     if unproven(estimator, run, fit):
-        # as large as the largest reading says
+        # As large as the largest reading allows.
         why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
         errors = estimator.undetected(largest, run.data)
     force = short_line_load(estimator, run)
@@ -128,5 +132,5 @@ def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors
 
 
 def uneven_noise(estimator: Prepared, data: Floats, observed: Flags, known: float | None) -> float:
-    """What noise of another level in each channel explains (`ChannelNoise.uneven`)."""
+    """Log likelihood gained by one noise level per channel (`ChannelNoise.uneven`)."""
     return estimator.noise.uneven(data, observed, known) if estimator.policy.parts.uneven_evidence else 0.0

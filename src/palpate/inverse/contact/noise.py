@@ -1,4 +1,4 @@
-"""Noise of a frame, learned from what contact leaves unexplained; readings that no contact explains."""
+"""Noise of a frame, estimated from the residual of the contact; outliers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MEDIAN = 0.6745
 
 
 class ChannelNoise:
-    """The noise of each channel; ``index`` says which channel each working reading belongs to."""
+    """Noise level of each channel. ``index`` (reading,) is the channel of each working reading."""
 
     def __init__(self, operator: Operator, readings: Readings, known: bool, policy: Policy) -> None:
         self.readings, self.known, self.policy = readings, known, policy
@@ -35,7 +35,7 @@ class ChannelNoise:
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
 
     def alive(self, data: Floats) -> Flags:
-        """False for the readings of a channel all of which are the same while others differ: it is broken."""
+        """False for readings of a broken channel: all its values are equal while other channels vary."""
         ends = np.searchsorted(self.index, np.arange(self.count + 1))
         same = np.array(
             [b - a > self.policy.noise.fewest and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)]
@@ -43,8 +43,8 @@ class ChannelNoise:
         return np.asarray(~same[self.index] if not same.all() else np.ones(len(data), dtype=bool))
 
     def unlike(self, data: Floats) -> Floats:
-        """Readings of which every channel reads one value, with a trace of noise: without any, an offset explains them to the last digit, and what is
-        left is divided by nothing.
+        """The readings, with a trace of noise added if every channel has a single constant value. Otherwise an offset
+        would fit them exactly, and the residual would be divided by zero.
         """
         policy = self.policy
         ends = np.searchsorted(self.index, np.arange(self.count + 1))
@@ -53,7 +53,9 @@ class ChannelNoise:
         return np.asarray(data * (1.0 + policy.work.trace * np.random.default_rng(1).standard_normal(len(data))))
 
     def uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
-        """Log likelihood of noise alone with a level for each channel, over that of one level: no contact explains what this does."""
+        """Log likelihood gained by one noise level per channel instead of one common level, for noise alone. Evidence
+        of contact must exceed it.
+        """
         if self.known or self.count == 1:
             return 0.0
         channel = self.index[observed]
@@ -69,9 +71,10 @@ class ChannelNoise:
     def levels(
         self, member: ContactModel, y: Floats, noise: Floats, observed: Flags, *, unequal: bool
     ) -> Floats | None:
-        """Noise of each channel in units of the whitening, from the misfit and the freedom that the contact took of each.
+        """Noise level of each channel in units of the whitening, from its residual and the degrees of freedom that the
+        contact used.
 
-        With ``unequal``, None where the channels' noise is not told apart from one for all.
+        With ``unequal``, None if the levels do not differ significantly from a common one.
         """
         policy = self.policy
         if self.count == 1:
@@ -99,9 +102,10 @@ class ChannelNoise:
     def left(
         self, member: ContactModel, first: Floats, y: Floats, observed: Flags, freedom: float, took: float | None = None
     ) -> float:
-        """Root mean square of the whitened misfit, for the freedom that the contact took: the modes that the data decide, over its area.
+        """Root mean square of the whitened residual per remaining degree of freedom. The contact uses ``freedom``
+        times the loaded fraction of the array.
 
-        ``took`` is that freedom where it is known.
+        ``took`` is the number of degrees of freedom used, if known.
         """
         share = float(np.count_nonzero(first[-1])) / self.taxels
         free = max(float(observed.sum()) - (min(share, 1.0) * freedom if took is None else took), 1.0)
@@ -109,7 +113,7 @@ class ChannelNoise:
         return float(np.sqrt((misfit**2).sum() / free))
 
     def outliers(self, data: Floats, explained: Floats, noise: Floats) -> Flags:
-        """Readings that the contact does not explain: far beyond the noise and beyond most other residuals."""
+        """Mask of outliers: residuals far beyond the noise and beyond most other residuals."""
         policy = self.policy
         residual = np.abs(data - explained) / noise
         typical = max(1.0, float(np.median(residual)) / MEDIAN)

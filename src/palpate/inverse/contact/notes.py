@@ -1,4 +1,6 @@
-"""What is said of frames in words, and what it goes by: small contacts, single taxels, contact at and beyond the edge, readings on which much rests."""
+"""Notes on frames, and the quantities they depend on: small contacts, single taxels, contact at and beyond the edge,
+loads that rest on one reading.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,9 @@ __all__ = ["notes_of", "single_taxel_share", "smallness"]
 
 
 def smallness(members: Sequence[ContactModel], planes: Sequence[Array], run: Solved, policy: Policy) -> int:
-    """0, 1 where a contact may be small, and 2 where besides readings of one taxel alone stand out of the noise: what touches there cannot be told
-    from what is wrong with it."""
+    """Return 0 if the contact is not small, 1 if it may be small, and 2 if in addition only one taxel reads more than
+    noise, so that a small contact cannot be distinguished from a broken taxel.
+    """
     if not any(m.compact for m in members):
         return 0
     first = np.cumsum([0] + [int(a.valid.sum()) for a in planes])
@@ -33,7 +36,9 @@ def smallness(members: Sequence[ContactModel], planes: Sequence[Array], run: Sol
 
 
 def single_taxel_share(planes: Sequence[Array], run: Solved, pressure: Floats, grid: Grid, policy: Policy) -> float:
-    """The largest part of the load, ``pressure`` on the surface's cells, that lies nearest to a taxel whose neighbours all read as where nothing touches."""
+    """Largest fraction of the load (``pressure`` on the surface cells) that rests on one taxel whose neighbours read
+    no contact.
+    """
     import scipy.spatial
 
     readings, load = run.observed & (np.abs(run.data) > policy.errors.stands_out * run.noise), float(pressure.sum())
@@ -51,7 +56,7 @@ def single_taxel_share(planes: Sequence[Array], run: Solved, pressure: Floats, g
         if len(points) < 2 or not heard.any():
             continue
         near = scipy.spatial.cKDTree(points).query(points[heard], k=2)[0][:, 1]
-        # the first that is found is itself
+        # The nearest taxel found is the taxel itself.
         alone = others.query(points[heard], k=2)[0][:, 1] > policy.errors.beside * near
         for point, reach in zip(points[heard][alone], near[alone]):
             if cells is None:
@@ -62,7 +67,7 @@ def single_taxel_share(planes: Sequence[Array], run: Solved, pressure: Floats, g
 
 
 def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) -> tuple[str, ...]:
-    """What few taxels do not tell."""
+    """Notes about what the readings of these frames cannot determine."""
 
     def where(count: int) -> str:
         return f" in {count} of {len(frames)} frames" if batch else ""

@@ -1,4 +1,4 @@
-"""The readings of one frame: which of them count, which lie at an end of their range, and what stands in for those that do not count."""
+"""Screen the readings of one frame: which are used, which are saturated, and which values replace the unused ones."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ Flags = npt.NDArray[np.bool_]
 class Observed:
     """Readings (reading,) of one frame.
 
-    ``filled`` are those that contact is sought in: ``data`` with broken readings replaced by what the others tell. ``alive``: neither dead nor of a channel
-    that reads one value; ``usable``: alive and not found to be broken. ``ends``: those at an end of their range, None where nothing is screened.
+    ``data`` are the readings; in ``filled`` the linear model's prediction replaces outliers. ``alive``: neither dead
+    nor in a constant channel; ``usable``: alive and no outlier. ``ends``: saturated readings, None if screening is
+    switched off.
     """
 
     data: Floats
@@ -34,12 +35,12 @@ class Observed:
 
     @property
     def limited(self) -> Flags:
-        """Readings at an end of their range."""
+        """Mask of saturated readings."""
         return np.zeros(len(self.data), dtype=bool) if self.ends is None else self.ends.upper | self.ends.lower
 
 
 def observe(estimator: Prepared, readings: Sequence[Floats]) -> Observed:
-    """The readings of a frame, (channel, *array) per plane, screened."""
+    """Screen the readings of a frame, (channel, *array) per plane."""
     noise, policy = estimator.noise, estimator.policy
     data = noise.unlike(estimator.readings.flat(estimator.operator.observed(readings)))
     alive, ends = noise.alive(data), ends_of_range(estimator, readings, data)
@@ -53,7 +54,7 @@ def observe(estimator: Prepared, readings: Sequence[Floats]) -> Observed:
 
 
 def ends_of_range(estimator: Prepared, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
-    """Readings at the end of their range, as stated or as the frame shows it; None where nothing is screened."""
+    """Saturated readings, from the given limits or detected in the frame; None if screening is switched off."""
     if not estimator.policy.parts.screening:
         return None
     given = None

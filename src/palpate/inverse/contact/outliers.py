@@ -1,4 +1,4 @@
-"""Readings that the contact of an explanation does not explain, left out before it is solved."""
+"""Remove outliers of an explanation before it is solved."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ Flags = npt.NDArray[np.bool_]
 
 
 def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> tuple[Explanation, Flags]:
-    """A explanation without the readings that its contact does not explain, left out one at a time, the worst first."""
+    """The explanation solved without outliers, and the mask of the readings used. Outliers are removed one at a time,
+    worst first.
+    """
     policy = estimator.policy
     readings, n = estimator.readings, len(data)
     if h.sign == 0 or not h.rough.traction[-1].any():
@@ -38,7 +40,8 @@ def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed
         residual = np.where(may, np.abs(clean - best.explained) / readings.std, 0.0)
         worst = int(np.argmax(residual))
         largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
-        # one reading among n raises what is left to its own size over sqrt(n): it hides behind itself where there are few
+        # An outlier among n readings raises the residual to its own size over sqrt(n). With few readings it inflates
+        # the noise that is used to judge it.
         part = 1.0 if estimator.at_size else policy.explanations.half
         if not residual[worst] > max(part * policy.screening.deviations * best.left, policy.screening.gross * largest):
             break

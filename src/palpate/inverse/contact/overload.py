@@ -1,4 +1,4 @@
-"""Readings at the end of their range: each is a lower bound, and where there are many of them nothing tells how large the load is."""
+"""Saturated readings: each is a lower bound. If there are many, the load has no upper bound."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ __all__ = ["in_range"]
 
 
 def in_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
-    """One frame, whatever part of its readings is at the end of their range.
+    """The result of one frame that may have saturated readings.
 
-    Readings at their end are censored: contact explains them where it would have them read as much or more. Where they are many, the frame is also solved
-    with the readings as they are. That load is one that the true load exceeds, as every true reading exceeds the one at its end.
+    A saturated reading is censored: it constrains the contact only if the contact predicts less. If many readings are
+    saturated, the frame is also solved with the saturated values taken as true. The resulting load is a lower bound,
+    because every true reading is at least as large.
     """
     policy = estimator.policy
     data = estimator.readings.flat(estimator.operator.observed(readings))
     ends = ends_of_range(estimator, readings, data)
     if ends is None or not ends.any:
         return explained(estimator, readings, rng)
-    # at rest readings of few steps are often alike: an end is far from zero
+    # At rest, coarsely rounded readings are often equal. So saturation counts only far from zero.
     far = (
         np.abs(data) > policy.screening.deviations * estimator.readings.std
         if estimator.noise_known

@@ -1,4 +1,4 @@
-"""Models of traction that is strong in few places: one for each correlation length (`palpate.inverse.contact.local`)."""
+"""Models of concentrated traction, one for each correlation length (`palpate.inverse.contact.local`)."""
 
 from __future__ import annotations
 
@@ -26,28 +26,31 @@ __all__ = ["Data", "Member", "Places", "Start"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Correlation lengths, in taxels' distances: each twice the one before, from the first on, so many.
+#: Correlation lengths: FIRST taxel pitches, then LENGTHS - 1 more, each twice the one before.
 FIRST, LENGTHS = 0.5, 4
-#: Width of the average that is the variance, in correlation lengths; and in cells, at least.
+#: Width of the average that gives the local variance, in correlation lengths; and its minimum, in cells.
 WIDTH, LEAST_WIDTH = 0.6, 0.5
-#: Cells of less than this part of the largest variance are left out: a tenth of the largest traction.
+#: Cells below this fraction of the largest variance are left out: a tenth of the largest traction.
 QUIET = 0.01
-#: Unknowns of a frame, at most: where traction is everywhere, no place is different from others.
+#: Largest number of unknowns of a frame. If there are more, traction is everywhere and not concentrated.
 LARGEST = 2400
-#: The cells that are left out are so many unknowns of each component, of these parts of their variance: nothing, or weak traction far and wide.
+#: The cells left out are grouped in TILES tiles per component, with these fractions of their variance: no traction, or
+#: weak traction everywhere.
 TILES, AROUND = 36, (0.0, 0.3)
-#: Where in a cell traction ends matters: parts of a cell along each axis, the most that `LARGEST` allows, and so many products for a normal matrix.
+#: Finer cells matter because traction may end inside a cell: candidate divisions per axis, finest first, and a limit on
+#: the multiplications of a normal matrix.
 RATIOS, WORK = (3, 2, 1), 8e9
-#: Columns of all readings have so many entries at most: 320 MB.
+#: Largest number of entries in the columns of all readings: 320 MB.
 ENTRIES = 4e7
-#: Added to the correlations, which are singular to rounding where cells are much finer than the length.
+#: Added to the diagonal of the correlations: they are singular to rounding if cells are much finer than the length.
 JITTER = 1e-6
-#: The noise is found with the traction in so many rounds.
+#: Number of rounds in which the noise is estimated together with the traction.
 ROUNDS = 2
-#: Log evidence is divided by so much before models are weighed: each has seen the readings in its variance already, and cells and edges that none of
-#: them can follow decide between them as much as the readings do.
+#: The log evidence is divided by this before models are weighted. The variance was estimated from the same readings,
+#: and errors from cells and edges, which no model can follow, affect the choice as much as the readings do.
 TEMPER = 30.0
-#: Log evidence that traction is there at all, at the least: in frames of noise alone it is below 2, and a model of next to no traction is next to sure of it.
+#: Smallest log evidence for any traction. Frames of noise alone stay below 2, and a model with almost no traction would
+#: be almost certain of it.
 SEEN = 5.0
 #: Models of less weight are left out.
 LEAST_WEIGHT = 1e-3
@@ -55,11 +58,13 @@ LEAST_WEIGHT = 1e-3
 
 @dataclass
 class Member:
-    """One length's model of a frame: traction and what is unsure of it.
+    """The model of a frame for one correlation length: traction and its posterior.
 
-    ``root`` (direction, component * cell) is one standard deviation in each direction of the posterior, ``apply`` (component * cell, reading) what the
-    estimate makes of whitened readings, where somebody asks, ``beyond`` (component, *surface) the variance of cells that were left out, ``prior`` that of those that were not. Fields ``around`` (unknown, component,
-    *surface) of cells that were left out are part of the traction, with ``around_root`` (direction, unknown).
+    ``root`` (direction, component * cell) is one standard deviation along each direction of the posterior. ``apply``
+    (component * cell, reading) maps whitened readings to the estimate (empty unless needed). ``beyond`` (component,
+    *surface) is the variance of cells left out, ``prior`` the prior variance of the others. Fields ``around``
+    (unknown, component, *surface) over the cells left out are part of the traction, with ``around_root`` (direction,
+    unknown).
     """
 
     cells: Index
@@ -81,13 +86,15 @@ class Member:
 
     @cached_property
     def variance(self) -> Floats:
-        """(component * cell,)."""
+        """Posterior variance of the traction (component * cell,)."""
         return np.asarray((self.root**2).sum(axis=0))
 
 
 @dataclass(frozen=True)
 class Start:
-    """What Tikhonov's method says of a frame: traction (component sought, *surface), noise variance in units of the whitening, parameter."""
+    """Tikhonov's result for a frame: traction (component sought, *surface), noise variance in units of the whitening,
+    regularisation parameter.
+    """
 
     traction: Floats
     noise: float
@@ -96,7 +103,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Data:
-    """A frame's readings, whitened too (reading,), and which are used."""
+    """Readings of a frame per plane, the same whitened (reading,), and the mask of those used."""
 
     planes: list[Floats]
     y: Floats
@@ -105,7 +112,9 @@ class Data:
 
 
 class Places:
-    """The models of a problem's frames. ``alone`` is Tikhonov's method, their start and rival; ``applied``: what they make of other readings is asked for."""
+    """The models of a problem's frames. ``alone`` is Tikhonov's method, both their start and the alternative; with
+    ``applied`` the models keep the map from readings to traction.
+    """
 
     def __init__(self, problem: Problem, alone: Regularised | MatrixFree, *, applied: bool) -> None:
         self.problem, self.alone, self.applied = problem, alone, applied
@@ -118,15 +127,15 @@ class Places:
         self.patterns = [] if patterns is None or not patterns.members else patterns.all
         rows = [self.white(p.rows[None])[0] for p in self.patterns]
         size = [math.sqrt(float(np.mean(r**2))) or 1.0 for r in rows]
-        #: The patterns with a root mean square of one, and what a size of one is in the pattern's unit.
+        #: Patterns scaled to a root mean square of one, and the size of each in its own unit.
         self.units = np.array([1.0 / s for s in size])
         self.rows = np.stack(rows) * self.units[:, None] if rows else np.zeros((0, len(self.every)))
-        #: Components that vary alike: those in the surface's plane, and pressure.
+        #: Groups of components with a common variance: those in the plane, and pressure.
         last = len(self.grid.components) - 1
         self.groups = [[i for i, c in enumerate(self.columns) if (c == last) == normal] for normal in (False, True)]
 
     def white(self, rows: Floats) -> Floats:
-        """Readings (row, reading) in units of their noise, and independent."""
+        """Whitened readings (row, reading): independent, with unit noise."""
         return np.asarray(self.readings.white((rows / self.readings.std).T, self.every).T)
 
     @cached_property
@@ -142,7 +151,9 @@ class Places:
         return [FIRST * max(apart, spacing) * 2.0**i for i in range(LENGTHS)]
 
     def members(self, data: Data, *, told: bool = False) -> list[Member]:
-        """The models of a frame, with their weights; none where its traction is everywhere or nowhere. ``told``: its noise is as it is."""
+        """The models of a frame, with their weights; empty if its traction is not concentrated or if there is none.
+        With ``told``, the noise in ``data`` is used unchanged.
+        """
         import scipy.ndimage
 
         first = data.start.traction
@@ -174,7 +185,7 @@ class Places:
                     members += found
                     members = [m for m in members if m.evidence > max(evidence) + TEMPER * math.log(LEAST_WEIGHT)]
                 if len(evidence) > 2 and evidence[-1] < evidence[-2] < evidence[-3]:
-                    break  # longer ones say less and less
+                    break  # the evidence decreases with length
         best = max((m.evidence for m in members), default=-math.inf)
         if not best > self._nothing(data) + SEEN:
             return []
@@ -190,7 +201,7 @@ class Places:
     def _of_length(
         self, data: Data, variance: Floats, keep: Flags, length: float, noise: float, floor: float, *, told: bool
     ) -> list[Member]:
-        """The models of one length; none where rounding leaves none."""
+        """The models for one correlation length; empty if rounding makes the system singular."""
         cells = np.flatnonzero(keep)
         c, q, k = len(variance), len(self.patterns), len(cells)
         ratio = self._ratio(c * k)
@@ -217,7 +228,7 @@ class Places:
         beyond = np.where(keep, 0.0, variance)
         members = []
         for part in AROUND:
-            # the whole problem, and what is sought of it
+            # Scale the joint system by the variance of the surrounding tiles.
             scale = np.concatenate([np.ones(m + q), np.full(len(around), math.sqrt(part))])
             solved = self._solved(
                 gram * scale[:, None] * scale, linear * scale, every * scale[:, None], y, noise, floor, told=told
@@ -257,13 +268,15 @@ class Places:
 
     @staticmethod
     def _means(values: Floats, cells: int) -> Floats:
-        """Of the parts of each cell, over the last axis."""
+        """Mean over the parts of each cell (last axis)."""
         return np.asarray(values.reshape(*values.shape[:-1], cells, -1).mean(axis=-1))
 
     def _solved(
         self, gram: Floats, linear: Floats, rows: Floats, y: Floats, noise: float, floor: float, *, told: bool
     ) -> tuple[Floats, Floats, Floats, float, float, float, float] | None:
-        """Of unknowns of variance 1: mean, root of the covariance, what is left of ``y``, freedom taken, log evidence, and the noise found and used."""
+        """Posterior for unknowns with prior variance 1: mean, root of the covariance, residual of ``y``, degrees of
+        freedom used, log evidence, noise variance estimated, noise variance used.
+        """
         known = told or self.known
         used = 1.0 if known and not told else noise
         for _ in range(1 if known else ROUNDS):
@@ -284,7 +297,7 @@ class Places:
         return found, inverse, left, taken, evidence, used, noise
 
     def _nothing(self, data: Data) -> float:
-        """Log evidence of noise and patterns alone, as `Member.evidence`."""
+        """Log evidence of noise and nuisances alone, comparable with `Member.evidence`."""
         y, rows = data.y[data.observed], self.rows[:, data.observed]
         left = y - rows.T @ np.linalg.lstsq(rows.T, y, rcond=None)[0] if len(rows) else y
         noise = 1.0 if self.known else float(left @ left) / max(len(y) - len(rows), 1)
@@ -296,7 +309,7 @@ class Places:
         return -0.5 * ((float(y @ y) - explained) / noise + logdet + len(y) * math.log(noise))
 
     def _even(self, data: Data, noise: float) -> float:
-        """Log evidence of Tikhonov's model, as `Member.evidence`."""
+        """Log evidence of Tikhonov's model, comparable with `Member.evidence`."""
         noise, q = 1.0 if self.known else noise, len(self.patterns)
         if isinstance(self.alone, MatrixFree):
             frame = LinearAtSize(self.alone.system).frame()
@@ -321,9 +334,10 @@ class Places:
         return self.alone.patterns.rows
 
     def _around(self, variance: Floats, keep: Flags) -> Floats:
-        """Fields (unknown, component sought, *surface) of the cells that are left out, tile by tile: weak traction far and wide is not the drift's.
+        """Fields (unknown, component sought, *surface) of the cells left out, one for each tile, so that weak traction
+        far away is not attributed to drift.
 
-        Of one sign within a tile, as traction is that fades out; which one, and how much, the readings say.
+        Within a tile the traction has one sign, as traction that fades out does; the readings determine sign and size.
         """
         shape = self.grid.shape
         tiles = TILES if len(shape) == 1 else math.isqrt(TILES)
@@ -340,7 +354,7 @@ class Places:
         return np.stack(fields) if fields else np.zeros((0, *variance.shape))
 
     def _seen(self, fields: Floats) -> Floats:
-        """Whitened readings (unknown, reading) of fields (unknown, component sought, *surface)."""
+        """Whitened readings (unknown, reading) that fields (unknown, component sought, *surface) cause."""
         if not len(fields):
             return np.zeros((0, len(self.every)))
         whole = np.zeros((len(fields), len(self.grid.components), *self.grid.shape))
@@ -349,7 +363,7 @@ class Places:
         return self.white(np.stack([self.readings.flat([p[i] for p in planes]) for i in range(len(fields))]))
 
     def _ratio(self, unknowns: int) -> int:
-        """How much finer than the surface so many unknowns of its cells are worth solving."""
+        """How many times finer than the surface grid to solve ``unknowns`` cell unknowns."""
         for ratio in RATIOS[:-1]:
             finer = unknowns * ratio**self.grid.dimensions
             if finer <= LARGEST and len(self.readings.std) * finer**2 <= WORK:
@@ -357,14 +371,14 @@ class Places:
         return RATIOS[-1]
 
     def _level(self, ratio: int) -> Level:
-        """The operator on cells ``ratio`` times finer, made once."""
+        """The operator on cells ``ratio`` times finer; built once."""
         if ratio not in self._levels:
             operator = self.problem.kept.get(("level", False, ratio), lambda: level_operator(self.operator, ratio))
             self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
         return self._levels[ratio]
 
     def _parts(self, cells: Index, ratio: int) -> Index:
-        """The cells (cell, part) of the finer grid that make up each of some cells of the surface."""
+        """Indices (cell, part) of the finer cells that make up each surface cell."""
         shape = self.grid.shape
         places = np.unravel_index(cells, shape)
         steps = np.indices((ratio,) * len(shape)).reshape(len(shape), -1)

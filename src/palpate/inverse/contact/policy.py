@@ -1,10 +1,9 @@
-"""Every number and switch that the contact method goes by, each with its reason, in one tree that is handed down from the method.
+"""All numbers and switches of the contact method, each with its reason, in one tree.
 
-A function that decides something takes a `Policy` (or an estimator, whose ``policy`` it is) and reads the number from it; no other file of `inverse/contact`
-holds one. `palpate bench ablation` walks the fields: it leaves out each part, and halves and doubles the numbers that are marked ``tried``, on contacts that
-tuned none of them ("see the table" means its table). Users choose a method, not these.
-
-`numbers` lists them all.
+A function that decides something takes a `Policy` (or an estimator with a ``policy``) and reads the number from it; no
+other file of `inverse/contact` holds one. `palpate bench ablation` walks the fields: it switches off each part, and
+halves and doubles the numbers marked ``tried``, on contacts that were not used to tune them ("see the table" refers to
+its table). Users choose a method, not these numbers. `numbers` lists them all.
 """
 
 from __future__ import annotations
@@ -33,26 +32,29 @@ __all__ = [
     "numbers",
 ]
 
-#: The constants of the error bars of force and traction multiply the model's standard deviations by this at least (tests/regressions/test_real_readings.py):
-#: what is stated by the user or assumed is divided by it, so that no constant makes it smaller.
+#: Smallest factor by which the calibration constants multiply the model's standard deviations of force and traction
+#: (tests/regressions/test_real_readings.py). Errors that the user states or that are assumed are divided by it, so that
+#: no constant makes them smaller.
 STATED = 0.5
 
 
 def number(value: Any, why: str, *, tried: bool = False, needs: str = "") -> Any:
-    """A number of the policy and its reason. ``tried``: no derivation gives it, so the ablation halves and doubles it; ``needs`` what a frame must have for
-    it to matter: "friction" that is known, "shear" that is sought, several "channels".
+    """A number of the policy and its reason ``why``.
+
+    ``tried``: the value is not derived, so the ablation halves and doubles it. ``needs``: what a frame must have for
+    the number to matter: "friction" given, "shear" sought, or several "channels".
     """
     return field(default=value, metadata={"why": why, "tried": tried, "needs": needs})
 
 
 def part(title: str, *, needs: str = "") -> Any:
-    """A part of the method that the ablation leaves out; ``title`` names it in the table."""
+    """A part of the method that the ablation switches off; ``title`` names it in the table."""
     return field(default=True, metadata={"why": title, "part": True, "needs": needs})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
-    """Parts of the method that can be left out; without one, everything else goes on."""
+    """Parts of the method that can be switched off independently."""
 
     constraint: bool = part("pressure never pulls, shear within friction")
     even_model: bool = part("model of an even penalty")
@@ -80,7 +82,7 @@ class Parts:
 
 @dataclass(frozen=True, kw_only=True)
 class Detection:
-    """Is there contact?"""
+    """Limits that decide whether there is contact."""
 
     evidence: float = number(6.0, "log evidence over noise alone: odds of 400 to one", tried=True)
     few_cells: float = number(
@@ -113,7 +115,9 @@ class Detection:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanations:
-    """What a frame is taken to be: push, pull or both; with offsets and ramps or without; refuted and doubted explanations."""
+    """Limits for choosing an explanation: push, pull or both; with or without offsets and ramps; and for replacing one
+    that fits poorly.
+    """
 
     doubt: float = number(0.15, "a pull is tried where a push leaves this part of the readings")
     edge: float = number(
@@ -157,7 +161,7 @@ class Explanations:
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Misfit probabilities, and what a misfit adds to the errors."""
+    """Limits of the fit test, and what a misfit adds to the errors."""
 
     accepted: float = number(
         0.05, "one that takes another's place explains the frame as well as one good frame in twenty"
@@ -182,7 +186,7 @@ class Fit:
 
 @dataclass(frozen=True, kw_only=True)
 class Screening:
-    """Broken readings, ends of the range, outliers."""
+    """Limits for broken readings, saturation and outliers."""
 
     deviations: float = number(
         6.0, "robust deviations at which a reading is no noise: 2e-9 of Gaussian noise", tried=True
@@ -230,7 +234,7 @@ class Screening:
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Noise that is learned from the frame."""
+    """Limits for learning the noise from the frame."""
 
     fewest: int = number(3, "readings of a channel needed for a noise of its own")
     unequal: float = number(
@@ -257,7 +261,7 @@ class Noise:
 
 @dataclass(frozen=True, kw_only=True)
 class Prior:
-    """The penalties, and the models that are weighed."""
+    """Penalties, and the models that are weighted."""
 
     shear: float = number(
         0.7, "shear over pressure where friction is not known: of the order of rubber's", tried=True, needs="shear"
@@ -295,7 +299,7 @@ class Prior:
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Cells."""
+    """Sizes of cells."""
 
     line: tuple[int, int] = number((5, 3), "fine cells per surface cell on a line, from low noise to high")
     area: tuple[int, int, int] = number((3, 2, 1), "the same per axis on an area")
@@ -310,7 +314,7 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """Where contact is."""
+    """Limits that decide which cells are in contact."""
 
     faint: float = number(
         0.05, "cells below this part of the peak make no contact; error bars of a tracker are calibrated with it"
@@ -330,7 +334,7 @@ class Extent:
 
 @dataclass(frozen=True, kw_only=True)
 class Discs:
-    """Contact of a few taxels."""
+    """Limits for contacts of a few taxels."""
 
     radii: tuple[float, ...] = number(
         (0.5, 1.0, 1.5, 2.25, 3.25, 4.5, 6.0), "in cells of the finer grid, up to a pitch"
@@ -358,7 +362,7 @@ class Discs:
 
 @dataclass(frozen=True, kw_only=True)
 class Rims:
-    """Pull about a contact."""
+    """Limits for pull around a contact."""
 
     sought: float = number(
         0.2, "misfit probability below which it is sought where noise may have been learned from the pull"
@@ -373,7 +377,7 @@ class Rims:
 
 @dataclass(frozen=True, kw_only=True)
 class Errors:
-    """What is in the errors besides noise, and what is said."""
+    """Error contributions other than noise, and limits for notes."""
 
     force: float = number(5e-4, "least error of the net force, in parts: no pad and no grid is known better")
     force_at_size: float = number(
@@ -413,7 +417,7 @@ class Errors:
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """Sizes at which the same is computed in another way, or not at all."""
+    """Problem sizes at which the method switches to another algorithm or leaves a step out."""
 
     unknowns: int = number(9000, "of one frame: a dense normal matrix of 650 MB")
     second_order: int = number(
@@ -434,7 +438,7 @@ class Work:
 
 @dataclass(frozen=True, kw_only=True)
 class Policy:
-    """The numbers of the contact method by what they decide.
+    """The numbers of the contact method, grouped by purpose.
 
     Examples
     --------
@@ -460,7 +464,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class Number:
-    """One number or switch: ``name`` is its way from `Policy`, "section.field"."""
+    """One number or switch; ``name`` is "section.field" within `Policy`."""
 
     name: str
     value: Any
@@ -471,7 +475,7 @@ class Number:
 
 
 def numbers(policy: Policy | None = None) -> Iterator[Number]:
-    """Every number and switch of a policy (default: that of the method)."""
+    """All numbers and switches of a policy (default: the method's own)."""
     whole = policy or Policy()
     for section in fields(whole):
         group = getattr(whole, section.name)
@@ -488,6 +492,6 @@ def numbers(policy: Policy | None = None) -> Iterator[Number]:
 
 
 def changed(policy: Policy, name: str, value: Any) -> Policy:
-    """The policy with another value of one number, ``name`` being "section.field"."""
+    """A copy of the policy with one number changed; ``name`` is "section.field"."""
     section, _, entry = name.partition(".")
     return replace(policy, **{section: replace(getattr(policy, section), **{entry: value})})

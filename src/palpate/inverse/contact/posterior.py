@@ -1,4 +1,4 @@
-"""What follows from the contact models of a frame: their mean, errors of every quantity in closed form, and samples."""
+"""Posterior of a frame from its contact models: mean, closed-form errors of every quantity, and samples."""
 
 from __future__ import annotations
 
@@ -26,8 +26,10 @@ Index = npt.NDArray[np.intp]
 
 
 def ambiguity_of(acting: Floats, usual: float, policy: Policy, *, coupled: bool) -> tuple[float, float, float, float]:
-    """Least errors (`Posterior`) where channels do not tell pressure from shear, ``acting`` being what pressure does over what as much shear does, at
-    several wavelengths, and ``usual`` what it must do to be told as well as inside a gel; ``coupled``: friction is given.
+    """Minimum errors (`Posterior`) if channels cannot separate pressure from shear.
+
+    ``acting`` is the effect of pressure relative to that of equal shear, at several wavelengths; ``usual`` is the
+    value at which pressure is as well determined as inside a gel; ``coupled``: friction is given.
     """
     normal = (policy.errors.ambiguous_coupled if coupled else policy.errors.ambiguous_force) * max(
         1.0, usual / max(float(np.median(acting)), 1e-3)
@@ -40,11 +42,12 @@ def ambiguity_of(acting: Floats, usual: float, policy: Policy, *, coupled: bool)
 
 
 class Posterior:
-    """What follows from the weighed contact models of a frame: means, closed-form errors, samples.
+    """Posterior of the weighted contact models of a frame: means, closed-form errors, samples.
 
-    ``inside`` are the cells of the operator's grid that the result is made of, ``outside`` those outside the outermost taxels; ``reach`` is
-    how many cells round those in contact beyond doubt share their error; ``ambiguity`` is the least error of the shear
-    force and of the normal force, as parts of the normal force, and those of pressure in a cell and of its peak, as parts of these.
+    ``inside`` marks the cells of the operator's grid that belong to the result, ``outside`` those beyond the outermost
+    taxels. ``reach`` is the number of cells around the certain contact that share its error. ``ambiguity`` holds four
+    minimum errors: of the shear force and of the normal force, as fractions of the normal force; of the pressure in a
+    cell and of the peak, as fractions of these.
     """
 
     def __init__(
@@ -64,8 +67,9 @@ class Posterior:
         self.ambiguity = ambiguity
 
     def beyond(self, traction: Floats) -> tuple[float, float, float]:
-        """What lies outside the outermost taxels: the part of the load (sum of the traction's magnitude), and the largest there over the largest of all;
-        and the largest at them over the largest of all, 0 where the surface ends there.
+        """Traction beyond the outermost taxels: its fraction of the load (sum of the magnitudes), its largest
+        magnitude as a fraction of the overall largest, and the largest magnitude at the outermost taxels as a fraction
+        of the same (0 if the surface ends there).
         """
         size = np.sqrt((traction**2).sum(axis=0)) * self.inside
         there, largest = size[self.outside], max(float(size.max()), 1e-300)
@@ -77,9 +81,11 @@ class Posterior:
         )
 
     def going_on(self, traction: Floats) -> tuple[Floats, Floats]:
-        """What may lie beyond the outermost taxels that nothing tells of: a net force (component,) and its place (axis,), zero where contact does not reach them.
+        """Possible net force (component,) beyond the outermost taxels, where nothing is measured, and its place
+        (axis,); zero if contact does not reach them.
 
-        The traction on the cells at them, gone on as far as contact reaches inwards: what is symmetric about the edge has as much again beyond.
+        The traction at the outermost taxels is continued outwards as far as the contact extends inwards: a contact
+        symmetric about the edge has as much beyond it.
         """
         policy = self.policy
         grid, at = self.operator.surface, dilated(self.outside, 1) & ~self.outside
@@ -94,7 +100,9 @@ class Posterior:
         return force, np.array([float(np.average(x[here], weights=size[here])) for x in places])
 
     def outside_parts(self, traction: Floats) -> dict[str, Floats]:
-        """The part of traction (component, *grid), and of each number, that comes from cells beyond the outermost taxels."""
+        """The part of the traction (component, *grid), and of each number, that comes from cells beyond the outermost
+        taxels.
+        """
         grid = self.operator.surface
         cell = grid.areas * self.inside
         places = np.meshgrid(*grid.axes, indexing="ij")[::-1]  # x, then y
@@ -123,11 +131,11 @@ class Posterior:
         finer: Operator | None = None,
         data: Floats | None = None,
     ) -> Errors:
-        """What would not be noticed: the error of the pressure of a patch as wide as the depth, the least that would show, over a taxel or
-        between taxels.
+        """Errors of a frame without contact: the smallest pressure of a patch as wide as the depth that would be
+        detected, above a taxel or between taxels.
 
-        ``finer`` is an operator on cells that tell both places apart, where those of the surface do not. ``data`` are the frame's readings: a
-        patch that they speak for, if not loudly enough, may be as large as they say.
+        ``finer`` is an operator with cells fine enough to separate both places, if the surface's are not. ``data`` are
+        the frame's readings: if they support a patch without proving it, the patch may be as large as they suggest.
         """
         grid, names = self.operator.surface, self.operator.surface.components
         shape = (len(names), *grid.shape)
@@ -166,11 +174,11 @@ class Posterior:
         )
 
     def draws(self, members: Sequence[ContactModel], weights: Floats, count: int, rng: np.random.Generator) -> Floats:
-        """Samples of the traction: each minimises the problem of one model with readings and prior perturbed.
+        """Samples of the traction: each minimises one model with perturbed readings and prior.
 
         The minimiser of 1/2 x'Hx - (h + H^{1/2} z)'x over the cone is a projection of a Gaussian posterior sample onto
-        the cone (J. M. Everink, Y. Dong, M. S. Andersen, SIAM/ASA J. Uncertainty Quantification 11, 2023), so that samples
-        respect the constraints and leave cells empty with finite probability.
+        the cone (J. M. Everink, Y. Dong, M. S. Andersen, SIAM/ASA J. Uncertainty Quantification 11, 2023). So samples
+        satisfy the constraints, and cells are empty with finite probability.
         """
         grid = self.operator.surface
         out = np.zeros((count, len(grid.components), *grid.shape))
@@ -199,21 +207,21 @@ class Posterior:
         return out
 
     def _turned(self, member: ContactModel, rng: np.random.Generator) -> Floats:
-        """A sample of the traction over the pressure of a contact that slides."""
+        """A sample of the ratio of traction to pressure of a sliding contact."""
         ray, changes, factor = member.ray, member.changes, member.solution.factor
         if ray is None or changes is None or not isinstance(factor, Bordered):
             raise RuntimeError("only a contact that slides has one traction over pressure")
         count = len(changes)
         if count:
-            # the last entries of a Gaussian whose precision has this factor
+            # Solve with the corner of the factor: this samples the last entries of the Gaussian.
             ray = ray + np.linalg.solve(factor.corner.T, rng.standard_normal(count)) @ changes
         shear = float(np.linalg.norm(ray[:-1]))
         return np.append(ray[:-1] * min(1.0, float(self.cone.friction or shear) / max(shear, 1e-300)), 1.0)
 
 
 def _patches(operator: Operator, depth: float) -> Iterator[tuple[Flags, tuple[Index, ...]]]:
-    """Cells (*grid) within the depth of the array's middle taxel, and of the place between it and the next ones; with either, the cells of
-    all such places.
+    """Cells (*grid) within one depth of the array's middle taxel, then of the midpoint to its neighbour; each with the
+    cells of all such places.
     """
     grid = operator.surface
     points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
@@ -233,7 +241,7 @@ def _patches(operator: Operator, depth: float) -> Iterator[tuple[Flags, tuple[In
 
 
 def _cropped(patch: Flags) -> Floats:
-    """The part of a field that is not empty."""
+    """The bounding box of a mask, as numbers."""
     where = [
         np.flatnonzero(patch.any(axis=tuple(a for a in range(patch.ndim) if a != axis))) for axis in range(patch.ndim)
     ]

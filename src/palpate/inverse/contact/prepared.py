@@ -1,7 +1,8 @@
-"""What is prepared once for a problem and its constraints: operator, whitening, linear models, grids, patterns of nuisances; and the numerics of one frame on them.
+"""Everything that is prepared once for a problem and its constraints: operator, whitening, linear models, grids,
+nuisance patterns; and numerics that use them.
 
-Nothing here decides what a frame is. It is handed to those that do (`search`, `proposals`, `solving`, `answer`), and holds nothing of a frame but what `rounds` keeps while one is
-solved.
+This file makes no decision about a frame. The modules that decide (`search`, `proposals`, `solving`, `answer`) receive
+a `Prepared`. It stores nothing about a frame, except the cache `rounds` while that frame is solved.
 """
 
 from __future__ import annotations
@@ -50,23 +51,25 @@ __all__ = ["Prepared"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: What readings may hold besides contact where the user does not say.
+#: Nuisances assumed if the user names none.
 DEFAULT_NUISANCES = ("offset", "rotation")
 
 
 class Prepared(ABC):
     """A problem, prepared once.
 
-    The surface is the middle of the operator's grid: a contact across the array's edge is explained by cells farther out than anyone wants
-    to see. ``parameter`` is the weight of the penalty (None: by evidence), ``draws`` the number of posterior samples of each frame.
+    The surface is the middle part of the operator's grid. Cells outside the surface explain a contact across the edge
+    of the array and are not part of the result. ``parameter`` is the weight of the penalty (None: chosen by evidence),
+    ``draws`` the number of posterior samples of each frame.
     """
 
-    #: Derivatives whose penalties are compared by evidence.
+    #: Orders of the derivatives whose penalties are compared by evidence.
     derivatives: tuple[int, ...] = (1,)
     #: Whether contact is sought on a wider grid than the surface.
     past_the_surface = False
-    #: Where channels alone do not tell pressure from shear: how much pressure must act on them for the least error of the normal force to be no more. One
-    #: model, and the tracker, read it 14 % low on average where pressure acts 0.3 times as shear does, 26 % at 0.16 and 60 % at 0.02.
+    #: For channels that cannot separate pressure from shear: effect of pressure relative to that of shear above which
+    #: the error of the normal force needs no widening. With one model, and in the tracker, the normal force was 14 %
+    #: low on average at a ratio of 0.3, 26 % at 0.16 and 60 % at 0.02.
     acts = 1.0
 
     def __init__(
@@ -87,19 +90,19 @@ class Prepared(ABC):
         self.operator = operator
         grid = operator.surface
         self.surface = self.grid = problem.surface
-        # the cells of the operator's grid that the result is made of
+        # Cells of the operator's grid that belong to the result.
         self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, self.surface.shape))
         self.inside = np.zeros(grid.shape, dtype=bool)
         self.inside[self.window] = True
-        # outside the outermost taxels
+        # Cells outside the outermost taxels.
         self.outside = outside_taxels(operator)
-        # shear varies less than pressure, by what friction allows, shared between its components
+        # Prior variance of the shear components relative to pressure: friction squared, divided between two components.
         shear = 0.5 * (cone.friction or self.policy.prior.shear) ** 2
         self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
         readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
         second = readings <= self.policy.work.second_order and self.policy.parts.second_derivative
         orders = self.derivatives if second else (1,)
-        #: Whether the linear model is matrix-free, and so is contact where that is sooner.
+        #: Whether the linear model is matrix-free. Contact is matrix-free too if that is faster.
         self.at_size = contact_at_size(problem, wide=self.wide)
         priors = {order: [DifferencePrior(grid, order, v) for v in self.variances] for order in orders}
         self.orders = linear_models(problem, priors, wide=self.wide)
@@ -121,14 +124,16 @@ class Prepared(ABC):
         )
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
-        #: Whether the linear model can follow any readings, noise too: it tells nothing of noise, nor of offsets.
+        #: Whether the linear model can fit any readings, noise included. It then gives no information on noise or
+        #: offsets.
         self.ambiguous = problem.ambiguous
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
         self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
         if problem.zeroed:
-            # the zero took the offsets of stress and strain out; an image may still have moved
+            # The zero removed the offsets of stress and strain, but an image may still have moved.
             self.terms = [t for t in self.terms if t.kind == "rotation" or t.unit == "m"]
-        #: Those that noise alone may stand about; a ramp that nobody named is sought with contact alone, where offsets leave doubt.
+        #: Number of nuisances tried with noise alone. A ramp that the user did not name is only tried together with
+        #: contact, if offsets are not enough.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
             self.terms += [t for t in nuisances(operator.planes_of, ("ramp",)) if not problem.zeroed or t.unit == "m/m"]
@@ -137,45 +142,47 @@ class Prepared(ABC):
         self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
         self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
-        #: What contact may do (`explanations`): push (1), pull as a whole (-1), both (0; the linear method's then).
+        #: Signs of contact to try (`proposals`): push (1), pull as a whole (-1), both (0; solved by the linear method).
         self.signs: tuple[int, ...] = (1,)
 
     def ring_load(self, pressure: Floats) -> float:
-        """The part of the cells over the outermost taxels that are loaded."""
+        """Fraction of the cells above the outermost taxels that are loaded."""
         top = float(pressure.max(initial=0.0))
         return float((pressure.ravel()[self.ring] > self.policy.extent.faint * top).mean()) if top > 0 else 0.0
 
     def least_noise(self, data: Floats) -> float:
-        """The least noise that is assumed, in units of the whitening."""
+        """Smallest noise to assume, in units of the whitening: the accuracy of the model for these readings."""
         return MODEL_ERROR * float(np.abs(data / self.readings.std).max(initial=0.0))
 
     @property
     def reach(self) -> int:
-        """Cells round those in contact beyond doubt that share their error."""
+        """Number of cells around the certain contact that share its error."""
         return self.policy.extent.margin
 
     @property
     def finds_sliding(self) -> bool:
-        """Whether models of a contact that slides are among those weighed."""
+        """Whether models of a sliding contact are among the candidates."""
         return False
 
     def level(self, ratio: int) -> Level:
-        """The operator on cells ``ratio`` times finer, made once."""
+        """The operator on cells ``ratio`` times finer; built once."""
         if ratio not in self._levels:
             operator = self.problem.kept.get(("level", self.wide, ratio), lambda: level_operator(self.operator, ratio))
             self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
         return self._levels[ratio]
 
     def precisions(self, level: Level, order: int, weight: float) -> list[Sparse]:
-        """The even penalty of each component on a level."""
+        """Even penalty of each component on a level, as precision matrices."""
         return level.differences.even(order, [weight / v for v in self.variances])
 
     def effective_freedom(self, parameter: float) -> float:
-        """How many degrees of freedom of the traction the data tell, rather than the penalty."""
+        """Degrees of freedom of the traction that are determined by the data rather than by the penalty."""
         return self.start.freedom(parameter)
 
     def resolution(self, parameter: float) -> float:
-        """Finest detail that the data tell [m]: the side of the area (length on a line) that has one degree of freedom."""
+        """Finest detail that the data determine [m]: the side of the area (on a line, the length) per degree of
+        freedom.
+        """
         arrays = self.operator.planes_of
         points = np.concatenate([a.points for a in arrays])
         spans = np.ptp(points, axis=0) + np.asarray(self.operator.surface.spacings)
@@ -185,21 +192,23 @@ class Prepared(ABC):
 
     @cached_property
     def widest(self) -> int:
-        """Unknowns of the largest matrix of a frame. Where products serve large contacts matrices are small, and one thread is sooner than several that
-        wait for each other (32 x 32 x 3 on two cores: 0.4 s against 1.6).
+        """Unknowns of the largest matrix of a frame. For large contacts solved matrix-free, matrices are small, and
+        one thread is faster than several (32 x 32 x 3 on two cores: 0.4 s instead of 1.6 s).
         """
         unknowns = self.inside.size * len(self.columns)
         return unknowns if self.ambiguous or not can_be_applied(self.operator) else min(unknowns, MAX_CACHED_UNKNOWNS)
 
     def cut(self, field: Floats) -> Floats:
-        """The part of a field (..., *grid) that lies on the surface; a field of the surface's own grid is all of it."""
+        """The part of a field (..., *grid) that lies on the surface; a field already on the surface's grid is returned
+        unchanged.
+        """
         if field.shape[-self.surface.dimensions :] == self.surface.shape:
             return field
         place: tuple[Any, ...] = (..., *self.window)
         return np.asarray(field[place])
 
     def as_they_are(self) -> Prepared:
-        """The same estimator, for which no reading is at the end of its range, broken, or off by an offset."""
+        """A copy that takes all readings as they are: no saturation, no outliers, no offsets."""
         out = copy.copy(self)
         out.policy = replace(self.policy, parts=replace(self.policy.parts, screening=False, outliers=False))
         out.given_ends, out.terms, out.usual = None, [], 0
@@ -211,13 +220,13 @@ class Prepared(ABC):
 
     @cached_property
     def shifts(self) -> Floats:
-        """The nuisances over the readings (reading, term)."""
+        """Readings (reading, term) that each nuisance of size one adds."""
         n = len(self.readings.std)
         return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
 
     @cached_property
     def even_press(self) -> Floats:
-        """Readings (reading, component sought) under an even traction of 1 Pa that reaches far beyond the array."""
+        """Readings (reading, component sought) under a constant traction of 1 Pa that extends far beyond the array."""
         grid = self.operator.surface
         size = len(self.columns), int(np.prod(grid.shape))
         each = [np.where(np.arange(size[0])[:, None] == i, np.ones(size), 0.0) for i in range(size[0])]
@@ -225,23 +234,25 @@ class Prepared(ABC):
 
     @cached_property
     def pairs(self) -> tuple[Index, Index]:
-        """Readings that are neighbours."""
+        """Pairs of neighbouring readings."""
         return neighbours(self.operator.planes_of)
 
     def evidence(self, linear: LinearModel, rows: Sequence[Floats], known: float | None) -> LinearEvidence:
-        """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
+        """Fit of a linear model to a frame. ``known`` fixes the noise level, in units of the whitening; None: the
+        arrays' own, or estimated.
+        """
         return self.start.evidence(linear, rows, known)
 
     def undetected(self, scale: float, data: Floats | None = None) -> Errors:
-        """Errors of a frame without contact: what would not be noticed."""
+        """Errors of a frame without contact: the largest contact that would not be detected."""
         width = max(self.operator.surface.spacings)
-        # cells that are not finer than the array do not tell a place between shallow taxels
+        # Cells as coarse as the array cannot represent a place between shallow taxels.
         coarse = min(a.depth for a in self.operator.planes_of) < width and self.inside.sum() <= 2 * self.taxels
         finer = self.level(2).operator if coarse else None
         return self.posterior.undetected(self.readings, self.depth, scale, finer=finer, data=data)
 
     def quiet(self, y: Floats) -> float:
-        """The part of the peak below which pressure is not told from none, for whitened readings."""
+        """Fraction of the peak below which pressure cannot be distinguished from zero, for whitened readings ``y``."""
         policy = self.policy
         return float(
             np.clip(
@@ -253,13 +264,15 @@ class Prepared(ABC):
         return self._responses.of(traction)
 
     def misfit_gradient(self, residual: Floats, noise: Floats, observed: Flags) -> Floats:
-        """A' N^-1 residual for every surface cell, (component, cell); ``residual`` is in units of the noise."""
+        """A' N^-1 residual for every surface cell, (component, cell). ``residual`` (reading,) is in units of the
+        noise.
+        """
         white = np.zeros(len(residual))
         white[observed] = self.readings.white(self.readings.white(residual[observed], observed), observed)
         return self._responses.back(white / noise)
 
     def check_size(self, unknowns: int) -> None:
-        """Refuse a problem that is too large."""
+        """Raise `Unsupported` if a contact has too many unknowns."""
         policy = self.policy
         if unknowns > policy.work.unknowns:
             raise Unsupported(
@@ -288,7 +301,7 @@ class Prepared(ABC):
     def normal(
         self, level: Level, cells: Index, y: Floats, noise: Floats, observed: Flags, *, once: bool = False
     ) -> Normal:
-        # what readings hardly tell apart is too badly conditioned for products
+        # Ambiguous channels make the system too badly conditioned for iterative products.
         kept = self.rounds.kept
         return level.normal(
             cells, y, noise, observed, kept, products=not self.ambiguous, once=once, slides=self.finds_sliding
@@ -298,7 +311,9 @@ class Prepared(ABC):
     def models(
         self, first: Floats, y: Floats, noise: Floats, observed: Flags, evidence: Mapping[int, LinearEvidence]
     ) -> Iterator[ContactModel]:
-        """The models of a frame, with their weights, from a rough solution ``first`` and readings ``y`` in units of the noise."""
+        """Yield the models of a frame with their weights, from a rough solution ``first`` and readings ``y`` in units
+        of the noise.
+        """
 
     def models_over(
         self,
@@ -309,10 +324,10 @@ class Prepared(ABC):
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
     ) -> Iterator[ContactModel]:
-        """The same with contact in a ``region`` (*grid) alone, where a method has such models."""
+        """The same as `models`, with contact only inside a ``region`` (*grid), if the method supports it."""
         raise NotImplementedError(f"{type(self).__name__} makes no models over a region")
 
     @property
     @abstractmethod
     def even_noise(self) -> Prepared:
-        """The same with one noise for all channels of a kind, and one even penalty (`Problem.with_even_noise`)."""
+        """A copy with one noise level for all channels of a kind, and one even penalty (`Problem.with_even_noise`)."""

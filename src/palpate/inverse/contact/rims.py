@@ -1,8 +1,8 @@
-"""Contact that pushes and pulls at once: an adhesive rim, or what else pulls about a push.
+"""Contact that pushes and pulls at once, such as a push with an adhesive rim.
 
-Where contact that only pushes leaves more than noise, the same models are made without the cone over the contact and a margin about it: a
-rim of adhesion is a part of the contact's own size (K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 1971, 301-313), and
-farther out nothing pulls. Their answer counts where noise is what they leave.
+If pushing contact leaves more than noise, solve the same models without the cone, over the contact and a margin around
+it. The rim of adhesion is a fraction of the contact's size (K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A
+324, 1971, 301-313), and farther out nothing pulls. Accept the result if its residual is noise.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ def with_rims(
     observed: Observed,
     rng: np.random.Generator | None,
 ) -> Frame | None:
-    """The frame with traction of either sign about its contact; None where that explains it no better, or is not worth trying.
+    """The frame with traction of either sign around its contact; None if that does not fit better, or if it is not
+    worth trying.
 
-    ``observed`` are the readings before any was left out that contact which pushes does not explain.
+    ``observed`` are the readings before outliers of the pushing contact were removed.
     """
     policy = estimator.policy
     if (
@@ -64,10 +65,10 @@ def with_rims(
     if not core.any() or region.sum() * len(estimator.columns) > policy.rims.unknowns:
         return None
     h = run.explanation
-    # where it is not known what the contact does, neither is how much of the array's edge is loaded
+    # If the sign of the contact is open, recompute the loaded fraction of the array's edge from this frame.
     h = replace(h, rough=replace(h.rough, ring=estimator.ring_load(size)))
     free = _without_cone(estimator)
-    # an offset that was found with a push may be what a rim leaves
+    # An offset found together with a push may really be a rim, so try without it first.
     without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))
     least_gain = policy.detection.evidence if frame.fit < policy.fit.accepted or h.sign == 0 else policy.rims.evident
     for each in [without, h] if h.present.any() else [h]:
@@ -76,7 +77,7 @@ def with_rims(
         other, rest = _run(free, whole, size, region)
         gains = _gain(free, run, other) > least_gain
         if not gains and h.sign == 0 and frame.fit > policy.fit.accepted:
-            # cells of the surface were too coarse for it: a push does on finer ones
+            # The cells of the surface were too coarse; on finer cells a push fits.
             return replace(frame, sign=1, pushed=True)
         if not gains and h.sign:
             continue
@@ -91,7 +92,7 @@ def with_rims(
 
 
 def _without_cone(estimator: Prepared) -> Prepared:
-    """The same estimator whose traction may have either sign."""
+    """A copy of the estimator whose traction may have either sign."""
     policy = estimator.policy
     free = copy.copy(estimator)
     free.cone = Cone(estimator.cone.components, tension=True)
@@ -106,14 +107,14 @@ def _without_cone(estimator: Prepared) -> Prepared:
 
 
 def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solved, Iterator[ContactModel]]:
-    """The first model over a region, with noise learned from what it leaves, and the others, not yet made."""
+    """The first model over a region, with noise estimated from its residual; and an iterator over the other models."""
     policy = free.policy
     readings, data, observed = free.readings, run.data, run.observed
     first = np.zeros((len(free.columns), size.size))
     first[-1] = size.ravel()
     floor = free.least_noise(data)
     rows = readings.planes(data)
-    # from what a push leaves downwards: a linear model may follow any readings
+    # Start from the residual of the push and go down: a linear model could fit any readings.
     known = None if free.noise_known else float(np.median(run.noise / readings.std))
     levels: Floats | None = None
     for turn in range(policy.noise.turns):
@@ -148,18 +149,19 @@ def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solv
 
 
 def _gain(free: Prepared, push: Solved, other: Solved) -> float:
-    """What traction of either sign gains on a push (`score.gain_without_cone`)."""
-    squares, taken = [], []
-    for run in (push, other):
-        model, noise = run.members[0], float(np.median(run.noise / free.readings.std))
-        squares.append((noise * _left(free, model, run)) ** 2)
-        taken.append(taken_by(model))
-    n, (before, after) = float(other.observed.sum()), squares
-    return gain_without_cone(n, before, after, taken[1] - taken[0], known=free.noise_known)
+    """Gain of traction of either sign over a push (`score.gain_without_cone`)."""
+    left = [
+        (
+            (float(np.median(run.noise / free.readings.std)) * _left(free, run.members[0], run)) ** 2,
+            taken_by(run.members[0]),
+        )
+        for run in (push, other)
+    ]
+    return gain_without_cone(float(other.observed.sum()), left[0], left[1])
 
 
 def _left(free: Prepared, model: ContactModel, run: Solved) -> float:
-    """Root mean square of what a model leaves, in units of the noise."""
+    """Root mean square of a model's residual, in units of the noise."""
     observed = run.observed
     y = free.readings.white((run.data / run.noise)[observed], observed)
     return float(np.sqrt(np.mean((model.data.matrix @ model.solution.traction.ravel() - y) ** 2)))

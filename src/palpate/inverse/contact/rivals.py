@@ -1,4 +1,4 @@
-"""Explanations with nuisances that a frame was not taken for, where what it leaves speaks against the one that it was."""
+"""Alternatives with nuisances, tried if the chosen explanation fits poorly."""
 
 from __future__ import annotations
 
@@ -28,18 +28,19 @@ def with_rivals(
     observed: Observed,
     rng: np.random.Generator | None,
 ) -> Frame:
-    """The frame, or that of a rival which explains what it leaves; where neither is sure, the mean of both with the errors of both.
+    """The frame, or that of an alternative that fits if the chosen one does not. If both are plausible, their weighted
+    mean with the errors of both.
 
-    The odds of two are those of their gains, exp(gain), times those of their misfit probabilities.
+    The odds of two explanations are exp(gain difference) times the ratio of their misfit probabilities.
     """
     policy = estimator.policy
     h, rivals = run.explanation, run.explanation.rivals
     plain = replace(observed, filled=observed.data)
-    # load all round with an offset against it leaves the rest free, and explains anything
+    # A load all round the edge with an opposite offset leaves the interior free and can fit anything.
     anything = h.present.any() and h.rough.ring > policy.explanations.ring
     if frame.fit < POOR_FIT or anything:
         for rival in rivals[: 1 if anything else policy.explanations.followed]:
-            # what is refuted, or refutes nothing, gives way to what is not
+            # The chosen explanation fails the fit test, or could fit anything: take the first alternative that passes.
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:
                 return other
@@ -47,7 +48,7 @@ def with_rivals(
         for rival in rivals[:1]:
             if rival.sign != h.sign:
                 continue
-            # at best it explains the frame as well as any
+            # Upper bound: assume that the alternative fits perfectly.
             if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
                 continue
             second = solve(estimator, rival, plain)
@@ -73,7 +74,7 @@ def _mean(
     weight: float,
     rng: np.random.Generator | None,
 ) -> Frame:
-    """The frame of the models of two runs, the second of which has this ``weight``."""
+    """Weighted mean of two solved explanations; the second has this ``weight``."""
     fit = (1.0 - weight) * frame.fit + weight * other.fit
     part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
     found = combined(estimator, part, frame.noise, fit, frame.residual, rng, more)

@@ -1,4 +1,6 @@
-"""A rough solution of contact of one sign: one even penalty, cells of the surface, and the largest noise that explains itself."""
+"""Rough solution of a contact of one sign: one even penalty on surface cells, and a noise level consistent with the
+residual.
+"""
 
 from __future__ import annotations
 
@@ -30,9 +32,11 @@ def rough(
     near: Floats | None = None,
     beat: float = -math.inf,
 ) -> Rough:
-    """A rough solution of readings that push: the largest noise that explains itself, and is no more than ``noise_at_first``. ``patterns`` (reading, nuisance) are
-    nuisances that were taken off, each of which has taken a degree of freedom; ``near`` is that of `cells.solved`. Less noise is not tried where that
-    gains less, and less than ``beat``.
+    """Rough solution of pushing readings, with the largest noise level that equals its own residual, starting from
+    ``noise_at_first``.
+
+    ``patterns`` (reading, nuisance) are the nuisances that were subtracted, each of which takes a degree of freedom;
+    ``near`` is passed to `cells.solved`. Stop lowering the noise once the gain decreases and is below ``beat``.
     """
     policy = estimator.policy
     readings, certain = estimator.readings, estimator.noise_known
@@ -57,7 +61,7 @@ def rough(
         share = min(float(np.count_nonzero(first[-1])) / estimator.taxels, 1.0)
         free = max(float(observed.sum()) - used - share * estimator.effective_freedom(found.parameter), 1.0)
         left = math.sqrt(float((misfit**2).sum()) / free)
-        # what is left out is filled with what the contact explains
+        # Fill unused readings with the prediction of the contact.
         filled = np.where(observed, data, explained)
         if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
             break
@@ -82,7 +86,9 @@ def rough(
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:
-    """The chance that noise is what an explanation leaves; 1 where it leaves little. Else contact of one sign is not what this is."""
+    """Probability that noise leaves a residual as regular as this explanation's; 1 if the residual is small. If low,
+    contact of one sign is the wrong model.
+    """
     policy = estimator.policy
     white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
@@ -99,7 +105,7 @@ def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags
 
 
 def exceeded(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
-    """Whether what contact leaves is far more than the noise that was given: it is then taken for noise, and the fit says so."""
+    """Whether the residual is far above the given noise. It is then treated as noise, and the fit test fails."""
     policy = estimator.policy
     misfit = h.rough.left * math.sqrt(h.rough.free / max(float(observed.sum()), 1.0))
     return misfit > policy.detection.unexplained

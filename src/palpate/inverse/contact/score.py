@@ -1,17 +1,17 @@
-"""The scores by which explanations of a frame are compared; nothing outside this file compares two of them.
+"""Scores that compare explanations of a frame; all comparisons are in this file.
 
 | score | what it is | compares |
 |---|---|---|
-| `gain_of` | free log(total/left): log likelihood of Gaussian noise of an unknown size, over what remains of its degrees of freedom | rough explanations, readings left out, contact in a few cells |
-| `worth_of` | `gain_of`, less what each nuisance and another sign must bring | explanations of one frame: `best_of`, `rivals_of`, `least_to_beat` |
-| `more_than_noise` | log evidence of the linear model over noise alone, that of uneven noise taken off | contact and no contact |
+| `gain_of` | free log(total/left): log likelihood of Gaussian noise of unknown level, for the remaining degrees of freedom | rough explanations, readings left out, contact in a few cells |
+| `worth_of` | `gain_of` minus a penalty for each nuisance and for a sign other than push | explanations of one frame: `best_of`, `rivals_of`, `least_to_beat` |
+| `more_than_noise` | log evidence of the linear model over noise alone, minus that of uneven noise | contact and no contact |
 | `weights_by_evidence`, `shares_by_evidence` | exp(log evidence), normalised | penalties of one explanation; ways of sliding |
 | `share_of` | 1/(1 + exp(-log odds)) | discs and fields; an explanation and its rival |
-| `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | an explanation that is doubted and its rival |
-| `gain_without_cone` | log likelihood gained, less the degrees of freedom that it took (H. Akaike, IEEE Trans. Automatic Control 19, 1974, 716-723) | a push and the same contact with traction of either sign |
+| `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | a doubtful explanation and its rival |
+| `gain_without_cone` | minus the log probability of as large an F by noise of unknown level | a push and the same contact with traction of either sign |
 
-All are natural logarithms of odds but for two conventions: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
-half of one on average, and `gain_without_cone` counts it as one.
+All are natural logarithms of odds but for two: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
+half of one on average, and `gain_without_cone` is a test.
 """
 
 from __future__ import annotations
@@ -49,23 +49,25 @@ K = TypeVar("K")
 
 
 def gain_of(free: float, total: float, left: float, floor: float = 0.0) -> float:
-    """free log(total/left): ``total`` and ``left`` are root mean squares before and after, ``free`` the degrees of freedom left, ``floor`` the least noise.
+    """free log(total/left). ``total`` and ``left`` are root mean squares before and after, ``free`` the remaining
+    degrees of freedom, ``floor`` the smallest noise.
 
-    An account that bends to every reading leaves no freedom and is worth nothing. Contact leaves most of a surface empty, which is what tells an offset, which
-    nothing on the surface is empty under, from contact.
+    An explanation that fits every reading leaves no degree of freedom and gains nothing. Contact leaves most of the
+    surface empty, which separates it from an offset.
     """
     return free * math.log(total / max(left, floor, 1e-300))
 
 
 def worth_of(h: Explanation, policy: Policy) -> float:
-    """The gain of an explanation, less what it needs."""
+    """Gain of an explanation minus the penalty for its nuisances and its sign."""
     return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1))
 
 
 def is_compact(h: Explanation, policy: Policy) -> bool:
-    """Whether an explanation is one of compact contact.
+    """Whether an explanation is a compact contact.
 
-    One that bends to every reading explains any; so does load all round with an offset against it, which leaves the rest free to push and to pull.
+    An explanation that fits every reading could fit anything. So could a load all round the edge with an opposite
+    offset, because it leaves the interior free to push and pull.
     """
     return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
 
@@ -75,9 +77,11 @@ def _simplest(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 
 def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
-    """Those without nuisances, and those whose nuisances leave no more to noise than contact alone: others gain only by making the contact smoother.
+    """Explanations without nuisances, and those whose nuisances reduce the residual compared with contact alone.
+    Others gain only by smoothing the contact.
 
-    Contact that is loaded at the edge, or bends to most readings, leaves little in any case, and rules none out.
+    All are credible if the contact loads the edge or fits most readings freely, because its residual is then small in
+    any case.
     """
     rules, rough = policy.explanations, _simplest(tried, policy).rough
     if rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained):
@@ -86,31 +90,41 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
-    """The best; one that needs more must gain more, and be surer than whether anything touches at all."""
+    """The best explanation. One with nuisances or another sign must beat the simplest by the evidence required for
+    contact itself.
+    """
     simple = _simplest(tried, policy)
     best = max(_credible(tried, policy), key=lambda h: worth_of(h, policy))
     return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple
 
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
-    """The other credible, compact explanations with nuisances, the best first."""
-    others = [h for h in _credible(tried, policy) if h.present.any() and h is not best and is_compact(h, policy)]
+    """The other credible, compact explanations with nuisances that are worth more than noise alone, best first."""
+    others = [
+        h
+        for h in _credible(tried, policy)
+        if h.present.any() and h is not best and is_compact(h, policy) and worth_of(h, policy) > 0.0
+    ]
     return tuple(sorted(others, key=lambda h: -worth_of(h, policy)))
 
 
 def least_to_beat(tried: Sequence[Explanation], policy: Policy) -> float:
-    """What another explanation must reach. Those that bend to every reading set no such mark: they are refuted too often to leave others for them."""
+    """Worth that another explanation must reach. Explanations that could fit every reading are ignored here: an
+    overfitting explanation must not set the score to beat.
+    """
     return max((worth_of(h, policy) for h in tried if is_compact(h, policy)), default=-math.inf)
 
 
 def likelier_signs(tried: Sequence[Explanation], without: Sequence[int]) -> list[int]:
-    """The signs of what was tried, the best first, but for those ``without``."""
+    """Signs of the explanations tried, best first, except those in ``without``."""
     ordered = dict.fromkeys(h.sign for h in sorted(tried, key=lambda h: -h.rough.gain))
     return [sign for sign in ordered if sign not in without]
 
 
 def hopeless_signs(tried: Sequence[Explanation], policy: Policy) -> list[int]:
-    """Signs that no offset saves: they gain less than half of what the best does, and that is no load all round, which an offset would be taken for."""
+    """Signs that no offset can make the best: they gain less than half of the best explanation, and that does not load
+    the edge, where it could be an offset.
+    """
     best = max(tried, key=lambda h: h.rough.gain)
     if not best.rough.gain > 0.0 or best.rough.ring > policy.explanations.edge:
         return []
@@ -118,42 +132,52 @@ def hopeless_signs(tried: Sequence[Explanation], policy: Policy) -> list[int]:
 
 
 def same(a: Explanation, b: Explanation, policy: Policy) -> bool:
-    """Whether two explanations came to the same: a rival that is a copy would be solved for nothing."""
+    """Whether two explanations have the same sign and nuisances; solving a copy would waste time."""
     alike = a.sign == b.sign and np.array_equal(a.present, b.present)
     return bool(alike and np.allclose(a.sizes, b.sizes, rtol=policy.explanations.same, atol=0.0))
 
 
 def more_than_noise(gain: float, uneven: float, policy: Policy) -> bool:
-    """Whether log evidence of contact exceeds that of noise, ``uneven`` of which a level for each channel explains."""
+    """Whether the log evidence ``gain`` of contact is significant beyond ``uneven``, the log likelihood gained by one
+    noise level per channel.
+    """
     return gain > policy.detection.evidence + uneven
 
 
 def weights_by_evidence(gains: Mapping[K, float]) -> dict[K, float]:
-    """Odds against the best, exp(gain - best)."""
+    """Odds relative to the best, exp(gain - best)."""
     best = max(gains.values())
     return {key: math.exp(max(gain - best, -50.0)) for key, gain in gains.items()}
 
 
 def shares_by_evidence(logs: Sequence[float]) -> Floats:
-    """Probabilities, of log evidences."""
+    """Probabilities from log evidences."""
     import scipy.special
 
     return np.asarray(scipy.special.softmax(logs))
 
 
 def share_of(log_odds: float) -> float:
-    """The probability that goes with log odds."""
+    """The probability for given log odds."""
     return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
 
 
 def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float, policy: Policy) -> float:
-    """Log odds of a rival against an explanation, with the misfit probability of each once they are solved."""
+    """Log odds of a rival against an explanation, from their worth and from the misfit probabilities of their
+    solutions.
+    """
     return worth_of(rival, policy) - worth_of(h, policy) + math.log(max(rival_fit, 1e-300) / fit)
 
 
-def gain_without_cone(readings: float, push: float, free: float, more: float, *, known: bool) -> float:
-    """What traction of either sign gains on a push: mean squares that both leave, ``push`` and ``free``, and the degrees of freedom that it took ``more``;
-    ``known``: these are in units of noise that was given.
+def gain_without_cone(readings: float, push: tuple[float, float], free: tuple[float, float]) -> float:
+    """Gain of traction of either sign, ``free``, over a ``push``: of each the mean squared residual and the degrees of freedom used.
+
+    Minus the log probability of F = (S1 - S2) / (k2 - k1) / (S2 / (n - k2)). Akaike's gain holds where n is far more than k, and traction of either
+    sign follows most of few readings. F does not depend on the noise that was given, which may be wrong.
     """
-    gain = 0.5 * readings * (push - free if known else math.log(push / max(free, 1e-300)))
-    return gain - more
+    import scipy.special
+
+    (before, few), (after, many) = push, free
+    taken, rest = max(many - few, 1.0), max(readings - many, 1e-3)
+    f = (before - after) / taken / max(after / rest, 1e-300)
+    return -math.log(max(float(scipy.special.fdtrc(taken, rest, max(f, 0.0))), 1e-300))

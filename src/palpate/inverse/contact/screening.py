@@ -1,9 +1,10 @@
-"""What is said of a frame before any contact is sought: readings at a ceiling, rounding, broken taxels.
+"""Screen a frame before contact is sought: saturation, rounding, broken taxels.
 
-A pad blurs: what one taxel reads its neighbours nearly tell. A reading that they do not tell, whatever the contact, is broken: it is found by
-leaving it out of a linear model of all readings (the mean-shift model of outliers; R. D. Cook, S. Weisberg, Residuals and Influence
-in Regression, 1982, section 2.2.2), one at a time, the worst first. This comes before contact is sought, because one railed converter
-looks like noise that hides everything.
+A pad blurs, so neighbours nearly determine each reading. A reading that they contradict, whatever the contact, is
+broken. Broken readings are found by leaving each out of a linear model of all readings (the mean-shift model of
+outliers; R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982, section 2.2.2), one at a time, worst
+first. Screening precedes the search for contact, because one saturated converter looks like noise strong enough to
+hide any contact.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Ceilings:
-    """Readings at the end of their range, and the step that readings are rounded to (reading,), 0 where they are not.
+    """Saturated readings, and the rounding step of each reading (reading,), 0 if not rounded.
 
-    ``upper`` and ``lower``: the true reading is at least, or at most, what is read.
+    ``upper``: the true reading is at least the value read. ``lower``: at most.
     """
 
     upper: Flags
@@ -54,7 +55,7 @@ class Ceilings:
 
     @property
     def any(self) -> bool:
-        """Whether some reading lies at an end."""
+        """Whether any reading is saturated."""
         return bool(self.upper.any() or self.lower.any())
 
 
@@ -65,10 +66,11 @@ def ceilings(
     policy: Policy,
     given: tuple[Flags, Flags] | None = None,
 ) -> Ceilings:
-    """Of readings, ``index`` being the channel of each and ``pairs`` those that are neighbours; ``given``: those at a high and at a low end that is given.
+    """Find saturated readings. ``index`` is the channel of each reading, ``pairs`` the pairs of neighbours; ``given``:
+    readings at the given upper and lower limits.
 
-    A frame shows its ceiling where several neighbours of a channel read exactly its largest reading; a single one cannot be told from a
-    peak, but for an end that is given.
+    Saturation is detected if several neighbours of a channel read exactly its largest value. A single largest reading
+    may be a peak, unless limits are given.
     """
     upper, lower = np.zeros(len(data), dtype=bool), np.zeros(len(data), dtype=bool)
     step = np.zeros(len(data))
@@ -92,7 +94,7 @@ def ceilings(
         fewest = policy.screening.at_end_rounded if rounded else policy.screening.at_end
         for flags, end in ((upper, levels[-1]), (lower, levels[0])):
             there = np.abs(values - end) <= 1e-12 * size
-            # an end on the other side of zero, or of next to nothing, is where nothing presses
+            # A limit on the other side of zero, or close to zero, is the reading of an unpressed taxel.
             far = end > 0.05 * size if flags is upper else end < -0.05 * size
             if far and there.sum() >= fewest:
                 flags[a:b] = there
@@ -112,8 +114,8 @@ def silent(
     pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
     policy: Policy,
 ) -> Flags:
-    """Readings of exactly zero among neighbours that read as one: dead taxels, which noise would have moved. Zeros side by side are a sensor's
-    threshold, below which it says nothing.
+    """Dead taxels: readings of exactly zero among neighbours with clear readings of one sign; noise would have moved
+    them. Neighbouring zeros are a dead band of the sensor instead.
     """
     zero = data == 0.0
     out = np.zeros(len(data), dtype=bool)
@@ -131,7 +133,7 @@ def silent(
         & (alike <= policy.screening.dead_neighbours * count)[zero]
         & (count > 0)[zero]
     )
-    # a channel most of which reads zero has a threshold, not dead taxels
+    # A channel in which most readings are zero has a dead band, not dead taxels.
     often = np.bincount(index, zero) > 0.5 * np.bincount(index)
     return out & ~often[index]
 
@@ -143,8 +145,8 @@ def loaded(
     pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
     policy: Policy,
 ) -> bool:
-    """Whether several neighbours of those that are not explained read more than is explained, to the same side: something acts there that the
-    model does not have, a pull or another contact. Broken taxels stand alone, or read too little.
+    """Whether several neighbouring residuals exceed the prediction in the same direction: a real load that the model
+    lacks, such as a pull or another contact. Broken taxels are isolated or read too little.
     """
     more = wrong & (np.abs(data) > np.abs(explained))
     if more.sum() < policy.screening.neighbours:
@@ -161,7 +163,9 @@ def loaded(
 
 
 def _symmetric(values: Floats, size: float, policy: Policy) -> bool:
-    """Whether most readings between the ends have a twin, as those made without noise for a contact in the middle have: not a ceiling."""
+    """Whether most readings have an equal twin, as noise-free readings of a centred contact do. Equal largest values
+    are then no sign of saturation.
+    """
     inner = np.sort(values[(values < values.max() - 1e-12 * size) & (values > values.min() + 1e-12 * size)])
     same = np.diff(inner) <= 1e-12 * size
     twin = np.append(same, False) | np.insert(same, 0, False)
@@ -170,7 +174,7 @@ def _symmetric(values: Floats, size: float, policy: Policy) -> bool:
 
 @dataclass(frozen=True)
 class Screened:
-    """Readings that no contact explains, and what the linear model says in their place."""
+    """Mask of broken readings, and the linear model's predictions for them."""
 
     broken: Flags
     explained: Floats
@@ -184,7 +188,9 @@ def linear_noise(
     patterns: Floats | None = None,
     projected: Floats | None = None,
 ) -> tuple[LinearEvidence, float, float]:
-    """The linear model whose noise explains itself, that noise, and the degrees of freedom left; noise in units of the whitening."""
+    """The linear model with a noise level consistent with its residual; that level, in units of the whitening; and the
+    degrees of freedom of the residual.
+    """
     c = np.asarray(linear.spectrum.project(rows)) if projected is None else projected
     values = linear.spectrum.eigenvalues
     known = 1.0 if linear.noise_known else policy.screening.first_noise * total
@@ -204,7 +210,7 @@ def linear_noise(
 def noise_at_size(
     linear: FrameAtSize, rows: Sequence[Floats], total: float, policy: Policy
 ) -> tuple[LinearEvidence, float, float]:
-    """`linear_noise` on a matrix-free system."""
+    """`linear_noise` for a matrix-free system."""
     certain = linear.linear.noise_known
     known = 1.0 if certain else policy.screening.first_noise * total
     for _ in range(policy.screening.rounds):
@@ -219,7 +225,7 @@ def noise_at_size(
 
 
 def _misfit(linear: Decomposition, c: Floats, found: LinearEvidence, patterns: Floats | None) -> float:
-    """Squared misfit of readings in the basis of the spectrum, in units of the whitening."""
+    """Squared residual in the basis of the spectrum, in units of the whitening."""
     if patterns is not None:
         c = c - found.sizes @ patterns
     w = found.parameter / (found.parameter + linear.spectrum.eigenvalues)
@@ -235,14 +241,14 @@ def screened(
     policy: Policy,
     patterns: Sequence[Floats] | None = None,
 ) -> Screened:
-    """Broken readings of a frame; ``shifts`` (reading, pattern) are offsets that it may have besides, so that they break nothing; ``patterns`` are the same
-    in the basis of the spectrum, where they are known.
+    """Broken readings of a frame. ``shifts`` (reading, pattern) are possible offsets, which must not count as broken
+    readings. ``patterns`` are the same in the basis of the spectrum, if known.
     """
     return _Screening(linear, readings, data, shifts, policy).run(observed, patterns)
 
 
 def outermost(linear: LinearModel) -> Flags:
-    """Readings of taxels within `OUTERMOST` pitches of the array's edge."""
+    """Mask of the readings of taxels within one pitch of the array's edge."""
     parts = []
     for array in linear.operator.planes_of:
         points = array.points[array.valid.ravel()]
@@ -259,7 +265,7 @@ def outermost(linear: LinearModel) -> Flags:
 
 
 def shallow(arrays: Sequence[Any], policy: Policy) -> Flags:
-    """Readings of taxels that feel next to nothing of what their neighbours do."""
+    """Mask of the readings of taxels so shallow that loads on their neighbours hardly affect them."""
     each = [
         np.full(int(a.valid.sum()) * len(a.channels), a.depth < policy.screening.shallow * _pitch(a)) for a in arrays
     ]
@@ -271,9 +277,9 @@ def _pitch(array: Any) -> float:
 
 
 class _Screening:
-    """One frame's search for broken readings.
+    """Search for broken readings in one frame.
 
-    Its noise is learned even where it was given, because what breaks the readings hides in it.
+    The noise is estimated even if it is given, because broken readings are judged relative to it.
     """
 
     def __init__(self, linear: Decomposition, readings: Readings, data: Floats, shifts: Floats, policy: Policy) -> None:
@@ -286,24 +292,24 @@ class _Screening:
         self.outermost = outermost(linear)
 
     def pattern(self, values: Floats) -> Floats:
-        """A pattern over the readings, in the basis of the spectrum."""
+        """A pattern of readings in the basis of the spectrum."""
         return np.asarray(self.linear.spectrum.project(self.readings.planes(values)))
 
     def singles(self, places: Sequence[int]) -> Floats:
-        """The patterns of some readings, each alone: together, as one product takes as long as another of many."""
+        """Patterns of single readings, computed together because one product takes as long as many."""
         each = np.zeros((len(places), len(self.scaled)))
         each[np.arange(len(places)), list(places)] = self.readings.std[list(places)]
         planes = zip(*(self.readings.planes(values) for values in each))
         return np.asarray(self.linear.spectrum.project([np.stack(p) for p in planes]))
 
     def model(self, held: Sequence[Floats], total: float) -> tuple[LinearEvidence, float, float]:
-        """The linear model with the patterns that are held, the noise that it leaves, and the freedom left."""
+        """The linear model with the patterns ``held``, its residual noise, and its remaining degrees of freedom."""
         patterns = np.stack(held) if held else None
         found, left, free = linear_noise(self.linear, self.rows, total, self.policy, patterns, self.coefficients)
         return found, max(left, self.least), free
 
     def _evidence(self, held: Sequence[Floats]) -> float:
-        """Log evidence of the linear model with the noise that was given."""
+        """Log evidence of the linear model with the given noise."""
         patterns = np.stack(held) if held else None
         found = linear_evidence(self.linear, self.rows, None, 1.0, patterns, projected=self.coefficients)
         return log_evidence(found.objective, found.logdet, found.freedom, 1.0)
@@ -322,7 +328,8 @@ class _Screening:
         explained = _explained(self.linear, self.readings, found, self.shifts)
         for _ in range(max(int(policy.screening.most * n), 1)):
             there = observed & ~broken
-            # what presses beyond the array's edge is felt by the outermost taxels alone: they count as broken only if they read far too much
+            # A load beyond the array's edge affects only the outermost taxels, so that they count as broken only if
+            # they read far too much.
             others = np.where(there & ~self.outermost, np.abs(scaled), 0.0).max(initial=0.0)
             there &= ~self.outermost | (np.abs(scaled) > policy.screening.outermost * others)
             residual = np.where(there, np.abs(scaled - explained / self.readings.std), 0.0)
@@ -338,7 +345,8 @@ class _Screening:
             counts = observed & ~broken
             other = counts & (np.arange(n) != chosen)
             if abs(scaled[chosen]) > policy.screening.alone * float(np.abs(scaled[other]).max(initial=0.0)):
-                # all readings' size with it and without: what is ten times the others is broken on the smallest array
+                # Compare the size of all readings with and without this one: a reading ten times the others is broken,
+                # even on the smallest array.
                 without = math.sqrt(float(np.mean(scaled[other] ** 2)))
                 with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
                 gain = max(gain, gain_of(counted, with_it, without))
@@ -358,7 +366,9 @@ class _Screening:
         return Screened(broken, explained)
 
     def _worst(self, singles: Mapping[int, Floats], held: Sequence[Floats], parameter: float) -> tuple[int, float]:
-        """The reading among ``singles`` that the others tell least, and how far it is from what they tell in units of the whitening."""
+        """Index of the reading among ``singles`` that deviates most from the prediction of the others, and its
+        deviation in units of the whitening.
+        """
         weight = parameter / (parameter + self.linear.spectrum.eigenvalues)
         c = self.coefficients
         if held:
@@ -381,7 +391,9 @@ class _Screening:
         return chosen, far
 
     def _local(self, place: int, held: Sequence[Floats], total: float, left: float, rest: float) -> bool:
-        """Whether a load right over a taxel says what its reading says: the taxel lies too near the surface for others to feel it."""
+        """Whether a load directly above the taxel would explain its reading: shallow taxels do not share loads with
+        their neighbours.
+        """
         policy = self.policy
         operator, start = self.linear.operator, 0
         for array in operator.planes_of:
@@ -391,7 +403,7 @@ class _Screening:
                 break
             start += n * len(array.channels)
         pitch = _pitch(array)
-        # a taxel right under the surface feels little else than what lies over it and the next ones
+        # A shallow taxel is affected almost only by loads above it and above its neighbours.
         widths = (
             (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch)
             if array.depth < policy.screening.shallow * pitch
@@ -415,7 +427,7 @@ class _Screening:
 
 
 def _explained(linear: Decomposition, readings: Readings, found: LinearEvidence, shifts: Floats) -> Floats:
-    """What the linear model, offsets included, says of every reading."""
+    """Predictions of the linear model, offsets included, for every reading."""
     operator = linear.operator
     full = np.zeros((len(operator.surface.components), *operator.surface.shape))
     full[list(linear.columns)] = found.traction

@@ -1,10 +1,9 @@
-"""One frame: is it noise, what else may it be, and which explanation of it is the best; proposals are solved roughly, the best of them fully.
+"""Solve one frame: test for noise, propose explanations and solve them roughly, then solve the best one fully.
 
-1. screen the readings (`observed`);
-2. where noise explains them, alone or about offsets, look for contact in a few cells (`no_contact`, `few_cells`);
-3. otherwise take the best of the proposals (`proposals`, `score`), without the readings that it does not explain (`outliers`);
-4. solve it (`solving`) and answer (`answer`);
-5. where it leaves more than noise, try pull about the contact (`rims`), and its rivals (`rivals`).
+1. Screen the readings (`observed`). 2. If noise explains them, with or without offsets, look for contact in a few
+cells (`no_contact`, `few_cells`). 3. Otherwise take the best proposal (`proposals`, `score`) and remove its outliers
+(`outliers`). 4. Solve it (`solving`) and build the result (`answer`). 5. If its residual is more than noise, try pull
+around the contact (`rims`) and the rivals (`rivals`).
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ __all__ = ["search"]
 
 
 def search(prepared: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
-    """Contact in one frame of readings, (channel, *array) per plane."""
+    """Result of one frame of readings, (channel, *array) per plane."""
     policy, observed = prepared.policy, observe(prepared, readings)
     filled, usable = observed.filled, observed.usable
     noise_alone = explained_by_noise(prepared, filled, usable)

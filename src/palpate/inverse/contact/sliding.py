@@ -1,4 +1,4 @@
-"""Contact that slides as a whole: shear in one proportion to pressure, weighed by evidence against shear of its own."""
+"""Contact that slides as a whole: shear proportional to pressure, weighted by evidence against independent shear."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Index = npt.NDArray[np.intp]
 
 
 def log_evidence(data: Normal, penalty: Penalty) -> float:
-    """Log marginal likelihood over that of noise alone, of a Gaussian model of some readings with a penalty and no constraints."""
+    """Log marginal likelihood, relative to noise alone, of a Gaussian model with a penalty and no constraints."""
     import scipy.linalg
 
     hessian, linear = data.quadratic(penalty), data.linear.ravel()
@@ -44,7 +44,7 @@ def log_evidence(data: Normal, penalty: Penalty) -> float:
 
 
 def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> ContactModel:
-    """A model of the pressure as one of the traction, ``ray`` times it, as uncertain as the readings leave both."""
+    """Turn a model of pressure into one of traction, ``ray`` times the pressure, with the joint uncertainty of both."""
     part = data.part(np.searchsorted(data.cells, one.cells))
     part = part if one.data.at_size else part.as_matrix()
     pressure = one.solution.traction[0]
@@ -63,9 +63,10 @@ def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> C
 def in_blocks(
     data: Normal, first: Floats, precisions: Sequence[Sparse], policy: Policy
 ) -> tuple[Normal, Floats, list[Sparse]]:
-    """A contact that is known by products, in blocks of cells: its normal equations, first traction and penalties.
+    """A large contact, known only by products, in blocks of cells: its normal equations, initial traction and
+    penalties.
 
-    Steps between blocks of b cells have b times the energy of the slopes that they stand for.
+    A step between blocks of b cells has b times the energy of the gradient that it represents.
     """
     matrix = data.matrix
     if not isinstance(matrix, Applied):
@@ -91,7 +92,7 @@ def in_blocks(
             seen = matrix.together(unit)
             gram[:, :, column, some] = np.stack([sums @ seen[:, i].T for i in range(c)])
     known = gram.reshape(c * k, c * k)
-    # single precision makes it as far from positive as this, which a weak penalty does not mend
+    # Single precision makes the matrix indefinite by up to this amount, which a weak penalty does not repair.
     known[np.diag_indices(c * k)] += np.finfo(np.float32).eps * float(np.abs(known).sum(axis=1).max())
     linear = (sums @ data.linear.T).T
     onto = scipy.sparse.csr_array((np.ones(n), (data.cells, inverse)), shape=(math.prod(shape), k))
@@ -104,11 +105,13 @@ def in_blocks(
 def ways_of_sliding(
     data: Normal, first: Floats, cone: Cone, precisions: Sequence[Sparse], policy: Policy
 ) -> list[tuple[Floats, Floats, float]]:
-    """Ways in which the contact may slide as a whole: shear over pressure (component,), its changes (change, component), probability.
+    """Ways in which the contact may slide as a whole: (shear over pressure (component,), its possible changes (change,
+    component), probability).
 
-    At the friction given, in any direction, or at less (friction while sliding is less than at rest, and what is given may not be exact).
-    By the marginal likelihood of Gaussian models without the constraints, against shear of its own; ``data`` is that of surface cells,
-    ``first`` a first traction (component, cell) of the whole surface, ``precisions`` the even penalty of each component.
+    Either at the given friction in any direction, or at less (sliding friction is below static friction, and the given
+    value may be inexact). The probabilities come from the marginal likelihood of Gaussian models without constraints,
+    against independent shear. ``data`` is on surface cells, ``first`` an initial traction (component, cell) of the
+    whole surface, ``precisions`` the even penalty of each component.
     """
     mu, cells = float(cone.friction or 0.0), data.cells
     shape = data.level.grid.shape if math.prod(data.level.grid.shape) == precisions[0].shape[0] else (len(cells),)
@@ -116,7 +119,7 @@ def ways_of_sliding(
     c = len(precisions)
     pressure = first[-1:, cells]
     for turn in range(policy.prior.jointly):
-        # shear over pressure, and the pressure that goes with it, in turn
+        # Alternate between the ratio of shear to pressure and the pressure that belongs to it.
         explained = data.explained(pressure[0])
         pull = data.linear[:-1] @ pressure[0] - explained[:-1, -1]
         found = np.linalg.lstsq(explained[:-1, :-1], pull, rcond=None)[0]

@@ -1,7 +1,9 @@
-"""One explanation of a frame, solved: which readings count, the noise, the sizes of offsets and the contact, each found again from the others until none changes.
+"""Solve one explanation of a frame. Readings used, noise, offsets and contact depend on each other, so repeat until
+none changes.
 
-Each attempt weighs the linear model, solves for contact roughly, and looks at what contact leaves, in this order: readings at the end of their range that
-contact would have read less, outliers, sizes of offsets, the noise of each channel, the noise of all. The first that changes begins the next attempt.
+Each attempt weights the linear model, solves for contact roughly, and checks the residual in this order: saturated
+readings above their predicted value, outliers, sizes of offsets, noise of each channel, common noise. The first change
+starts the next attempt.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.proposals.levels import in_range
 from palpate.inverse.contact.rough import exceeded
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.screening import loaded
@@ -34,19 +37,19 @@ Flags = npt.NDArray[np.bool_]
 
 
 def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
-    """The models of one explanation of a frame; without models noise explains it."""
+    """The solved models of one explanation of a frame; no models if noise explains it."""
     return _Solving(estimator, h, frame).run()
 
 
 class _Solving:
-    """One explanation while it is solved."""
+    """State of one explanation while it is solved."""
 
     def __init__(self, estimator: Prepared, h: Explanation, frame: Observed) -> None:
         self.estimator, self.policy, self.h, self.frame = estimator, estimator.policy, h, frame
         self.sign = h.sign or 1
         self.data = self.sign * (frame.filled - estimator.shifts @ h.sizes)
         self.rows = estimator.readings.planes(self.data)
-        #: Readings at an end of their range, and of each whether it may be more (True) or less.
+        #: Saturated readings, and for each whether the true value may be larger (True) or smaller.
         self.limited = frame.limited & frame.alive
         self.observed = frame.usable & ~self.limited
         self.upwards: Flags | None = None
@@ -54,22 +57,22 @@ class _Solving:
         if frame.ends is not None:
             self.upwards = frame.ends.upper if h.sign >= 0 else frame.ends.lower
             self.rounding = float((frame.ends.step / (math.sqrt(12.0) * estimator.readings.std)).max(initial=0.0))
-        #: Whether the linear model follows noise too, and its evidence tells nothing of it.
+        #: Whether the linear model fits noise too, so that its evidence gives no noise level.
         self.follows = estimator.ambiguous or self._follows()
-        #: The noise of all channels in units of the whitening, where contact tells it better than the linear model, and that of each.
+        #: Noise of each channel, in units of the whitening, if learned from the contact; `known` is the common noise.
         self.levels: Floats | None = None
         self.known, self.given, self.coarse, self.finer = self._noise_at_first()
-        #: How often noise and offsets were found again.
+        #: Number of times the noise and the offsets were re-estimated.
         self.learned, self.refined = 0, 0
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
         self.leading: ContactModel | None = None
         self.models: Iterator[ContactModel] = iter(())
 
-    # -- what it begins with
+    # -- initial values
 
     def _follows(self) -> bool:
-        """Whether the linear model follows any readings: as many components as channels, felt by shallow taxels."""
+        """Whether the linear model can fit any readings: as many components as channels, on shallow taxels."""
         estimator = self.estimator
         if estimator.noise_known or not self.h.sign:
             return False
@@ -77,7 +80,9 @@ class _Solving:
         return alone.scale < self.policy.noise.followed * self.h.rough.left
 
     def _noise_at_first(self) -> tuple[float | None, float | None, float, float]:
-        """The noise to begin with, None where the linear model tells it; that which was given; and what coarse and finer cells leave beyond it."""
+        """Initial noise (None: from the linear model); the given noise; and the residual noise of coarse and of fine
+        cells beyond it.
+        """
         estimator, h = self.estimator, self.h
         known: float | None = None
         coarse, least = 0.0, estimator.least_noise(self.data)
@@ -90,16 +95,16 @@ class _Solving:
             if exceeded(estimator, h, self.data, self.frame.usable):
                 known = coarse = max(h.rough.left, least)
         elif h.present.any() or ((self.follows or not self.frame.usable.all()) and h.rough.left > 0):
-            # a linear model makes noise of the edges of what is filled in
+            # A linear model takes the edges of filled-in regions for noise.
             known = max(h.rough.left, least)
         if h.noise is not None:
             known = max(h.noise, least)
         return known, given, coarse, 0.0
 
-    # -- the attempts
+    # -- attempts
 
     def run(self) -> Solved:
-        """The explanation, solved."""
+        """Solve the explanation."""
         for attempt in range(self.policy.noise.attempts):
             self._weigh()
             if not self._touches():
@@ -111,7 +116,7 @@ class _Solving:
                 continue
             if not self.pressed:
                 break
-            # noise and offsets are learned from the first model alone; the others are made when they have settled
+            # Estimate noise and offsets from the first model only; make the others when these have settled.
             self.models = self.estimator.models(self.first_traction, self.y, self.noise, self.observed, self.evidence)
             self.leading = next(self.models)
             if not (self._offsets_moved() or self._noise_changed()):
@@ -120,7 +125,7 @@ class _Solving:
         return self._solved(self._members(), pushed=left <= limit, limit=limit)
 
     def _weigh(self) -> None:
-        """The linear model, and the noise of each reading that goes with it."""
+        """Fit the linear models, and set the noise of each reading."""
         estimator = self.estimator
         self.evidence: dict[int, LinearEvidence] = {
             order: estimator.evidence(linear, self.rows, self.known) for order, linear in estimator.orders.items()
@@ -131,13 +136,13 @@ class _Solving:
         self.noise = estimator.readings.std * np.maximum(each, self.floor)
 
     def _touches(self) -> bool:
-        """Whether there is more than noise, by evidence or because contact in a few cells was found."""
+        """Whether the readings are more than noise, by evidence or because contact in a few cells was found."""
         of_channels = uneven_noise(self.estimator, self.data, self.observed, self.known)
         evident = more_than_noise(self.evidence[1].gain, of_channels, self.policy)
         return self.scale > 0 and (evident or self.h.noise is not None)
 
     def _few_cells(self) -> bool:
-        """Whether contact in a few cells is what the linear model takes for noise."""
+        """Whether readings that the linear model takes for noise are contact in a few cells."""
         small = None
         if self.scale > 0 and self.h.sign:
             small = contact_in_few_cells(self.estimator, self.data, self.observed)
@@ -147,14 +152,14 @@ class _Solving:
         return True
 
     def _fit(self) -> None:
-        """Contact by one even penalty on cells of the surface."""
+        """Solve for contact with one even penalty on surface cells."""
         found, y = self.evidence[1], self.data / self.noise
         weight = found.parameter / found.scale**2
         fitted = solved(self.estimator, found.traction, y, self.noise, self.observed, weight, self.near)
         self.first, self.explained, _ = fitted
         self.near = self.first
 
-    # -- what contact leaves
+    # -- residual of the contact
 
     @property
     def first_traction(self) -> Floats:
@@ -165,7 +170,7 @@ class _Solving:
 
     @property
     def pressed(self) -> bool:
-        """Whether anything presses in it."""
+        """Whether the rough solution has any pressure."""
         return bool(self.first_traction[-1].any())
 
     @property
@@ -174,11 +179,11 @@ class _Solving:
         return np.asarray(self.data / self.noise)
 
     def _refill(self) -> None:
-        """Fill what is left out with what contact explains, so that the linear model can go on."""
+        """Replace unused readings by the contact's prediction, for the linear model."""
         self.rows = self.estimator.readings.planes(np.where(self.observed, self.data, self.explained))
 
     def _more_at_ends(self, attempt: int) -> bool:
-        """Let readings at an end of their range count where contact would have them read less."""
+        """Use saturated readings that the contact predicts to be smaller; return whether there are any."""
         if self.upwards is None or attempt >= self.policy.noise.outlier_rounds:
             return False
         less = np.where(self.upwards, self.explained < self.data, self.explained > self.data)
@@ -190,7 +195,7 @@ class _Solving:
         return True
 
     def _outliers(self, attempt: int) -> bool:
-        """Leave out the readings that contact does not explain; those of broken channels are filled in anew."""
+        """Remove outliers, and refill readings of broken channels; return whether anything changed."""
         estimator, policy, alive = self.estimator, self.policy, self.frame.alive
         level = np.maximum(self.noise, self.coarse * estimator.readings.std)
         wrong = estimator.noise.outliers(self.data, self.explained, level) & ~self.limited
@@ -206,7 +211,7 @@ class _Solving:
         return True
 
     def _offsets_moved(self) -> bool:
-        """Solve contact and the nuisances that are there together."""
+        """Solve contact and nuisances together; return whether the nuisances changed."""
         rules = self.policy.noise
         if not self.h.present.any() or self.refined >= rules.most_offset_rounds:
             return False
@@ -220,9 +225,10 @@ class _Solving:
             sure=self.refined >= rules.offset_rounds,
         )
         self.refined += 1
-        if not change.any():
+        sizes = self.h.sizes + self.sign * change
+        if not change.any() or not in_range(self.estimator, self.estimator.shifts, sizes, self.frame.filled):
             return False
-        self.h = replace(self.h, sizes=self.h.sizes + self.sign * change)
+        self.h = replace(self.h, sizes=sizes)
         self.data = self.data - self.estimator.shifts @ change
         self._refill()
         return True
@@ -237,7 +243,7 @@ class _Solving:
     # -- noise
 
     def _noise_changed(self) -> bool:
-        """Whether what contact leaves is other noise than it was solved with, that of each channel first."""
+        """Re-estimate the noise from the residual, each channel first; return whether it changed."""
         estimator, parts = self.estimator, self.policy.parts
         if parts.channel_noise and not estimator.noise_known:
             y = self.y
@@ -253,7 +259,9 @@ class _Solving:
         return changed
 
     def _take_levels(self, own: Floats) -> bool:
-        """The noise of each channel; False where it has settled: to half of what tells it from one for all."""
+        """Set the noise of each channel; False if it has settled, within half of the difference that justifies
+        separate levels.
+        """
         rules = self.policy.noise
         if self.levels is not None:
             settled = np.abs(np.log(own / self.levels)).max() < 0.5 * rules.unequal
@@ -263,7 +271,9 @@ class _Solving:
         return True
 
     def _left_by_leading(self) -> float:
-        """Noise in units of the whitening: what pressure that only pushes cannot follow is noise, even where a linear model could."""
+        """Residual noise of the leading model, in units of the whitening. Non-negative pressure cannot fit noise, even
+        where a linear model could.
+        """
         estimator, leading = self.estimator, self.first_model
         took = taken_by(leading) if self.follows or leading.compact else None
         freedom = estimator.effective_freedom(self.evidence[1].parameter)
@@ -271,7 +281,9 @@ class _Solving:
         return float(left * (self.noise[0] / estimator.readings.std[0]))
 
     def _given_noise(self, left: float, ratio: float) -> bool:
-        """Of noise that was given and exceeded: finer cells may explain all but it, or leave less than the coarse ones did."""
+        """Update noise that is given but exceeded: finer cells may reduce the residual to the given noise, or below
+        that of coarse cells.
+        """
         again = self.policy.noise.again
         if self.learned == 0 and ratio * again < 1.0:
             self.known, self.finer = self.given, max(left, self.floor)
@@ -284,23 +296,23 @@ class _Solving:
         return True
 
     def _learned_noise(self, left: float, ratio: float) -> bool:
-        """Of noise that nobody gave."""
+        """Update noise that is not given."""
         policy, readings = self.policy, self.estimator.readings
         if self.follows and ratio < 1.0:
-            ratio = 1.0 / ratio  # it began with the largest noise that explains itself
+            ratio = 1.0 / ratio  # the first estimate was an upper limit
         if self.learned == policy.noise.turns_of_all or ratio < policy.noise.again:
             return False
         white = readings.white((self.data / readings.std)[self.observed], self.observed)
         total = float(np.sqrt(np.mean(white**2)))
         if left > max(policy.detection.most_left * total, policy.detection.unexplained * self.scale):
-            return False  # most of what a linear model explains is left: a pull, not noise
+            return False  # most of the signal is in the residual: a pull, not noise
         self.known = left
         return True
 
-    # -- the end
+    # -- result
 
     def _left_and_limit(self) -> tuple[float, float]:
-        """Root mean square that the rough solution leaves, in units of the noise, and what a push may leave."""
+        """Root mean square of the rough solution's residual, in units of the noise, and the limit for a push."""
         white, rules = self.estimator.readings.white, self.policy.detection
         signal = white(self.y[self.observed], self.observed)
         left = signal - white((self.explained / self.noise)[self.observed], self.observed)

@@ -1,4 +1,6 @@
-"""The linear model that contact is sought from: a dense decomposition, or matrix-free; and the broken readings that it finds."""
+"""The linear models from which the search for contact starts, dense or matrix-free, and their screening for broken
+readings.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,12 @@ Flags = npt.NDArray[np.bool_]
 
 
 def linear_models(problem: Problem, priors: Mapping[int, Sequence[Prior]], *, wide: bool) -> dict[int, LinearModel]:
-    """The linear model of each order of the penalty."""
+    """The linear model for each order of the penalty."""
     return {order: linear_model(problem, each, wide=wide) for order, each in priors.items()}
 
 
 class LinearStart:
-    """What the linear models say of a frame."""
+    """Linear models of a problem, applied to one frame at a time."""
 
     def __init__(
         self,
@@ -43,11 +45,11 @@ class LinearStart:
     ) -> None:
         self.orders, self.readings, self.parameter, self.policy = orders, readings, parameter, policy
         self._rounds, self._windows = rounds, windows
-        #: The offsets that a frame may have, and the same in the basis of the linear model.
+        #: Possible offsets, and the same in the basis of the linear model.
         self._shifts: tuple[Floats, list[Floats]] | None = None
 
     def freedom(self, parameter: float) -> float:
-        """How many degrees of freedom of the traction the data tell, rather than the penalty."""
+        """Degrees of freedom of the traction that are determined by the data rather than by the penalty."""
         linear = self.orders[1]
         if isinstance(linear, LinearAtSize):
             return linear.freedom(parameter)
@@ -57,16 +59,19 @@ class LinearStart:
     def evidence(
         self, linear: LinearModel, rows: Sequence[Floats], known: float | None, patterns: Floats | None = None
     ) -> LinearEvidence:
-        """What a linear model makes of a frame; ``known`` fixes the noise scale where it is not the arrays' own."""
+        """Fit of a linear model to a frame. ``known`` fixes the noise level, in units of the whitening; None: the
+        arrays' own, or estimated.
+        """
         if isinstance(linear, LinearAtSize):
             return self._rounds.of(linear).evidence(rows, self.parameter, known, patterns)
         projected = self._rounds.projected(linear.spectrum, rows)
         return linear_evidence(linear, rows, self.parameter, known, patterns, projected=projected)
 
     def noise(self, data: Floats, total: float, observed: Flags) -> tuple[LinearEvidence, float, float]:
-        """The linear model whose noise explains itself, the noise, and the freedom left.
+        """The linear model with a noise level consistent with its residual, that level, and the degrees of freedom of
+        the residual.
 
-        Readings that are not observed have sizes of their own; a matrix-free model takes them as they are filled.
+        Unobserved readings become free unknowns; a matrix-free model uses their filled-in values instead.
         """
         linear, rows, n = self.orders[1], self.readings.planes(data), len(data)
         if isinstance(linear, LinearAtSize):
@@ -84,7 +89,7 @@ class LinearStart:
         return np.asarray(linear.project(rows) if isinstance(linear, LinearAtSize) else linear.spectrum.project(rows))
 
     def screened(self, data: Floats, observed: Flags, shifts: Floats) -> Screened:
-        """Broken readings of a frame, and what is said in their place; ``shifts`` as in `screening.screened`."""
+        """Broken readings of a frame, and their predicted values; ``shifts`` as in `screening.screened`."""
         linear = self.orders[1]
         if isinstance(linear, LinearAtSize):
             return self._windows.screened(self.readings, data, observed, self.policy)

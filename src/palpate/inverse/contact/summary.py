@@ -1,4 +1,4 @@
-"""Mean and errors of every quantity, of the weighed contact models of a frame."""
+"""Mean and errors of every quantity, from the weighted contact models of a frame."""
 
 from __future__ import annotations
 
@@ -35,12 +35,14 @@ __all__ = ["Quantities", "Summary"]
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: The quantities that are sums over the contact.
+#: Quantities that are sums over the contact.
 SUMS = ("force", "moment", "center")
 
 
 def widened(variance: Floats, cells: int = 1) -> Floats:
-    """The error of where the contact ends belongs to the cells just outside it too: its mean next to it, its largest farther on."""
+    """Spread the error of the contact's edge to the cells just outside it: their mean next to the edge, their largest
+    value farther out.
+    """
     import scipy.ndimage
 
     near = (3,) * (variance.ndim - 1)
@@ -52,7 +54,9 @@ def widened(variance: Floats, cells: int = 1) -> Floats:
 
 
 def variance_reduction_of(model: ContactModel, grid: Grid) -> Floats:
-    """1 - posterior over prior variance of traction on the surface's cells (component, *surface); NaN out of contact."""
+    """1 - posterior over prior variance of traction on the surface cells (component, *surface); NaN outside the
+    contact.
+    """
     face = model.solution.face
     c = len(model.solution.traction)
     out = np.full((c, math.prod(grid.shape)), math.nan)
@@ -67,7 +71,7 @@ def variance_reduction_of(model: ContactModel, grid: Grid) -> Floats:
 
 
 def shares(model: ContactModel, grid: Grid) -> tuple[Sparse, Index]:
-    """Means over the fine cells of each surface cell, and which surface cells those are."""
+    """Sparse averaging matrix from fine cells to surface cells, and the indices of these surface cells."""
     level, ratio, n = model.level, model.level.ratio, len(model.cells)
     places = np.unravel_index(model.cells, level.grid.shape)
     flat = np.ravel_multi_index(tuple(p // ratio for p in places), grid.shape)
@@ -82,9 +86,10 @@ Quantity = tuple[Floats, Floats]
 
 
 class Quantities:
-    """(value, variance) of what one model says of a contact, each worked out when it is first asked for.
+    """(value, variance) of each quantity of one model, computed on first access.
 
-    The numbers are those of the cells ``inside``; with ``owed`` the variances are those that are owed to a pad that is not known exactly.
+    Only cells ``inside`` contribute. With ``owed``, the variances are only those due to pad properties that are not
+    known exactly.
     """
 
     def __init__(
@@ -120,19 +125,19 @@ class Quantities:
 
     @property
     def totals(self) -> Floats:
-        """What sums traction up to the net force (axis, component * cell)."""
+        """Rows that sum traction to the net force (axis, component * cell)."""
         rows = self._here(self.model.level.grid.force_rows(self.columns))
         return rows.reshape(len(rows), -1)
 
     @property
     def pressing(self) -> Floats:
-        """What sums the pressure up over the surface (1, component * cell)."""
+        """Row that sums the pressure over the surface (1, component * cell)."""
         rows = np.zeros((1, *self.model.solution.traction.shape))
         rows[0, -1] = self.model.level.grid.areas.ravel()[self.model.cells] * self.kept
         return rows.reshape(1, -1)
 
     def _here(self, rows: Floats) -> Floats:
-        """Sums over the whole surface (sum, component, *surface), over the model's cells."""
+        """Restrict sums over the whole surface (sum, component, *surface) to the model's cells."""
         return np.asarray(rows.reshape(*rows.shape[:2], -1)[..., self.model.cells] * self.kept)
 
     @cached_property
@@ -162,13 +167,13 @@ class Quantities:
         return mean[top], variance[top]
 
     def _sums(self, weights: Floats) -> Quantity:
-        """Of sums of traction (quantity, component, cell)."""
+        """Values and variances of sums of traction (quantity, component, cell)."""
         rows = weights.reshape(len(weights), -1)
         return rows @ self.model.solution.traction.ravel(), self._of_sums(self.model, rows)
 
 
 class Summary:
-    """Mean of the weighed models of a frame, and the errors of every quantity (`Errors`), each worked out when it is asked for."""
+    """Mean of the weighted models of a frame, and the errors of every quantity (`Errors`), each computed on demand."""
 
     def __init__(self, members: Sequence[ContactModel], posterior: Posterior) -> None:
         self.members, self.posterior, self.policy = members, posterior, posterior.policy
@@ -179,10 +184,10 @@ class Summary:
             for p, m in zip(self._parts, members)
         ]
         self._weights = np.array([m.weight for m in members])
-        self.noise_ratio = 1.0  # what is left of the readings over the noise that was given
-        self.gain = 0.0  # what gains are taken to be known to
+        self.noise_ratio = 1.0  # residual over the given noise
+        self.gain = 0.0  # assumed relative error of the gains
         self.whites: list[Floats] = []  # the readings of each model, whitened
-        self.doubted = 0.0  # part of the normal force that may not be there
+        self.doubted = 0.0  # fraction of the normal force that may not exist
 
     def _mixed(self, name: str) -> Quantity:
         """Mean and total variance of a quantity over the models."""
@@ -194,7 +199,9 @@ class Summary:
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:
-        """Errors that are owed to a pad and gains that are not known exactly, the mean of the models' variances; None where none are."""
+        """Errors due to pad properties and gains that are not known exactly, averaged over the models; None if there
+        are none.
+        """
         models = [p.model for p in self._sure]
         gains = self._by_gains()
         if gains is None and all(m.stated is None for m in models):
@@ -210,14 +217,14 @@ class Summary:
         return Stated(self._everywhere(traction), self._along(np.sqrt(force)), *numbers)
 
     def _by_gains(self) -> Floats | None:
-        """Variance of the net force (component sought,) by gains of which nothing is said."""
+        """Variance of the net force (component sought,) due to the assumed error of the gains."""
         if not self.gain:
             return None
         each = [by_gains(p.model, p.totals, white) for p, white in zip(self._sure, self.whites)]
         return self.gain**2 * np.tensordot(self._weights, np.stack(each), 1)
 
     def largest_part(self) -> float:
-        """The part of the normal force that one reading alone tells, by the leading model."""
+        """Largest fraction of the normal force that rests on one reading, by the leading model."""
         first = self._sure[0]
         total = first.pressing
         force = float((total @ first.model.solution.traction.ravel())[0])
@@ -226,7 +233,7 @@ class Summary:
         return float(np.abs(told_by_each(first.model, total, self.whites[0])).max(initial=0.0)) / force
 
     def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
-        """A field (component sought, *surface) with all components."""
+        """Expand a field (component sought, *surface) to all components."""
         out = np.full((len(self.grid.components), *sought.shape[1:]), fill)
         out[list(self.posterior.columns)] = sought
         return out
@@ -244,7 +251,9 @@ class Summary:
 
     @cached_property
     def _beyond(self) -> tuple[Floats, Floats]:
-        """Standard deviation of the net force (component,) by contact that goes on beyond the outermost taxels, for moment and centre; its place (axis,)."""
+        """Standard deviation of the net force (component,) due to contact beyond the outermost taxels, for moment and
+        centre; and its place (axis,).
+        """
         force, place = self.posterior.going_on(self.mean)
         return self.policy.errors.beyond / STATED * np.abs(force), place
 
@@ -260,12 +269,12 @@ class Summary:
         return self._along(np.sqrt(variance + least**2))
 
     def _normal_force(self) -> float:
-        """Size of the sum of the pressure over the surface [N]."""
+        """Magnitude of the pressure integrated over the surface [N]."""
         each = [float((p.pressing @ p.model.solution.traction.ravel())[0]) for p in self._parts]
         return abs(float(self._weights @ each))
 
     def _along(self, force: Floats) -> Floats:
-        """Of every axis, what is known of the axes of `Grid.force_axes`."""
+        """Expand values for the axes of `Grid.force_axes` to all axes."""
         out = np.zeros(len(self.grid.components))
         out[list(self.grid.force_axes(self.posterior.columns))] = force
         return out
@@ -301,10 +310,10 @@ class Summary:
         return self.posterior.outside_parts(self.mean)
 
     def of(self, name: str) -> Floats:
-        """The field of `Errors` of that name."""
+        """The field of `Errors` with this name."""
         give_way()
         return np.asarray(self._outside[name] if name.startswith(("outside_", "beyond_")) else getattr(self, name)())
 
     def errors(self) -> Errors:
-        """All of them."""
+        """All fields of `Errors`."""
         return Errors(**{f.name: self.of(f.name) for f in fields(Errors)})

@@ -1,4 +1,4 @@
-"""What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
+"""Errors that act on many readings at once: nuisances, saturation, a pad not known exactly."""
 
 from __future__ import annotations
 
@@ -35,10 +35,12 @@ Flags = npt.NDArray[np.bool_]
 
 
 def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
-    """Standard deviations of the nuisances; where one could not be told from contact, of what may hide."""
+    """Standard deviations of the nuisances. If the edge is loaded all round, an offset of a fraction of the readings
+    may be hidden, and counts too.
+    """
     policy = estimator.policy
     h = run.explanation
-    if not estimator.terms or not (run.noise > 0).all():  # nothing at all was read
+    if not estimator.terms or not (run.noise > 0).all():  # all readings are zero
         return np.zeros(len(estimator.terms))
     columns = estimator.shifts / run.noise[:, None]
     unit = np.sqrt((estimator.readings.white(columns[run.observed], run.observed) ** 2).sum(axis=0))
@@ -63,8 +65,10 @@ def change_of_nuisances(
     *,
     sure: bool = False,
 ) -> Floats:
-    """How the sizes of the nuisances that are there change when contact and they are solved together, on the face of the contact. ``sure``: only where
-    they are far off (`Policy`): the contact's cells change with them, so that smaller steps need not end.
+    """Change of the nuisances when they are solved together with the contact, on its face.
+
+    ``sure``: only change a nuisance that is far off (`Policy`). The cells of the contact change with it, so small
+    steps might never end.
     """
     policy = estimator.policy
     out = np.zeros(len(estimator.terms))
@@ -81,7 +85,9 @@ def change_of_nuisances(
 
 
 def doubtful(estimator: Prepared, run: Solved) -> tuple[Floats, Floats]:
-    """What is not known exactly of the pad does to the readings (reading, unknown), in units of the noise; standard deviations."""
+    """Columns (reading, unknown) by which an inexactly known pad changes the readings, in units of the noise, and the
+    standard deviations of the unknowns.
+    """
     if not estimator.problem.doubts.any or not run.members:
         return np.zeros((len(run.data), 0)), np.zeros(0)
     grid = estimator.operator.surface
@@ -95,14 +101,16 @@ def doubtful(estimator: Prepared, run: Solved) -> tuple[Floats, Floats]:
 
 
 def share(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags) -> None:
-    """What a model's errors owe to what acts on many readings at once: nuisances, ends of range, a pad not known exactly."""
+    """Add to a model's errors the effects that act on many readings at once: nuisances, saturation, a pad not known
+    exactly.
+    """
     policy = estimator.policy
     there = deviation > 0
     noise, observed = run.noise, run.observed
     columns = estimator.shifts[:, there] / noise[:, None]
     prior = np.where(run.explanation.present, math.inf, deviation)[there]
     if (at_limit & observed).any():
-        # readings that count although they may be larger: all of them by a common part
+        # Saturated readings that are used may be larger: all by one common fraction.
         excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
         columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, policy.screening.excess)
     white = estimator.readings.white(columns[observed], observed)
@@ -121,14 +129,17 @@ def share(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floa
 
 
 def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats) -> None:
-    """What a model's errors owe to drift of displacements that wide pressure may hide, so that no offset or ramp was found.
+    """Add to a model's errors a drift of displacements that wide pressure may hide, so that no offset or ramp was
+    found.
 
-    A displacement is felt far from its load: pressure all round moves the readings much as a shift of the picture does. Of drifts with a
-    prior of `Policy` of the largest reading, what the readings do not tell, (S + 1/prior^2)^-1 with S as in
-    `variances.shared_errors`, is in the errors. Stress and strain feel what is near: there drift leaves what contact cannot follow. Where
-    ``nuisance`` is named, nothing else drifts. ``deviation``: offsets that are accounted for already.
+    A displacement sensor responds to distant loads: pressure all round changes the readings almost like a shift of the
+    picture. For drifts with a prior of a fraction of the largest reading (`Policy`), the posterior (S + 1/prior^2)^-1,
+    with S as in `variances.shared_errors`, is added to the errors. Stress and strain respond to nearby loads, so
+    contact cannot hide a drift there. If the user names ``nuisance``, nothing else drifts. ``deviation`` marks offsets
+    that are already accounted for.
 
-    ``run.adrift`` grows by the model's weight where most of what is not known of its normal force is drift, and much of the force.
+    ``run.adrift`` grows by the model's weight if drift dominates the error of its normal force and is a large fraction
+    of it.
     """
     policy = estimator.policy
     part = policy.errors.hidden_drift
@@ -159,11 +170,12 @@ def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, devi
 
 
 def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float], *, pulls: bool) -> Floats:
-    """Add shear in one proportion b to the pressure all over the contact, q = b p, which penalties of gradients shrink as they do noise; what
-    its error adds to the model's, as in `variances.shared_errors`.
+    """Add shear b p proportional to the pressure p to the model, because gradient penalties shrink it as they do
+    noise. Return its contribution to the errors, as in `variances.shared_errors`.
 
-    What the model is short of is (1 - H^-1 A'A) b p = H^-1 P b p, P being the penalty. On readings ``y``, whitened, b is told by what the model leaves:
-    precision S = B'B - B'A H^-1 A'B = B'A H^-1 P p with B = A p, and a prior with the ``variances`` of shear over pressure.
+    The model falls short by (1 - H^-1 A'A) b p = H^-1 P b p, where P is the penalty. With whitened readings ``y``, b
+    is estimated from the residual: precision S = B'B - B'A H^-1 A'B = B'A H^-1 P p, where B = A p, and a prior with
+    the ``variances`` of shear over pressure.
     """
     t, matrix = model.solution.traction, model.data.matrix
     ways = np.zeros((len(t) - 1, *t.shape))
@@ -184,23 +196,28 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
 
 
 def _untold(told: Floats, prior: Floats) -> Floats:
-    """K with K K' = (S + D^-2)^-1, what readings do not tell of unknowns besides the contact: S is what they have ``told``, D the ``prior``
-    deviations. Of readings far beyond the noise (a converter at its end) rounding may leave directions of S below zero: of these they tell nothing.
+    """K with K K' = (S + D^-2)^-1, the posterior covariance of unknowns beside the contact. S is the information
+    ``told``, D the ``prior`` deviations. For readings far beyond the noise (a saturated converter), rounding may make
+    S negative in some directions: these count as undetermined.
     """
     values, vectors = np.linalg.eigh(told * prior * prior[:, None])
     return np.asarray(prior[:, None] * vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
 def owe(model: ContactModel, columns: Floats, prior: Floats) -> None:
-    """Let a model's errors know of unknowns that act on many readings, ``columns`` (reading, unknown), whitened, with standard deviations ``prior``."""
+    """Add to a model's errors unknowns that act on many readings: whitened ``columns`` (reading, unknown), with
+    standard deviations ``prior``.
+    """
     if columns.shape[1]:
-        # what was named or assumed is no error of the method, which its constants make smaller
+        # Divide by STATED: the calibration constants, which scale the errors of the method, must not shrink named or
+        # assumed errors.
         model.shared = shared_errors(model, columns, prior / STATED)
 
 
 def state(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
-    """The same of what is not known exactly of the pad, and of readings that are wrong by ``gains`` (reading,), each by itself; it stands apart from the
-    model's errors, so that no constant of the method scales it or leans it to one side.
+    """Add to a model's stated errors the inexactly known pad (``columns``, ``prior``) and an independent gain error
+    ``gains`` (reading,) of each reading. Stated errors are separate from the model's errors, so that no calibration
+    constant scales or shifts them.
     """
     matrix = model.data.matrix
     rows = [(columns * prior).T @ matrix] if columns.shape[1] else []

@@ -1,9 +1,9 @@
-"""What a frame was tried as, and by which numbers it was decided, for whoever asks why.
+"""Log which explanations were tried for a frame, and the numbers behind each decision.
 
     logging.basicConfig()
     logging.getLogger("palpate.contact").setLevel("DEBUG")
 
-prints a line for each decision of `palpate.inverse.contact.search`. Nothing is worked out where nobody listens.
+prints a line for each decision of `palpate.inverse.contact.search`. Without a listener, nothing is computed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def named(h: Explanation, terms: Sequence[Nuisance]) -> str:
 
 
 def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance], policy: Policy) -> None:
-    """What a proposal came to."""
+    """Log the explanations that a proposal found."""
     if not _log.isEnabledFor(logging.DEBUG):
         return
     every = list(found)
@@ -43,11 +43,11 @@ def explanations(proposal: str, found: Iterable[Explanation], terms: Sequence[Nu
 
 
 def chosen(what: str, h: Explanation, terms: Sequence[Nuisance]) -> None:
-    """The explanation that a frame is taken to be."""
+    """Log the explanation that was chosen."""
     if _log.isEnabledFor(logging.DEBUG):
         _log.debug("%s: %s", what, named(h, terms))
 
 
 def decided(what: str, value: float, limit: float) -> None:
-    """A number and the limit that it was compared with."""
+    """Log a number and the limit that it was compared with."""
     _log.debug("%s: %.4g, limit %.4g", what, value, limit)

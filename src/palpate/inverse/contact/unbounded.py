@@ -1,4 +1,6 @@
-"""Loads without a known end: an offset that could be an even press wider than the array, and contact that goes on beyond all its edges."""
+"""Loads without a bound: an offset that may be an even press wider than the array, and contact that extends beyond all
+edges.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,12 @@ __all__ = ["goes_on_all_round", "offset_as_load"]
 
 
 def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Floats | None:
-    """Net forces (component, 2) between which the force lies if the offsets of an explanation are load; None where they are not, or a zero was taken.
+    """Bounds on the net force (component, 2) if the offsets of an explanation are really a load; None if they cannot
+    be, or if a zero was taken.
 
-    An even press has no known end, so neither has its force. Offsets of stress and strain that are larger than what was found beside them may be an even press all over the array. Smaller ones are
-    offsets: contact on top of an even press is rare, and offsets are not.
+    An even press has no known extent, so its force has no bound. Offsets of stress and strain that are larger than the
+    contact beside them may be an even press over the whole array. Smaller ones are taken for offsets: a contact on top
+    of an even press is rare.
     """
     policy = estimator.policy
     offsets = h.present & np.array([t.kind == "offset" and t.unit != "m" for t in estimator.terms], dtype=bool)
@@ -42,7 +46,9 @@ def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Flo
 
 
 def goes_on_all_round(estimator: Prepared, traction: Floats, sign: int) -> Floats | None:
-    """Net forces (component, 2) of contact that is found all round the array's edge: nothing tells where it ends. None where it ends inside."""
+    """Bounds on the net force (component, 2) of a contact that loads the whole edge of the array, so that its extent
+    is unknown; None if it ends inside.
+    """
     pressure = np.abs(traction[-1]).ravel()
     top = float(pressure.max(initial=0.0))
     if (

@@ -1,7 +1,8 @@
-"""Broken readings of large arrays: what is suspicious is looked at in a window of its neighbours, as a small array's readings are.
+"""Broken readings of large arrays: screen a window around each suspicious reading as if it were a small array.
 
-A broken taxel differs from what its neighbours along an axis tell by cubic interpolation, and they agree with theirs. So does a sharp contact, now
-and then: whether it is broken is decided by `palpate.inverse.contact.screening` on the window alone, whose contact may lie anywhere.
+A broken taxel deviates from the cubic interpolation of its neighbours along each axis, while they agree with theirs. A
+sharp contact can look the same. So `palpate.inverse.contact.screening` decides on the window alone, where contact may
+lie anywhere.
 """
 
 from __future__ import annotations
@@ -32,18 +33,18 @@ Flags = npt.NDArray[np.bool_]
 
 
 class Windows:
-    """The windows of a problem; the decompositions of those met are kept with it."""
+    """The windows of a problem; their decompositions are cached with it."""
 
     def __init__(
         self, problem: Problem, columns: tuple[int, ...], variances: Sequence[float], kinds: Sequence[str]
     ) -> None:
         self.problem, self.columns, self.variances, self.kinds = problem, columns, tuple(variances), tuple(kinds)
         first = problem.planes[0]
-        #: Planes that do not lie over each other have no windows in common.
+        #: Windows require planes that share one grid.
         self.serves = all(isinstance(a, AreaArray | LineArray) and a.grid == first.grid for a in problem.planes)  # type: ignore[union-attr]
 
     def screened(self, readings: Readings, data: Floats, observed: Flags, policy: Policy) -> Screened:
-        """Broken readings of a frame, and what the windows say in their place."""
+        """Broken readings of a frame, and the values that the windows predict for them."""
         broken, explained = np.zeros(len(data), dtype=bool), np.zeros(len(data))
         if not self.serves:
             return Screened(broken, explained)
@@ -73,7 +74,9 @@ class Windows:
     def _window(
         self, place: tuple[int, ...], planes: Sequence[Floats], working: Sequence[Floats], policy: Policy
     ) -> list[tuple[list[Floats], list[Floats]]]:
-        """What is broken in the window round a taxel, and what the window says of it, over all planes; nothing where nothing is."""
+        """Broken readings in the window around a taxel, and the window's predictions, over all planes; empty if none
+        is broken.
+        """
         shape = planes[0].shape[1:]
         half = policy.screening.window[len(shape) - 1]
         start = [max(0, min(p - half, n - 2 * half - 1)) for p, n in zip(place, shape)]
@@ -104,7 +107,7 @@ class Windows:
         return [(rows, values)]
 
     def _prepared(self, counts: tuple[int, ...]) -> tuple[Decomposition, Floats]:
-        """The linear model of a window of so many taxels, and its offsets."""
+        """The linear model of a window with these counts of taxels, and its offsets."""
         return self.problem.kept.get(("window", counts, self.columns, self.variances), lambda: self._made(counts))
 
     def _made(self, counts: tuple[int, ...]) -> tuple[Decomposition, Floats]:
@@ -123,7 +126,7 @@ class Windows:
 
 
 def _cut(array: Array, counts: tuple[int, ...]) -> Array:
-    """As many taxels of an array."""
+    """An array with fewer taxels, otherwise the same."""
     if isinstance(array, LineArray):
         return replace(array, count=counts[0], mask=None, limits=None, center=0.0)
     if isinstance(array, AreaArray):
@@ -132,7 +135,7 @@ def _cut(array: Array, counts: tuple[int, ...]) -> Array:
 
 
 def _suspicious(planes: Sequence[Floats], working: Sequence[Floats], rules: Screening) -> list[tuple[int, ...]]:
-    """Taxels whose readings stand out from their neighbours', the worst first, each at the head of its neighbourhood."""
+    """Taxels whose readings deviate most from their neighbours', worst first, one for each neighbourhood."""
     import scipy.ndimage
 
     worst: Floats | None = None
@@ -148,7 +151,7 @@ def _suspicious(planes: Sequence[Floats], working: Sequence[Floats], rules: Scre
                 continue
             off = np.where(known, np.abs(values - total / np.maximum(count, 1.0)), 0.0)
             size = off / max(float(np.median(off[known])) / MEDIAN, 1e-300)
-            # how much those a little farther away stand out: their largest, beyond what this one does to its neighbours
+            # Deviations a little farther away: their largest, excluding the effect of this reading on its neighbours.
             ring = np.ones((9,) * values.ndim, dtype=bool)
             ring[(slice(2, 7),) * values.ndim] = False
             around = scipy.ndimage.maximum_filter(size, footprint=ring, mode="constant")
@@ -166,7 +169,9 @@ def _suspicious(planes: Sequence[Floats], working: Sequence[Floats], rules: Scre
 
 
 def _interpolated(values: Floats, there: Flags, axis: int) -> tuple[Floats, Flags]:
-    """What the two neighbours on each side along an axis tell of each reading, by a cubic through them, and where they are all there."""
+    """Cubic interpolation of each reading from two neighbours on each side along an axis, and a mask of where all four
+    exist.
+    """
     moved, works = np.moveaxis(values, axis, 0), np.moveaxis(there, axis, 0)
     out, known = np.zeros(moved.shape), np.zeros(works.shape, dtype=bool)
     if len(moved) > 4:

@@ -1,1 +1,1 @@
-"""Linear methods: the spectrum, priors, and every rule that chooses a parameter."""
+"""Linear methods: the spectral decomposition, priors, and the rules that choose a parameter."""

@@ -1,8 +1,8 @@
 """Marginal likelihood of one frame under a linear Gaussian model: the start of the contact methods.
 
-readings = A t + B c + noise, where the sizes c of the patterns B (`palpate.sensing.nuisance`, single broken readings) may be
-anything: a flat prior, so that they are marginalised as in restricted maximum likelihood (H. D. Patterson, R. Thompson, Biometrika 58,
-1971, 545-554). In the spectrum's basis C = 1 + s^2/lambda is diagonal, and B a few columns more.
+readings = A t + B c + noise. The sizes c of the patterns B (`palpate.sensing.nuisance`, single broken readings) have a
+flat prior and are marginalised, as in restricted maximum likelihood (H. D. Patterson, R. Thompson, Biometrika 58,
+1971, 545-554). In the basis of the spectrum, C = 1 + s^2/lambda is diagonal, and B adds a few columns.
 """
 
 from __future__ import annotations
@@ -19,18 +19,20 @@ from palpate.inverse.linear.regularised import Decomposition
 
 __all__ = ["LinearEvidence", "linear_evidence", "log_evidence"]
 
-#: Combinations of patterns below this part of the largest eigenvalue are rounding of the normal matrix.
+#: Combinations of patterns below this fraction of the largest eigenvalue are rounding errors of the normal matrix.
 MIN_EIGENVALUE = 1e-10
-#: Above this many patterns use Cholesky factors, at a twentieth of the time of eigenvalues.
+#: With more patterns than this, use Cholesky factors, which take a twentieth of the time of eigenvalues.
 MAX_EIGEN_PATTERNS = 16
 
 
 class LinearEvidence:
-    """Log marginal likelihood over that of noise alone, parameter, noise scale, traction (component, *surface) sought.
+    """Result of the linear model: log marginal likelihood over that of noise alone (``gain``), parameter, noise scale,
+    traction (component, *surface).
 
-    ``logdet`` is that of the readings' covariance over the noise's, patterns included; ``objective`` is misfit and penalty together in
-    units of the whitening; ``freedom`` the readings less the patterns; ``sizes`` (pattern,) of the patterns. The traction may be given as what
-    makes it: of most evidence the numbers alone are requested.
+    ``logdet`` is the log determinant of the readings' covariance relative to that of the noise, patterns included;
+    ``objective`` is misfit plus penalty, in units of the whitening; ``freedom`` is the number of readings minus that
+    of patterns; ``sizes`` (pattern,) are the patterns' sizes. The traction may be passed as a function that computes
+    it, because often only the numbers are needed.
     """
 
     def __init__(
@@ -61,10 +63,11 @@ def linear_evidence(
     *,
     projected: Floats | None = None,
 ) -> LinearEvidence:
-    """Of one frame of readings, with the parameter given or by evidence.
+    """Evidence of one frame of readings, with the parameter given or chosen by evidence.
 
-    ``known`` fixes the noise scale (in units of the whitening), by default that of the arrays; ``patterns`` (pattern, coefficient) are nuisances of
-    the readings, projected like the readings; ``projected`` are the readings in the basis of the spectrum, if available.
+    ``known`` fixes the noise scale (in units of the whitening; default: that of the arrays). ``patterns`` (pattern,
+    coefficient) are nuisances of the readings, projected in the same way; ``projected`` are the readings in the basis
+    of the spectrum, if available.
     """
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
@@ -111,9 +114,10 @@ def linear_evidence(
 
 
 def log_evidence(objective: float, logdet: float, count: float, noise: float | None) -> float:
-    """Log marginal likelihood up to a constant of the readings, with the noise scale known or marginalised (prior 1/noise).
+    """Log marginal likelihood of the readings up to a constant, with the noise scale known or marginalised (prior
+    1/noise).
 
-    ``objective`` is misfit and penalty together in units of the whitening, as in `LinearEvidence`.
+    ``objective`` is misfit plus penalty in units of the whitening, as in `LinearEvidence`.
     """
     if noise is not None:
         return -0.5 * objective / noise**2 - count * math.log(noise) - 0.5 * logdet
@@ -171,8 +175,8 @@ def _restricted(weights: Floats, c: Floats, patterns: Floats, logs: Floats | Non
 
 
 def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
-    """right' gram^-1 right and log det gram of (*batch, pattern, pattern). Patterns that the weighted data cannot separate count as one; patterns
-    without effect count as none.
+    """right' gram^-1 right and log det gram for (*batch, pattern, pattern). Patterns that the weighted data cannot
+    separate count as one; patterns without effect do not count.
     """
     values, vectors = np.linalg.eigh(gram)
     seen = values > MIN_EIGENVALUE * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
@@ -182,12 +186,14 @@ def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
 
 
 def _by_factor(patterns: Floats, c: Floats) -> tuple[float, float]:
-    """The same of weighted patterns and coefficients, by a Cholesky factor if all patterns are independent."""
+    """Return right' gram^-1 right and log det gram from weighted patterns and coefficients, by a Cholesky factor if
+    all patterns are independent.
+    """
     from scipy.linalg import lapack
 
     gram, right = patterns @ patterns.T, patterns @ c
     factor, wrong = lapack.dpotrf(gram, lower=1)
-    # the estimate of the condition may be ten times too good
+    # The estimate of the condition number may be ten times too small.
     if not wrong and lapack.dpocon(factor, float(np.abs(gram).sum(axis=0).max()), uplo="L")[0] > 10.0 * MIN_EIGENVALUE:
         half = lapack.dtrtrs(factor, right, lower=1)[0]
         return float(half @ half), 2.0 * float(np.log(np.diagonal(factor)).sum())

@@ -44,7 +44,8 @@ class FourierSpectrum:
         k = wavenumbers(grid.shape, grid.spacings)
         root = np.sqrt(np.stack([prior.spectrum(k) for prior in priors], axis=-1))  # (*k, component)
         u, s, vh = np.linalg.svd(stacked * root[..., None, :], full_matrices=True)
-        # modes come first, wavevectors last: sums over modes and channels are then a few products of whole arrays
+        # Order modes first and wavevectors last, so that sums over modes and channels are a few products of whole
+        # arrays.
         rank, modes, waves = s.shape[-1], u.shape[-1], u.shape[:-2]
         values = np.zeros((modes, *waves))
         values[:rank] = np.moveaxis(s, -1, 0) ** 2
@@ -56,12 +57,13 @@ class FourierSpectrum:
         self._shape = values.shape
         self._norm = math.sqrt(math.prod(grid.shape))
         each = np.concatenate(scales).reshape(-1, *(1,) * grid.dimensions) * self._norm
-        # of readings as they are: (n, channel, *k)
+        # For unscaled readings: (n, channel, *k).
         self._forward = np.ascontiguousarray(np.conj(np.moveaxis(u, (-1, -2), (0, 1)))) / each
         self._back = np.zeros((len(self.columns), modes, *waves), dtype=np.complex128)  # (component, n, *k)
         spread = root[..., None, :] * np.conj(vh[..., :rank, :])  # (*k, n, component)
         self._back[:, :rank] = np.moveaxis(spread, (-1, -2), (0, 1))
-        # at k = 0 a half-space's displacement sees nothing: the mean is unknown, not uncertain, and an offset is neither traction nor noise
+        # At k = 0 the displacement of a half-space contains no information: the mean traction is unknown, and an offset
+        # is neither traction nor noise.
         self._twice = twice
         self._zero = (0,) * grid.dimensions
         zero: Any = (slice(None), *self._zero)
@@ -76,7 +78,7 @@ class FourierSpectrum:
 
     @cached_property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter needs besides the readings."""
+        """Quantities for choosing Tikhonov's parameter that do not depend on the readings."""
         return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
@@ -85,7 +87,7 @@ class FourierSpectrum:
         return self._forward.nbytes + self._back.nbytes
 
     def _prepared(self, like: Any) -> Any:
-        # single-precision readings and coefficients share one key through the real dtype of the readings
+        # Single-precision readings and coefficients share one key, the real dtype of the readings.
         xp = namespace(like)
         key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
         if key not in self._copies:
@@ -93,7 +95,9 @@ class FourierSpectrum:
         return self._copies[key]
 
     def project(self, readings: Sequence[Any]) -> Any:
-        """Coefficients (*batch, n) of one array (*batch, channel, *array) per plane: modes, then wavevectors."""
+        """Coefficients (*batch, n) of readings, one array (*batch, channel, *array) per plane; ordered by mode, then
+        wavevector.
+        """
         xp, grid = namespace(readings[0]), self.operator.surface
         forward, _ = self._prepared(readings[0])
         d = grid.dimensions
@@ -103,7 +107,7 @@ class FourierSpectrum:
         return xp.reshape(out, (*out.shape[: -1 - d], -1))
 
     def solve(self, weights: Any) -> Any:
-        """Traction (*batch, component, *surface) of weights (*batch, n)."""
+        """Traction (*batch, component, *surface) for coefficients ``weights`` (*batch, n)."""
         xp, grid = namespace(weights), self.operator.surface
         _, back = self._prepared(xp.real(weights))
         d = grid.dimensions
@@ -120,7 +124,9 @@ class FourierSpectrum:
         return xp.stack(each, axis=-1 - d)
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
-        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface), without a mean that leaves no trace."""
+        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface), without a mean
+        that the readings do not determine.
+        """
         spectrum = rfftn(rows, self.operator.surface.shape) / self._norm  # (row, component, *k)
         inner = (np.conj(self._back) * spectrum[:, :, None]).sum(axis=1)  # (row, n, *k)
         powers = self.multiplicity.reshape(self._shape) * np.abs(inner) ** 2
@@ -130,7 +136,9 @@ class FourierSpectrum:
         return powers.reshape(len(rows), -1), np.maximum(rest, 0.0).reshape(len(rows), -1).sum(axis=1)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """The same of any cell: (n,), (n, component sought, 1...), (component sought, 1...)."""
+        """Return the powers for a single cell, which by symmetry are those of all cells: (n,), (n, component sought, 1...),
+        (component sought, 1...).
+        """
         count = math.prod(self.operator.surface.shape)
         ones = (1,) * len(self._zero)
         half = self.multiplicity.reshape(self._shape)

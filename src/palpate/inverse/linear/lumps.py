@@ -1,4 +1,4 @@
-"""Eigenvalues near each other put together, where a sum over them is wanted for many parameters."""
+"""Group nearby eigenvalues, to speed up sums over them for many parameters."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["lumps"]
 
-#: Up to this many eigenvalues are not lumped.
+#: Up to this many eigenvalues are not grouped.
 MAX_SINGLE_EIGENVALUES = 400
-#: Nodes to a decade beyond: a function 1/(1 + s^2/lambda) is then interpolated by cubics to 2e-6 of its value.
+#: Nodes per decade for larger spectra: cubic interpolation of 1/(1 + s^2/lambda) is then accurate to 2e-6 of its value.
 PER_DECADE = 24
 
 

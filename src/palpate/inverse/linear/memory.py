@@ -1,4 +1,4 @@
-"""Memory of a spectrum, estimated before any work, and refusals that name an alternative for the same taxels."""
+"""Memory of a spectral decomposition, estimated before any work; errors name an alternative for the same taxels."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from palpate.sensing.surface import WIDE, surface_of
 
 __all__ = ["block_size", "check_spectrum", "check_waves", "spectrum_fits", "spectrum_memory"]
 
-#: Recommend nothing that takes more than this part of the free memory, so that it still fits a little later.
+#: Recommend only alternatives that take at most this fraction of the free memory, so that they still fit a little
+#: later.
 RECOMMENDED = 0.5
-#: Coarser layouts that are tried for a recommendation: pitches that grow by a tenth up to a factor of 1.1^200 (more than any recording spans),
-#: and every second to hundredth taxel.
+#: Coarser layouts to try for a recommendation: pitches that grow by a tenth up to a factor of 1.1^200 (more than any
+#: recording spans), and every second to hundredth taxel.
 COARSER, PITCHES, THINNEST = 1.1, 200, 100
 
 
@@ -34,11 +35,11 @@ def block_size(pad: Pad, planes: Sequence[Array], surface: Grid) -> int:
 
 
 def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> float:
-    """Most bytes at a time while the spectrum of ``sought`` components is prepared (`DataSpectrum`).
+    """Peak memory in bytes while the decomposition for ``sought`` components is prepared (`DataSpectrum`).
 
-    The matrix of each plane is built from one cell's influence and copied once into order: twice its size. In blocks, all planes stay while a quarter
-    of them (half on a line) is weighted; otherwise the components sought are whitened, weighted and joined, and an SVD needs two more. The
-    eigenproblem of n readings holds five matrices of n^2.
+    The matrix of each plane is built from one cell's influence and copied once into order: twice its size. In blocks,
+    all planes stay while a quarter of them (half on a line) is weighted; otherwise the components sought are whitened,
+    weighted and joined, and an SVD needs two more. The eigenproblem of n readings holds five matrices of n^2.
     """
     cells, components = math.prod(surface.shape), len(surface.components)
     count = sum(math.prod(a.shape) * len(a.channels) for a in planes)
@@ -61,13 +62,13 @@ def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: in
 
 
 def spectrum_fits(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> bool:
-    """Whether the memory that is free holds the dense spectrum, however many readings one block has."""
+    """Whether the dense decomposition fits into free memory."""
     peak, free = spectrum_memory(pad, planes, surface, sought), available()
     return free is None or peak <= SHARE * free or peak < SMALL
 
 
 def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
-    """Refuse a problem too large for the dense spectrum, and name an alternative for the same taxels."""
+    """Raise an error for a problem too large for the dense decomposition, and name an alternative for the same taxels."""
     size, peak, free = block_size(pad, planes, surface), spectrum_memory(pad, planes, surface, sought), available()
     if size <= LARGEST_BLOCK and spectrum_fits(pad, planes, surface, sought):
         return
@@ -79,7 +80,7 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
     if size > LARGEST_BLOCK:
         need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
     remedy = _remedy(pad, planes, sought, free)
-    # Tikhonov's method comes here too where the map of scattered readings is a matrix
+    # Tikhonov's method also gets here if the map of scattered readings is a matrix.
     iterated = servable(planes) and (on_lattice(planes, surface) or size > LARGEST_MATRIX)
     if iterated and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
         remedy = f'method="tikhonov" serves it. Or: {remedy}'
@@ -87,10 +88,10 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
 
 
 def check_waves(planes: Sequence[Array], surface: Grid) -> None:
-    """Refuse more wavevectors of a periodic surface than memory can hold."""
+    """Raise an error if a periodic surface has more wavevectors than fit into memory."""
     waves = math.prod(surface.shape) // surface.shape[-1] * (surface.shape[-1] // 2 + 1)
     rows = sum(len(a.channels) for a in planes)
-    # the matrices of all wavevectors, their whitened copy and the factors of the decomposition, complex
+    # Complex matrices of all wavevectors, their whitened copy, and the factors of the decomposition.
     require(
         16.0 * waves * (4.0 * rows * len(surface.components) + 2.0 * rows * rows + 4.0 * rows),
         f"{waves} wavevectors of {rows} channels",
@@ -107,7 +108,7 @@ def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
 
 
 def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> str:
-    """The nearest problem that fits, tested by the same estimates."""
+    """The nearest problem that fits, checked by the same estimates."""
     first = planes[0]
     if isinstance(first, ScatteredArray):
         extent = np.ptp(first.points, axis=0)

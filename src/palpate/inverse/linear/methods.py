@@ -1,4 +1,4 @@
-"""The linear methods: a prior for each component, a filter, and a parameter or a rule."""
+"""The linear methods: each combines a prior for each component, a filter, and a parameter or a rule that chooses it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ Density = Callable[[Floats], npt.ArrayLike]
 
 @dataclass(frozen=True, kw_only=True)
 class Tikhonov(Method):
-    """Tikhonov's method: keeps a derivative of the traction small (A. N. Tikhonov, Soviet Math. Dokl. 4, 1963, 1035-1038).
+    """Tikhonov's method: penalises a derivative of the traction (A. N. Tikhonov, Soviet Math. Dokl. 4, 1963,
+    1035-1038).
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class Tikhonov(Method):
     rule: str | None = rule(_RULES, help=_RULE)
 
     def prepare(self, problem: Problem) -> Linear:
-        """The spectrum under the difference prior."""
+        """Prepare the linear method with the difference prior."""
         self.check(problem)
         priors = [DifferencePrior(problem.surface, self.order)] * len(problem.components)
         return linear_method(problem, priors, tikhonov, self.chosen)
@@ -103,7 +104,7 @@ class Hilgers(Method):
     rule: str | None = rule(_RULES, help=_RULE)
 
     def prepare(self, problem: Problem) -> Linear:
-        """The spectrum under the Sobolev kernel."""
+        """Prepare the linear method with the Sobolev kernel."""
         self.check(problem)
         length = self.length or min(p.depth for p in problem.planes) or problem.surface.spacings[-1]
         priors = [hilgers_prior(problem.surface, float(length))] * len(problem.components)
@@ -138,7 +139,7 @@ class Truncated(Method):
     rule: str | None = rule(_CUT_OFF_RULES, help=_RULE)
 
     def prepare(self, problem: Problem) -> Linear:
-        """The spectrum under white traction."""
+        """Prepare the linear method with a white prior."""
         self.check(problem)
         priors = [DifferencePrior(problem.surface, 0)] * len(problem.components)
         return linear_method(problem, priors, truncate, self.chosen)
@@ -146,7 +147,7 @@ class Truncated(Method):
 
 @dataclass(frozen=True, kw_only=True)
 class Wiener(Method):
-    """The Wiener filter of a traction whose power spectrum is known, with the array's noise.
+    """The Wiener filter for a traction with known power spectrum, and the array's noise.
 
     ``spectrum`` is a function of |k| [rad/m], or a mapping from component to function: power spectral density in Pa^2 m (line) or
     Pa^2 m^2 (area).
@@ -175,7 +176,7 @@ class Wiener(Method):
     )
 
     def prepare(self, problem: Problem) -> Linear:
-        """The spectrum under the given density."""
+        """Prepare the linear method with the given density."""
         density = self.spectrum
         if isinstance(density, Mapping):
             missing = [c for c in problem.components if c not in density]

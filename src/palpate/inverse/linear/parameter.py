@@ -1,4 +1,4 @@
-"""How much to regularise: rules in closed form over the spectrum of the problem.
+"""Rules that choose the regularisation parameter, in closed form over the spectrum of the problem.
 
 The readings are expanded in the singular vectors of the whitened operator: coefficients c_i, singular values s_i,
 filter factors phi_i(lambda). Every rule is a sum over i, evaluated for all frames and parameters at once.
@@ -45,40 +45,47 @@ __all__ = [
 RULES: tuple[str, ...] = ("evidence", "gcv", "lcurve", "discrepancy")
 Filter = Callable[[Floats, Floats], Floats]
 
-#: Candidates span this many decades below the largest eigenvalue (all that double precision tells from zero) and two above, at this many
-#: to a decade; the minimum is then refined by a parabola, so that a step of a fifth costs nothing.
+#: Candidates span DECADES below the largest eigenvalue (the range of double precision) and two above, PER_DECADE each.
+#: A parabola refines the minimum, so that this step is fine enough.
 DECADES, PER_DECADE = 16, 12
-#: Cut-offs lie between eigenvalues above this part of the largest, a few roundings of it: smaller values count as zero.
+#: Cut-offs lie between eigenvalues above this fraction of the largest, a few rounding errors; smaller eigenvalues count
+#: as zero.
 SMALLEST = 1e-15
-#: Eigenvalues that differ by less than this part are one: a few thousand readings know them to some 1e-12.
+#: Eigenvalues that differ by less than this relative amount count as equal: for a few thousand readings they are
+#: accurate to about 1e-12.
 PAIR = 1e-9
-#: Largest number of cut-offs to try: with more readings, neighbouring counts differ by a six-hundredth.
+#: Largest number of cut-offs to try; with more readings, neighbouring counts differ by a six-hundredth.
 CUT_OFFS = 600
-#: Parameters that leave fewer degrees of freedom than this part of the readings are out: the sum is known to 1e-16 of the count, so that
-#: the score is still right to a millionth.
+#: Reject parameters whose residual has fewer degrees of freedom than this fraction of the readings: the sum is accurate
+#: to 1e-16 of the count, so that the score is still accurate to a millionth.
 FREE = 1e-9
-#: The L-curve is looked at above this part of the largest eigenvalue: an eigenvalue of n readings is known to n roundings, some 1e-14.
+#: The L-curve is evaluated above this fraction of the largest eigenvalue: an eigenvalue of n readings is accurate to n
+#: rounding errors, about 1e-14.
 CORNER = 1e-14
-#: Where neither logarithm moves by this much from one candidate to the next, no corner is sought: their rounding, 1e-14, makes a curvature of
-#: 1e-14/FLAT^2 = 0.01 there, and a corner's is of order one.
+#: Where neither logarithm changes by this much between candidates, do not look for a corner: rounding of 1e-14 causes a
+#: curvature of 1e-14/FLAT^2 = 0.01 there, compared with about one at a corner.
 FLAT = 1e-6
-#: An L-curve has a corner where it turns by this angle at least [rad], a fifth of an L's. Corners that regularise well turn by 0.37 to 0.95;
-#: curves that bend the other way all over, but for a ripple, by 0 to 0.26 (stresses under a ball, displacements of real gels).
+#: Smallest angle [rad] by which an L-curve must turn at a corner, a fifth of an L's. Corners that regularise well turn
+#: by 0.37 to 0.95; curves that bend the other way except for a ripple, by 0 to 0.26 (stresses under a ball,
+#: displacements of real gels).
 TURN = 0.1 * math.pi
 #: Keeps logarithms of rounded values finite; near the smallest double.
 TINY = 1e-300
-#: Spectra of more values are binned, with so many bins per decade of s^2, down to so many decades below the smallest candidate.
+#: Longer spectra are binned, with this many bins per decade of s^2, down to this many decades below the smallest
+#: candidate.
 LONG, BINS_PER_DECADE, BELOW = 4096, 24, 6
-#: Steps of the mean over candidates within one of theirs.
+#: Steps per candidate when averaging over candidates.
 FINER = 8
 
-#: No pad and no grid is known better than this part of the largest reading: the least noise that is assumed. A convention: it matters
-#: only where the noise is less than that.
+#: Smallest noise to assume, as a fraction of the largest reading: no pad and no grid is more accurate. A convention,
+#: which only matters for lower noise.
 MODEL_ERROR = 2e-4
 
 
 class Choice(NamedTuple):
-    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, and where the rule used another one, ``fallback``."""
+    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, whether the rule fell
+    back to another one, and that rule's name.
+    """
 
     parameter: Floats
     noise_variance: Floats
@@ -87,7 +94,7 @@ class Choice(NamedTuple):
 
 
 def check_parameter(parameter: float | str) -> None:
-    """Raise unless it is a positive number or the name of a rule."""
+    """Raise an error unless it is a positive number or the name of a rule."""
     if isinstance(parameter, str):
         good = parameter in RULES
     else:
@@ -201,7 +208,7 @@ def choose(
 
 
 def check_rule(rule: str, filter_factors: Filter, *, noise_known: bool) -> None:
-    """Raise unless the rule exists and can serve."""
+    """Raise an error unless the rule exists and applies to this filter and noise."""
     check_parameter(rule)
     if rule == "discrepancy" and not noise_known:
         raise Unsupported(
@@ -212,10 +219,10 @@ def check_rule(rule: str, filter_factors: Filter, *, noise_known: bool) -> None:
 
 
 class Curves(Protocol):
-    """Inputs of every rule, at the parameters ``grid`` (candidate,) from strong to weak.
+    """Inputs of every rule, at the parameters ``grid`` (candidate,) from strong to weak regularisation.
 
     ``residual`` sum r^2, ``penalty`` of the traction and ``explained`` sum c^2 (1 - phi), all (frame, candidate); ``free`` sum (1 - phi) and ``logdet``
-    -sum log(1 - phi) (candidate,); ``inside`` the candidates among the eigenvalues; ``count`` the readings.
+    -sum log(1 - phi) (candidate,); ``inside`` marks the candidates within the range of the eigenvalues; ``count`` is the number of readings.
     """
 
     @property
@@ -237,7 +244,7 @@ class Curves(Protocol):
 
 
 class Tried:
-    """What the rules need of a spectrum at the parameters ``grid`` for any frames, computed at first use."""
+    """Quantities of a spectrum at the parameters ``grid`` that the rules need for any frame, computed at first use."""
 
     _weights: tuple[Floats, Floats] | None = None
 
@@ -248,7 +255,7 @@ class Tried:
         self.ends = _ends(eigenvalues)
 
     def shared(self, datum: Floats) -> Floats:
-        """Squared coefficients (frame, n) on the values that the sums are taken over."""
+        """Squared coefficients (frame, n) assigned to the values over which the sums are taken."""
         return datum
 
     @property
@@ -279,7 +286,7 @@ class Tried:
 
 
 def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
-    """What the choice of Tikhonov's parameter needs of a spectrum; long ones are binned."""
+    """Quantities of a spectrum for choosing Tikhonov's parameter; long spectra are binned."""
     grid = candidates(eigenvalues)
     if len(eigenvalues) < LONG:
         return Tried(tikhonov, grid, eigenvalues, multiplicity)
@@ -354,7 +361,7 @@ class SpectrumCurves:
 
     @cached_property
     def inside(self) -> npt.NDArray[np.bool_]:
-        # beyond the spectrum's ends every lambda does the same, and rounding makes corners of its own
+        # Beyond the ends of the spectrum every lambda gives the same result, and rounding creates false corners.
         least, top = self._tried.ends
         return np.asarray((self.grid >= least) & (self.grid <= top))
 
@@ -368,7 +375,7 @@ class Picked(NamedTuple):
 
 
 def _ends(eigenvalues: Floats) -> tuple[float, float]:
-    """The least eigenvalue in which a corner may lie, and the largest."""
+    """The smallest eigenvalue at which a corner may lie, and the largest."""
     top = float(eigenvalues.max())
     return float(eigenvalues[eigenvalues > CORNER * top].min(initial=top)), top
 
@@ -401,11 +408,12 @@ def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.
 def amplitude(
     eigenvalues: Floats, multiplicity: Floats, power: Floats, floor: Floats | None, tried: Tried | None = None
 ) -> tuple[Floats, Floats]:
-    """Posterior means of the size of traction and noise: prior amplitude alpha = sigma^2/lambda and noise variance sigma^2 (frame,).
+    """Posterior means of the sizes of traction and noise: prior amplitude alpha = sigma^2/lambda and noise variance
+    sigma^2 (frame,).
 
-    Means over lambda by its marginal likelihood, with equal prior weight for every decade: if the readings show nothing, this gives the largest
-    amplitude that would not show. ``floor`` (frame,) is the lower bound of the noise variance, or None if the noise is known; ``tried`` as in
-    `choose`.
+    Means over lambda, weighted by its marginal likelihood with equal prior weight per decade. If the readings show
+    nothing, this gives the largest amplitude that would not be detected. ``floor`` (frame,) is the lower bound of the
+    noise variance, or None if the noise is known; ``tried`` as in `choose`.
     """
     tried = tried_on(eigenvalues, multiplicity) if tried is None else tried
     return mean_sizes(SpectrumCurves(tried, multiplicity * power), floor)
@@ -418,7 +426,7 @@ def mean_sizes(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:
     coarse = np.log(curves.grid)[::-1]
     fine = np.linspace(coarse[0], coarse[-1], FINER * (len(coarse) - 1) + 1)
     found = (values[:, ::-1] for values in minus_evidence(curves, floor))
-    # both are smooth in log lambda, but the likelihood of many readings is narrower than a step
+    # Both are smooth in log lambda, but with many readings the likelihood is narrower than a step.
     score, variance = (CubicSpline(coarse, values, axis=1)(fine) for values in found)
     grid = np.exp(fine)
     weight = np.exp(-0.5 * (score - score.min(axis=1, keepdims=True)))
@@ -427,15 +435,15 @@ def mean_sizes(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:
 
 
 def candidates(eigenvalues: Floats) -> Floats:
-    """Parameters that are tried, from strong to weak."""
+    """Parameters to try, from strong to weak regularisation."""
     return np.asarray(float(eigenvalues.max()) * 10.0 ** np.linspace(2.0, -DECADES, (DECADES + 2) * PER_DECADE + 1))
 
 
 def _levels(eigenvalues: Floats) -> Floats:
-    """Thresholds of truncation that are tried."""
+    """Truncation thresholds to try."""
     levels = np.unique(eigenvalues[eigenvalues > SMALLEST * eigenvalues.max()])
-    # half-way between neighbours, so that rounding cannot move a value across; keep at least one, and never split a pair that symmetry makes equal:
-    # rounding would decide which one stays
+    # Half-way between neighbours, so that rounding cannot move a value across. Keep at least one, and never split a
+    # pair that symmetry makes equal, because rounding would decide which one stays.
     apart = levels[1:] > (1.0 + PAIR) * levels[:-1]
     grid: Floats = np.concatenate([[0.5 * levels[0]], np.sqrt(levels[:-1] * levels[1:])[apart]])
     if len(grid) > CUT_OFFS:
@@ -452,17 +460,18 @@ def minus_evidence(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats
     return curves.count * np.log(variance) + explained / variance + logdet, variance
 
 
-#: Misfit is brought this near to the noise (relative): the noise of 5000 readings is known no better (1/sqrt(2 n)).
+#: Relative tolerance for matching the misfit to the noise: the noise of 5000 readings is known no better (1/sqrt(2 n)).
 DISCREPANCY = 0.01
-#: Search range, in a unit in which a parameter of 1 shrinks the traction to zero (10 times more, to have both sides of the noise), and the number of
-#: bisections: 23 in the logarithm give 0.6 % of the parameter.
+#: Search range, in a unit in which a parameter of 1 shrinks the traction to zero (ten times more, to include both sides
+#: of the noise), and number of bisections: 23 in the logarithm give 0.6 % of the parameter.
 SOUGHT, BISECTIONS = (1e-9, 10.0), 12
 
 
 def by_discrepancy(misfit: Callable[[float], float], noise: float, unit: float) -> float:
-    """The parameter whose root mean square ``misfit`` is the noise, by bisection of its logarithm between 1e-9 and 10 ``unit`` (`SOUGHT`).
+    """The parameter whose root mean square ``misfit`` equals the noise, by bisection of its logarithm between 1e-9 and
+    10 ``unit`` (`SOUGHT`).
 
-    For methods that have no spectrum; ``misfit`` is asked once for each parameter tried, the one returned last.
+    For methods without a spectrum. ``misfit`` is called once for each parameter tried, last for the one returned.
     """
     low, high = (math.log(part * unit) for part in SOUGHT)
     middle = high
@@ -479,7 +488,8 @@ def by_discrepancy(misfit: Callable[[float], float], noise: float, unit: float) 
 
 
 def _bend(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Curvature of the curves (a, b) along axis 1, towards a corner, and the angle [rad] by which the bend that each point lies in turns.
+    """Curvature of the curves (a, b) along axis 1, positive at a corner, and the angle [rad] by which the bend around
+    each point turns.
 
     -inf and an angle of 0 where both coordinates are constant.
     """
@@ -489,7 +499,7 @@ def _bend(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = (da * ddb - db * dda) / speed
     moving = (np.abs(da) > FLAT) | (np.abs(db) > FLAT)
-    # candidates run from strong to weak regularisation, so a falls, b rises, and the corner turns to the right
+    # Candidates run from strong to weak regularisation, so a falls, b rises, and the corner turns to the right.
     curvature = np.where(moving, -curvature, -np.inf)
     bends = moving & (curvature > 0)
     turned = np.zeros(a.shape)
@@ -502,7 +512,7 @@ def _bend(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 def refined(grid: Floats, score: Floats, best: npt.NDArray[np.intp]) -> Floats:
-    """Vertex of the parabola through the best candidate and its neighbours, in log lambda."""
+    """Vertex, in log lambda, of the parabola through the best candidate and its neighbours."""
     inner = np.clip(best, 1, len(grid) - 2)
     rows = np.arange(len(best))
     low, mid, high = (score[rows, inner + d] for d in (-1, 0, 1))

@@ -1,16 +1,19 @@
-"""Patterns that are no contact (`palpate.sensing.nuisance`) in linear methods: taken out, and part of the error bars.
+"""Nuisances (`palpate.sensing.nuisance`) in linear methods: subtracted from the readings, and included in the error
+bars.
 
-In the basis of the spectrum, readings are c = s v + B a + noise with v of variance sigma^2/lambda and a of variance g^2 sigma^2, the patterns
-being scaled to a root mean square of one, for several g. With D = 1 + s^2/lambda and M = B^T D^{-1} B = E diag(m) E^T,
+In the basis of the spectrum, readings are c = s v + B a + noise with v of variance sigma^2/lambda and a of variance
+g^2 sigma^2, where the patterns B are scaled to a root mean square of one, for several g. With D = 1 + s^2/lambda and M
+= B^T D^{-1} B = E diag(m) E^T,
 
     cov(a) = sigma^2 (g^{-2} + M)^{-1},   mean(a) = (g^{-2} + M)^{-1} B^T D^{-1} c,
     -2 log evidence = (c^T D^{-1} c - b^T (g^{-2} + M)^{-1} b)/sigma^2 + sum log D + sum log(1 + g^2 m) + n log sigma^2,
 
-b = B^T D^{-1} c; what is said of a is the mean over g by evidence. M depends on lambda alone, so its eigenvectors are prepared once.
+where b = B^T D^{-1} c; a is averaged over g by evidence. M depends on lambda only, so its eigenvectors are prepared
+once.
 
-Which patterns are there is not for a linear method to find out: its prior expects pressure all over as much as in one place, so that evidence
-makes an offset of a third of the net force of a ball (tried). They are those that the user names, and shifts of an image of a
-half-space, whose zero nothing fixes.
+A linear method cannot decide which patterns are present: its prior allows pressure everywhere equally, so that
+evidence explained a third of a ball's net force by an offset (tried). The patterns are those that the user names, and
+shifts of an image of a half-space, whose zero is undetermined.
 """
 
 from __future__ import annotations
@@ -31,22 +34,22 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["Patterns", "Removed", "Weighed"]
 
-#: Root mean square of a pattern in the readings, over the noise, that is thought possible (all equally).
+#: Prior sizes of a pattern (root mean square in the readings, relative to the noise), all equally likely.
 SIZES = (0.3, 3.0, 30.0, 300.0, 3000.0)
-#: Every how many candidates of the parameter are tried: four to a decade.
+#: Use every third candidate of the parameter: four per decade.
 COARSE = 3
-#: Less probable models add nothing to the error bars.
+#: Models less probable than this are left out of the error bars.
 IMPROBABLE = 1e-3
 #: Note a pattern if it is at least this many standard deviations.
 SURE = 2.0
-#: Directions of the estimate's error that patterns add, at most: the largest.
+#: Largest number of error directions from patterns: the largest ones are kept.
 DIRECTIONS = 6
 
 
 @dataclass(frozen=True)
 class Removed:
-    """Of each frame: coefficients without the patterns (frame, n), what is uncertain of them (frame, direction, n), sizes and their standard
-    deviations (frame, pattern).
+    """For each frame: coefficients without the patterns (frame, n), their uncertainty (frame, direction, n), sizes and
+    their standard deviations (frame, pattern).
     """
 
     coefficients: Any
@@ -57,7 +60,7 @@ class Removed:
 
 @dataclass(frozen=True)
 class Weighed:
-    """Patterns weighed together: which, and of each candidate (candidate, ...) the eigenvectors of M and its eigenvalues."""
+    """A set of patterns: their indices, and the eigenvectors and eigenvalues of M for each candidate (candidate, ...)."""
 
     members: tuple[int, ...]
     vectors: Floats
@@ -73,7 +76,7 @@ class Weighed:
 class Patterns:
     """The patterns of an operator in the basis of a spectrum.
 
-    ``kinds`` are the nuisances; None: none, except for an image of a half-space, which always drifts.
+    ``kinds`` are the nuisances that the user names; None: none, except a shift for an image of a half-space.
     """
 
     def __init__(
@@ -96,10 +99,10 @@ class Patterns:
         scales: Sequence[Floats],
         kinds: tuple[str, ...] | None,
     ) -> None:
-        """The patterns, their rows in a basis of the readings with a root mean square of one, and which are weighed together."""
+        """Compute the patterns, their rows in a basis of the readings (root mean square one), and their sets."""
         channels = {c for a in operator.planes_of for c in a.channels}
-        #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far away. (What measures
-        #: displacement_z too is fixed to the pad.)
+        #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far
+        #: away. (A sensor that also measures displacement_z is fixed to the pad.)
         self.adrift = operator.pad.thickness is None and channels <= {"displacement_x", "displacement_y"}
         wanted = kinds if kinds is not None else ("offset",) if self.adrift else ()
         self.all: list[Nuisance] = list(nuisances(operator.planes_of, wanted))
@@ -122,7 +125,7 @@ class Patterns:
         return Weighed.of(members, np.einsum("in,gn,jn->gij", rows, weights, rows, optimize=True))
 
     def removed(self, coefficients: Any, floor: Floats | None) -> Removed | None:
-        """The residual of ``coefficients`` (frame, n), or None without patterns. ``floor``: as in `amplitude`."""
+        """``coefficients`` (frame, n) without the patterns; None if there are none. ``floor``: as in `amplitude`."""
         if not self.sets:
             return None
         c = np.asarray(coefficients, dtype=np.float64)
@@ -142,7 +145,9 @@ class Patterns:
         logdet: Floats,
         inner: Floats,
     ) -> Removed:
-        """The residual of ``c``: c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c (frame, candidate, pattern) decide."""
+        """``c`` without the patterns, given c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c
+        (frame, candidate, pattern).
+        """
 
         def score(left: Floats, more: Floats) -> tuple[Floats, Floats]:
             """-2 log evidence and noise variance."""
@@ -161,7 +166,7 @@ class Patterns:
                 taken = (along[each.members] ** 2 * gain).sum(axis=-1)
                 scores.append(score(explained - taken, np.log1p(g**2 * each.values).sum(axis=-1)))
                 models.append((each, g))
-        # evidence of each model over all parameters
+        # Evidence of each model over all parameters.
         table = np.stack([-0.5 * s for s, _ in scores], axis=1)  # (frame, model, candidate)
         top = table.max(axis=2, keepdims=True)
         total = np.log(np.exp(table - top).mean(axis=2)) + top[..., 0]
@@ -205,7 +210,7 @@ class Patterns:
         )
 
     def words(self, found: Removed, batch: tuple[int, ...]) -> list[str]:
-        """What was found and what cannot be separated from traction, one sentence each."""
+        """Notes on the patterns found, and on those that cannot be separated from traction."""
         said = []
         for i, pattern in enumerate(self.all):
             size, deviation = found.sizes[:, i], found.deviations[:, i]

@@ -1,17 +1,18 @@
-"""How sure a linear estimate is, in closed form.
+"""Error bars of a linear estimate, in closed form.
 
-A traction of covariance alpha W and noise of variance sigma^2 (in units of the whitening); the estimate V diag(phi/s) U^T y then has the
-error covariance
+For a traction of covariance alpha W and noise of variance sigma^2 (in units of the whitening), the estimate V
+diag(phi/s) U^T y has the error covariance
 
-    alpha (W - V V^T) + V diag(e) V^T,      e = alpha (1 - phi)^2 + sigma^2 phi^2/s^2,
+    alpha (W - V V^T) + V diag(e) V^T,      e = alpha (1 - phi)^2 + sigma^2 phi^2/s^2.
 
-which is the posterior covariance alpha W - alpha W A^T (A W A^T + lambda N)^{-1} A W for Tikhonov's filter with alpha = sigma^2/lambda (G. Wahba, J.
-R. Stat. Soc. B 45, 1983, 133-150), and holds for every other filter too. alpha and sigma^2 are posterior means
-(`palpate.inverse.linear.parameter.amplitude`), so that an empty frame has the error of a load too small to show. Nuisances of unknown size c
-(`palpate.sensing.nuisance`) add G cov(c) G^T, with G the estimate's response to each.
+For Tikhonov's filter with alpha = sigma^2/lambda this is the posterior covariance alpha W - alpha W A^T (A W A^T +
+lambda N)^{-1} A W (G. Wahba, J. R. Stat. Soc. B 45, 1983, 133-150); it also holds for other filters. alpha and sigma^2
+are posterior means (`palpate.inverse.linear.parameter.amplitude`), so that an empty frame has the error of a load too
+small to detect. Nuisances of unknown size c (`palpate.sensing.nuisance`) add G cov(c) G^T, where G is the estimate's
+response to each.
 
-The part that does not depend on the frame is one table for all frames. It takes as long as solving some hundred frames, and the maps take three times
-the memory of the traction, so everything is computed at first use.
+The part that does not depend on the frame is one table for all frames. It takes as long as solving about a hundred
+frames, and the maps take three times the memory of the traction, so everything is computed at first use.
 """
 
 from __future__ import annotations
@@ -51,29 +52,31 @@ __all__ = [
     "unexplained",
 ]
 
-#: No pad and no grid is known better than this part of the net force: the least error of it that is assumed. A convention, which
-#: matters only where noise is less than that.
+#: Smallest relative error of the net force to assume: no pad and no grid is more accurate. A convention, which only
+#: matters for lower noise.
 MODEL_FORCE = 5e-4
-#: Factor on the error of net force and moment due to nuisances: calibration finds a quarter to a half of the model's error, since the surroundings of
-#: a contact within the array are empty, and that does not help against a shift of the image.
+#: Factor on the error of net force and moment due to nuisances. The calibration constant is a quarter to a half,
+#: because the surroundings of a contact within the array are empty; but this does not help against a shift of the
+#: image, so the factor cancels it.
 PATTERN = 4.0
-#: Cells of the centre of pressure: pressure above this part of its peak (`palpate.touch.numbers`).
+#: Cells above this fraction of the peak pressure count for the centre of pressure (`palpate.touch.numbers`).
 CONTACT = 0.1
-#: Fraction of the readings' degrees of freedom that the noise estimate needs: with fewer, its error is a factor of two or more on any array of ten
-#: readings or more. The error bars then use the largest possible noise: that of the FINEST part.
+#: Smallest fraction of degrees of freedom in the residual for a noise estimate: with less, its error is a factor of two
+#: or more on any array of ten readings or more. The error bars then use the largest possible noise: that of the FINEST
+#: fraction of the coefficients.
 UNEXPLAINED, FINEST = 0.1, 0.2
 #: Frames per batch.
 CHUNK = 32
 
 
 def unexplained(filter_factors: Filter, spectrum: Spectrum, parameter: Floats) -> Floats:
-    """Part of the readings' degrees of freedom that a parameter (frame,) leaves to noise."""
+    """Fraction of the readings' degrees of freedom in the residual, for a parameter (frame,)."""
     counts = spectrum.multiplicity
     return np.asarray((1.0 - filter_factors(spectrum.eigenvalues[None, :], parameter[:, None])) @ counts / counts.sum())
 
 
 def finest(spectrum: Spectrum, power: Floats) -> Floats:
-    """Mean power (frame,) of the coefficients that traction reaches least: no noise that is the same at every wavelength is larger."""
+    """Mean power (frame,) of the coefficients to which traction contributes least: an upper bound of white noise."""
     order = np.argsort(spectrum.eigenvalues, kind="stable")
     counts = spectrum.multiplicity[order]
     least = np.cumsum(counts) <= max(FINEST * counts.sum(), counts[0])
@@ -86,7 +89,9 @@ def moment_rows(grid: Grid) -> Floats:
 
 
 def center_rows(grid: Grid, pressure: Floats) -> Floats:
-    """Changes of the centre of pressure with the ``pressure`` of a frame (axis, *surface); 0 without pressure."""
+    """Derivative of the centre of pressure with respect to the ``pressure`` of a frame (axis, *surface); 0 without
+    pressure.
+    """
     places = np.stack(np.meshgrid(*grid.axes, indexing="ij")[::-1])
     inside = np.where((pressure > CONTACT * pressure.max()) & (pressure.max() > 0), pressure, 0.0)
     areas = grid.areas / grid.cell
@@ -160,11 +165,12 @@ class Variances:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Of each frame (*batch): the parameter, and how large noise and traction are taken to be.
+    """Parameter and assumed sizes of noise and traction for each frame (*batch).
 
-    Either ``noise`` sigma^2 and ``amplitude`` alpha are given (*batch), or the data to estimate them: ``power`` |c|^2 per datum (*batch, n), and the
-    lower bound ``floor`` (*batch) of the noise variance, None if the noise is known. ``patterns`` (*batch, direction, n) are B L, with L L^T the
-    covariance of the sizes of nuisances. Without a spectrum, ``rows`` (*batch, n) of the readings replace ``power``.
+    Give either ``noise`` sigma^2 and ``amplitude`` alpha (*batch), or the data to estimate them: ``power`` |c|^2 per
+    datum (*batch, n), and the lower bound ``floor`` (*batch) of the noise variance, None if the noise is known.
+    ``patterns`` (*batch, direction, n) are B L, where L L^T is the covariance of the sizes of nuisances. Without a
+    spectrum, ``rows`` (*batch, n) of the readings replace ``power``.
     """
 
     parameter: Floats
@@ -176,7 +182,7 @@ class Uncertainty:
     rows: Floats | None = None
 
     def changed(self, change: Callable[[Any], Any]) -> Uncertainty:
-        """With ``change`` applied to every array."""
+        """A copy with ``change`` applied to every array."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         made: dict[str, Any] = {name: None if v is None else change(v) for name, v in values.items()}
         return Uncertainty(**made)
@@ -189,12 +195,12 @@ class LinearErrors(Deferred, Errors):
 
     @classmethod
     def of(cls, variances: Variances, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
-        """From ``traction`` (*batch, component, *surface) and the known properties of each frame."""
+        """Errors for ``traction`` (*batch, component, *surface), given the parameters of each frame in ``known``."""
         return cls.made_of(Source(variances, filter_factors, traction, known))
 
     @classmethod
     def made_of(cls, source: Source) -> LinearErrors:
-        """Of a source of the fields."""
+        """Errors from a source of the fields."""
         out: LinearErrors = object.__new__(cls)
         object.__setattr__(out, "_made_of", source)
         return out
@@ -222,7 +228,7 @@ class LinearErrors(Deferred, Errors):
         return "_made_of" in self.__dict__
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
-        """Samples of the posterior (frame, draw, component, *surface), as the model gives them; `Unsupported` of a decomposition."""
+        """Samples of the posterior (frame, draw, component, *surface); `Unsupported` if solved by a decomposition."""
         return self._made_of.draws(count, rng)
 
     def inputs(self) -> Iterator[tuple[str, Any]]:
@@ -231,7 +237,7 @@ class LinearErrors(Deferred, Errors):
         yield "parameter", source.known.parameter
 
     def changed(self, change: Callable[[Any], Any]) -> LinearErrors:
-        """The frames that ``change`` picks; what is there already is picked too."""
+        """Apply ``change``, an index operation on batch axes, to computed fields and to those still to be computed."""
         source = self._made_of
         out = self.made_of(replace(source, traction=change(source.traction), known=source.known.changed(change)))
         for name in _NAMES:
@@ -245,7 +251,7 @@ _NAMES = tuple(f.name for f in fields(Errors))
 
 @dataclass(frozen=True)
 class Source:
-    """Functions that compute the errors of some frames, and their inputs."""
+    """Computes the errors of some frames from their traction and parameters."""
 
     variances: Variances
     filter: Filter
@@ -253,7 +259,7 @@ class Source:
     known: Uncertainty
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
-        """Only solutions by iteration draw samples."""
+        """Raise `Unsupported`: samples are only available from the matrix-free method."""
         raise Unsupported(
             "samples of the posterior are drawn where the problem is solved by iteration, not of a decomposition."
         )
@@ -313,7 +319,7 @@ class Source:
         return self._batched(out)
 
     def _center_rows(self, part: slice) -> Floats:
-        """Of some frames: changes of the centre of pressure with the pressure (frame, axis, *surface)."""
+        """Return the derivative of the centre of pressure with respect to pressure (frame, axis, *surface) for some frames."""
         grid = self.variances.grid
         some = to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape)[part, -1].astype(np.float64)
         return np.stack([center_rows(grid, p) for p in some])
@@ -324,7 +330,7 @@ class Source:
         return self._batched(np.sqrt(self._of_cells(self._all[:, -1].reshape(self._count, -1).argmax(axis=1))))
 
     def _summed(self, name: str, rows: Floats) -> Floats:
-        """Variance (frame, row) of sums that are the same in all frames: ``rows`` w, kept by the variances under a name."""
+        """Variance (frame, row) of sums ``rows`` w that are the same in all frames, cached under a name."""
         powers, rest = self.variances.force if name == "force" else self.variances.moment
         parts = []
         for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
@@ -337,7 +343,9 @@ class Source:
         return np.concatenate(parts)
 
     def _of_pressure(self, rows: Callable[[slice], Floats]) -> Floats:
-        """Variance (frame, row) of sums of the pressure, each frame's own: ``rows`` (frame, row, *surface) of some frames."""
+        """Variance (frame, row) of sums of the pressure that differ between frames: ``rows`` (frame, row, *surface)
+        for some frames.
+        """
         parts = []
         for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
             here = rows(part)
@@ -356,7 +364,7 @@ class Source:
         """Variance (frame,) of the pressure in one cell (flat index) of each frame."""
         parts = []
         for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
-            # one frame after another presses at the same place
+            # Consecutive frames often have their peak in the same cell.
             each, places = np.unique(cells[part], return_inverse=True)
             rows = np.zeros((len(each), math.prod(self.variances.grid.shape)))
             rows[np.arange(len(each)), each] = 1.0
@@ -377,7 +385,7 @@ class Source:
         out[:, -1] = rows
         return out
 
-    # -- loads outside the measured area: smooth continuation is no observation, and the edge of a contact is not smooth
+    # -- loads outside the measured area: they are extrapolated smoothly, but the edge of a contact is not smooth
 
     def outside_traction(self) -> Floats:
         return self._batched(np.abs(self._all) * self.variances.outside)
@@ -410,7 +418,9 @@ class Source:
     # -- helpers
 
     def _weights(self, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
-        """Some frames, their prior amplitude (frame, 1), and e (frame, n) of the eigenvalues ``values``."""
+        """For batches of frames: the slice, their prior amplitude (frame, 1), and e (frame, n) at the eigenvalues
+        ``values``.
+        """
         if values is not self.variances.spectrum.eigenvalues or "_kept" not in self.__dict__:
             return self._worked_weights(values)
         if not self.__dict__["_kept"]:
@@ -419,7 +429,9 @@ class Source:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """A context that caches what several fields share: as much memory as the traction."""
+        """Context in which intermediate results that several fields share are cached, with as much memory as the
+        traction.
+        """
         self.__dict__["_kept"] = []
         try:
             yield

@@ -1,4 +1,4 @@
-"""Regularisers as prior covariances of traction, applied fast."""
+"""Prior covariances of traction, with fast products."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from palpate.sensing.grids import Grid
 
 __all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenumbers"]
 
-#: Wavenumber that replaces 0, as a part of the smallest other one: the mean then has 1e8 (first derivative) or 1e16 (second) times the variance of
-#: the longest wave, so that any reading that depends on it decides it.
+#: Wavenumber used for k = 0, as a fraction of the smallest other one: the mean then has 1e8 (first derivative) or 1e16
+#: (second) times the variance of the longest wave, so that it is determined by any reading that depends on it.
 MEAN_WAVENUMBER = 1e-4
-#: Up to this many cells along an axis a sine transform by a matrix is faster than by FFT.
+#: Largest number of cells along an axis for which a sine transform by a matrix is faster than an FFT.
 MATRIX = 512
 
 
 class Prior(Protocol):
     """A covariance W of one traction component on a surface grid."""
 
-    #: What it depends on besides the grid: priors with one key are the same.
+    #: Identifies the prior on a given grid: priors with equal keys are equal.
     key: Hashable
 
     def covariance(self, x: Any) -> Any:
@@ -35,7 +35,7 @@ class Prior(Protocol):
         ...
 
     def root(self, x: Floats) -> Floats:
-        """A root C with C C^T = W, applied from the right to rows: x C over the last axes."""
+        """x C over the last axes, where C is a root with C C^T = W."""
         ...
 
     def spectrum(self, k: Floats) -> Floats:
@@ -51,14 +51,14 @@ class Prior(Protocol):
         ...
 
     def symbol(self, size: tuple[int, ...]) -> Floats:
-        """W far from the surface's edge, per wavevector of a real FFT of ``size`` cells."""
+        """Spectrum of W far from the surface's edge, for the wavevectors of a real FFT of ``size`` cells."""
         ...
 
 
 class DifferencePrior:
-    """Tikhonov's penalty: int |D^m t|^2/scale over the surface, of order m = 0, 1 or 2, and t = 0 beyond its edge.
+    """Tikhonov's penalty: int |D^m t|^2/scale over the surface, of order m = 0, 1 or 2, with t = 0 beyond its edge.
 
-    With the second difference and zero beyond the edge the penalty is diagonal in the sine transform (DST-I), with
+    With second differences and zero beyond the edge, the penalty is diagonal in the sine transform (DST-I), with
     eigenvalues (sum over axes of (2/dx sin(pi j/(2(n+1))))^2)^m per cell.
     """
 
@@ -79,7 +79,9 @@ class DifferencePrior:
 
     @cached_property
     def _sines(self) -> list[Floats]:
-        """The DST-I of each axis; of long ones they take much memory, and are made only where no FFT serves."""
+        """Matrix of the DST-I for each axis. For long axes they need much memory and are only built if no FFT is
+        available.
+        """
         tables: list[Floats] = []
         for n in self.grid.shape:
             j = np.arange(1, n + 1)
@@ -87,7 +89,7 @@ class DifferencePrior:
         return tables
 
     def _prepared(self, x: Any) -> tuple[list[Any], Any]:
-        """The factors of a transform of ``x``, and W in sines, in its kind."""
+        """Factors of a transform of ``x``, and W in sines, in the array kind of ``x``."""
         key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
         if key not in self._copies:
             tables = [] if self.order == 0 or self._by_fft(x) else [from_numpy(s, x) for s in self._sines]
@@ -134,7 +136,7 @@ class DifferencePrior:
         return self._variance if self.order else np.full(self.grid.shape, self._variance)
 
     def symbol(self, size: tuple[int, ...]) -> Floats:
-        """The penalty's own spectrum, that of differences; t = 0 at the edge determines the mean."""
+        """Spectrum of the difference penalty; t = 0 at the edge determines the mean."""
         total: Floats = np.zeros(1)
         for axis, (n, big, dx) in enumerate(zip(self.grid.shape, size, self.grid.spacings)):
             part = np.fft.rfftfreq(big) if axis == self.grid.dimensions - 1 else np.fft.fftfreq(big)
@@ -157,7 +159,7 @@ class DifferencePrior:
         return xp.matmul(sines[0], xp.matmul(x, sines[1]))
 
     def spectrum(self, k: Floats) -> Floats:
-        """1/(cell k^{2m}); the mean (k = 0), which no derivative sees, is left practically free."""
+        """1/(cell k^{2m}); the mean (k = 0), whose derivative is zero, is left practically free."""
         smallest = k[k > 0].min()
         return np.asarray(
             self.scale / (self.grid.cell * np.where(k > 0, k, MEAN_WAVENUMBER * smallest) ** (2 * self.order))
@@ -165,7 +167,7 @@ class DifferencePrior:
 
 
 class SpectralPrior:
-    """A stationary, isotropic traction with power spectral density S(|k|) [Pa^2 m per axis]."""
+    """Prior of a stationary, isotropic traction with power spectral density S(|k|) [Pa^2 m per axis]."""
 
     def __init__(
         self, grid: Grid, density: Callable[[Floats], npt.ArrayLike], scale: float = 1.0, key: Hashable = None

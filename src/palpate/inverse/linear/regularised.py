@@ -1,4 +1,4 @@
-"""Every linear method on the spectrum of the problem: a filter, and a parameter or the rule that chooses it for each frame."""
+"""Linear methods by spectral decomposition: a filter, and a parameter or a rule that chooses it for each frame."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["BLIND", "Decomposition", "Regularised", "decompose"]
 
-#: The beginning of the note of `Regularised.solve` about it.
+#: Beginning of the note of `Regularised.solve` on noise that cannot be estimated.
 BLIND = "noise cannot be separated from traction"
 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """The spectrum of an operator under a prior: independent of filter, parameter and readings.
+    """Spectral decomposition of the operator, weighted by the prior. It is computed once and used for any filter,
+    parameter and readings.
 
-    ``scales`` are the standard deviations that the readings were divided by (channel, per plane), and ``noise_known`` says whether they
-    are the true noise.
+    ``scales`` are the standard deviations by which the readings were divided (channel, per plane); ``noise_known``:
+    whether they are the true noise.
     """
 
     operator: Operator
@@ -46,7 +47,7 @@ class Decomposition:
 
     @cached_property
     def variances(self) -> Variances:
-        """How sure estimates with it are."""
+        """Error bars of estimates."""
         return Variances(self.spectrum, self.operator.surface, self.columns)
 
     @property
@@ -58,7 +59,9 @@ class Decomposition:
 def decompose(
     operator: Operator, priors: Sequence[Prior], columns: Sequence[int], shared: Shared | None = None
 ) -> Decomposition:
-    """The spectrum of ``operator`` for the components ``columns``, with one prior each; ``shared`` caches what other strengths share."""
+    """The decomposition of ``operator`` for the components ``columns``, with one prior each; ``shared`` caches
+    products that priors of other strengths share.
+    """
     if operator.boundary == "free":
         check_spectrum(operator.pad, operator.planes_of, operator.surface, len(columns))
     else:
@@ -74,10 +77,11 @@ def decompose(
 
 
 class Regularised:
-    """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for each frame.
+    """A regularised inversion: a decomposition, a filter phi(s^2, lambda), and lambda or the rule that chooses it for
+    each frame.
 
-    ``absolute``: prior and noise are absolute, not only up to a factor; ``nuisance``: the nuisances of the readings
-    (`palpate.inverse.problem.Problem`).
+    ``absolute``: prior and noise are known absolutely, not only up to a factor; ``nuisance``: the nuisances of the
+    readings (`palpate.inverse.problem.Problem`).
     """
 
     def __init__(
@@ -187,7 +191,7 @@ class Regularised:
         return np.asarray(self.spectrum.solve(coefficients * gain))
 
     def _floor(self, readings: Sequence[Any], frames: int) -> Floats:
-        """Least noise variance of each frame (frame,), relative to the whitening."""
+        """Lower bound of the noise variance of each frame (frame,), relative to the whitening."""
         largest: Any = np.zeros(frames)
         for array, scale, values in zip(self.operator.planes_of, self.scales, readings):
             rows = to_numpy(values).reshape(frames, len(scale), -1)

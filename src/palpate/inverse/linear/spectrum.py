@@ -37,18 +37,21 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["DataSpectrum", "Shared", "Spectrum", "noise_scales"]
 
-#: Largest dense eigenproblem that is tried (readings in one symmetry block): five matrices of 134 MB; 64 x 64 x 3 by symmetry.
+#: Largest dense eigenproblem (readings in one symmetry block): five matrices of 134 MB; 64 x 64 x 3 by symmetry.
 LARGEST_BLOCK = 4096
-#: The modes V are kept as a matrix up to this many entries: 48 MB.
+#: Largest number of entries for which the modes V are cached as a matrix: 48 MB.
 LARGEST_MODES = 6_000_000
-#: Up to this many readings the decomposition is an SVD of H, which keeps small singular values; beyond it an eigendecomposition of H H^T,
-#: several times faster, which keeps those above the square root of the rounding error.
+#: Largest number of readings for an SVD of H, which keeps small singular values. Beyond it, use an eigendecomposition
+#: of H H^T, several times faster, which keeps those above the square root of the rounding error.
 LARGEST_SVD = 700
-#: Products of the readings with themselves are kept up to so many bytes, for priors of another strength: 32 x 32 x 3 take 57 MB.
+#: Largest size in bytes of cached products of the readings with themselves, which serve priors of other strengths: 32 x
+#: 32 x 3 take 57 MB.
 LARGEST_PRODUCTS = 100_000_000
-#: Modes are made so many at a time: what the adjoint needs besides is then small against a surface of some thousand cells.
+#: Number of modes computed at a time: the adjoint's temporary memory is then small compared with a surface of some
+#: thousand cells.
 MODES_AT_A_TIME = 256
-#: Centres closer than this part of a cell are the same: positions are sums of a few hundred pitches, each rounded to 1e-16.
+#: Centres closer than this fraction of a cell are equal: positions are sums of a few hundred pitches, each rounded to
+#: 1e-16.
 SAME_CENTRE = 1e-9
 
 
@@ -62,7 +65,7 @@ class Spectrum(Protocol):
 
     @property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter needs besides the readings."""
+        """Quantities for choosing Tikhonov's parameter that do not depend on the readings."""
         ...
 
     def project(self, readings: Sequence[Any]) -> Any:
@@ -74,11 +77,15 @@ class Spectrum(Protocol):
         ...
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Of sums w't of the traction, ``rows`` (row, component sought, *surface): (w'V_i)^2 (row, n) and w'(W - V V')w (row,)."""
+        """For sums w't of the traction, ``rows`` w (row, component sought, *surface): (w'V_i)^2 (row, n) and w'(W - V
+        V')w (row,).
+        """
         ...
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """The same of every cell: eigenvalues (m,), powers (m, component sought, *surface or 1s), rest (component sought, *surface or 1s)."""
+        """Return the powers for every cell: eigenvalues (m,), powers (m, component sought, *surface or 1s), rest (component
+        sought, *surface or 1s).
+        """
         ...
 
     @property
@@ -90,8 +97,8 @@ class Spectrum(Protocol):
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:
     """Standard deviation of each channel of each plane, and whether they are the true noise.
 
-    Where noise was not given, channels of one kind (stress, strain, displacement) count equally, and kinds are
-    balanced by the root mean square of their response to unit traction.
+    If noise is not given, channels of one kind (stress, strain, displacement) count equally, and kinds are balanced by
+    the root mean square of their response to unit traction.
     """
     given = [a.noise_std for a in operator.planes_of]
     if all(g is not None for g in given):
@@ -147,7 +154,7 @@ class _Block:
 
 @dataclass
 class _Products:
-    """H W H' of each component in each symmetry block, for priors of these strengths; another strength is a factor."""
+    """H W H' for each component in each symmetry block, for priors of these strengths; another strength is a factor."""
 
     strengths: list[float]
     blocks: Iterable[tuple[list[list[list[Floats]]], list[Floats]]]
@@ -163,7 +170,7 @@ Shared: TypeAlias = Callable[[Hashable, Callable[[], _Products]], _Products]
 
 
 class DataSpectrum:
-    """Spectrum of H H^T for any layout, in blocks."""
+    """Spectrum of H H^T for any layout, in symmetry blocks."""
 
     eigenvalues: Floats
     multiplicity: Floats
@@ -209,7 +216,7 @@ class DataSpectrum:
 
     @cached_property
     def tried(self) -> Tried:
-        """What the choice of Tikhonov's parameter needs besides the readings: 5 MB for 32 x 32 x 3."""
+        """Quantities for choosing Tikhonov's parameter that do not depend on the readings: 5 MB for 32 x 32 x 3."""
         return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
@@ -242,7 +249,7 @@ class DataSpectrum:
         return {self.key: tuple(part for b in self.blocks for part in (b.vectors, b.eigenvalues))}
 
     def _bases(self, signs: Sequence[int]) -> list[list[list[Floats]]]:
-        """Of one symmetry, for each plane and channel: the bases of its axes."""
+        """For one symmetry, the bases of the axes for each plane and channel."""
         axes = "x" if len(signs) == 1 else "yx"
         out: list[list[list[Floats]]] = []
         for array in self.operator.planes_of:
@@ -290,7 +297,7 @@ class DataSpectrum:
         return blocks
 
     def _products(self) -> Iterator[tuple[list[list[list[Floats]]], list[Floats]]]:
-        """Of each symmetry block: its bases, and H W H' of each component."""
+        """For each symmetry block: its bases, and H W H' for each component."""
         for bases, folded in self._symmetric_rows():
             yield bases, [rows @ weighted.T for rows, weighted, _ in folded]
 
@@ -302,7 +309,9 @@ class DataSpectrum:
     def _symmetric_rows(
         self,
     ) -> Iterator[tuple[list[list[list[Floats]]], list[tuple[Floats, Floats, list[Floats]]]]]:
-        """Of each symmetry block: its bases, and for each component N^{-1/2} A and N^{-1/2} A W in the basis of half axes that is given."""
+        """For each symmetry block: its bases, and for each component N^{-1/2} A and N^{-1/2} A W in the basis of half
+        axes, which is also returned.
+        """
         surface, names = self.operator.surface, self.operator.surface.components
         d = surface.dimensions
         axes = "x" if d == 1 else "yx"
@@ -320,7 +329,7 @@ class DataSpectrum:
             stacked = np.concatenate(rows)
             folded = []
             for i, column in enumerate(self.columns):
-                # both images are mirror images of themselves: half of each axis carries all
+                # Both images are symmetric: half of each axis contains everything.
                 halves = cell_fold.matrix([s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
                 weighted = self.priors[i].covariance(stacked[:, i])
                 folded.append((_folded(stacked[:, i], halves), _folded(weighted, halves), halves))
@@ -360,7 +369,8 @@ class DataSpectrum:
         """V weights: traction (..., component, *surface), zero in components not sought."""
         xp = namespace(weights)
         if self._modes is None:
-            # small singular values are divided by before the operator multiplies by them again: not in float32
+            # Small singular values are divided by before the operator multiplies by them again, which float32 cannot
+            # represent.
             wide = xp.astype(weights, xp.float64)
             out = self._adjoint(wide * from_numpy(self._inverse_root(), wide))
             return xp.astype(out, weights.dtype)
@@ -378,7 +388,7 @@ class DataSpectrum:
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface)."""
-        # most rows are sums of one component: pressure
+        # Most rows are sums of one component: pressure.
         loaded = [i for i in range(len(self.priors)) if rows[:, i].any()] or [0]
         if len(loaded) < len(self.priors):
             rows = rows[:, loaded]
@@ -405,7 +415,7 @@ class DataSpectrum:
                 start = here.stop
                 for i, (_, weighted, halves) in enumerate(folded):
                     squares = (root[here, None] * (block.vectors.T @ weighted)) ** 2
-                    # a mode is even or odd, so that its square is even: each cell has one entry on half of each axis
+                    # A mode is even or odd, so that its square is even: each cell has an entry on half of each axis.
                     powers[:, i] += _unfolded(weights[:, here] @ squares, halves)
                     total[i] += _unfolded(squares.sum(axis=0)[None], halves)[0]
         else:
@@ -521,7 +531,7 @@ def _rows_folded(matrix: Floats, bases: Sequence[Floats]) -> Floats:
 
 
 def _unfolded(powers: Floats, halves: Sequence[Floats]) -> Floats:
-    """(row, *surface) of squares in the basis of half axes, of functions each of which is even or odd."""
+    """Squares (row, *surface) from the basis of half axes, for functions that are even or odd."""
     out = powers.reshape(len(powers), *(len(basis) for basis in halves))
     for axis, basis in enumerate(halves):
         out = np.moveaxis(np.tensordot(out, basis**2, axes=(1 + axis, 0)), -1, 1 + axis)
@@ -545,7 +555,7 @@ def _svd(h: Floats) -> tuple[Floats, Floats]:
     if u.shape[1] < len(h):  # more readings than unknowns: the rest of the data space has eigenvalue 0
         u = np.linalg.qr(u, mode="complete")[0]
         s = np.concatenate([s, np.zeros(len(h) - len(s))])
-    # below rounding is a direction without any effect, such as the mean of readings without a zero
+    # Directions below rounding have no effect, such as the mean of readings without a zero.
     s = np.where(s > np.finfo(np.float64).eps * max(h.shape) * s[0], s, 0.0)
     return np.asarray(s**2), np.asarray(u)
 
@@ -559,7 +569,7 @@ def _eigh(gram: Floats) -> tuple[Floats, Floats]:
 
 
 def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
-    """Whether the problem is worth splitting and can be."""
+    """Whether the problem can be split by symmetry, and is large enough to be worth it."""
     if sum(math.prod(a.shape) * len(a.channels) for a in planes) <= LARGEST_SVD:
         return False
     return mirrored(pad, planes, surface)

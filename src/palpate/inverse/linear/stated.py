@@ -1,10 +1,11 @@
 """Errors of linear methods due to uncertain pads, depths and gains, by the delta method.
 
-An estimate t = K y has a fixed parameter, and the readings are y = A(theta) t. An error d of theta gives an error K (dA/dtheta t) d to first order.
-Modulus, depth and thickness are one direction each; the gains of n readings are n directions, or `SKETCHES` sums of them with random signs, whose
-squares have the same mean. `palpate.Touch.common_std` covers factors of all results (the scale; the modulus if every reading depends on it).
-
-They are separate from the closed-form errors: the constants of a method correct its prior, which does not depend on the uncertainty of the pad.
+An estimate t = K y has a fixed parameter, and the readings are y = A(theta) t. An error d of theta causes an error K
+(dA/dtheta t) d to first order. Modulus, depth and thickness are one direction each; the gains of n readings are n
+directions, or `SKETCHES` sums of them with random signs, whose squares have the same mean. `ErrorParts.scale`
+(`palpate.touch.fields`) covers factors of all results (the scale; the modulus if every reading depends on it). These
+errors are separate from the closed-form ones: the calibration constants of a method correct its prior, which is
+unrelated to the uncertainty of the pad.
 """
 
 from __future__ import annotations
@@ -31,15 +32,19 @@ from palpate.sensing.uncertainty import Uncertainty
 
 __all__ = ["InDoubt", "among", "with_offsets"]
 
-#: Sums of gain errors with random signs; the standard deviations they give are known to 1/sqrt(2 SKETCHES), 9 %.
+#: Number of sums of gain errors with random signs; the resulting standard deviations are accurate to 1/sqrt(2
+#: SKETCHES), 9 %.
 SKETCHES = 64
-#: Offsets of channels that a frame may hold which contact that pushes does not explain: this part of the largest reading (standard deviation; a convention:
-#: offsets of 10 to 30 % of the peak, as `palpate bench trust` makes them, are then within two of them, also where they make the largest reading smaller).
+#: Standard deviation of channel offsets, as a fraction of the largest reading, that a frame not explained by pushing
+#: contact may contain. A convention: offsets of 10 to 30 % of the peak, as in `palpate bench trust`, are then within
+#: two of them, even if they reduce the largest reading.
 OFFSET_FRACTION = 0.25
 
 
 class InDoubt:
-    """A linear method whose errors include a `palpate.Uncertainty`, and offsets of a ``hidden`` part of the largest reading."""
+    """A linear method whose errors include a `palpate.Uncertainty`, and channel offsets of ``hidden`` times the
+    largest reading.
+    """
 
     def __init__(
         self, linear: Regularised | MatrixFree, problem: Problem, known: Uncertainty, hidden: float = 0.0
@@ -49,7 +54,7 @@ class InDoubt:
         self.offsets = [t.rows for t in nuisances(linear.operator.planes_of, ("offset",))] if hidden else []
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
-        """As the method itself."""
+        """Solve with the linear method, and add these errors."""
         found = self.linear.solve(readings, rng)
         if found.parameter is None:
             raise RuntimeError("a linear method names its parameter")
@@ -71,11 +76,13 @@ class InDoubt:
         )
 
     def _again(self, parameter: float) -> Callable[[list[Floats]], Floats]:
-        """The method's result for readings (row, channel, *array) per plane."""
+        """A function that solves readings (row, channel, *array) per plane with the same parameter."""
         return lambda rows: self.linear.again(rows, np.full(len(rows[0]), parameter))
 
     def directions(self, readings: list[Floats], traction: Floats, again: Callable[[list[Floats]], Floats]) -> Floats:
-        """Errors of an estimate (direction, component, *surface), one standard deviation each; ``again`` solves for readings as the estimate did."""
+        """Errors of an estimate (direction, component, *surface), one standard deviation each; ``again`` solves other
+        readings in the same way.
+        """
         known, out = self.known, []
         columns, size = self.problem.doubtful(known, traction)
         rows = list((columns * size).T)
@@ -113,15 +120,17 @@ def deviations(directions: Floats, traction: Floats, grid: Grid) -> Stated:
 
 
 def with_offsets(linear: Regularised | MatrixFree | InDoubt, problem: Problem) -> Regularised | MatrixFree | InDoubt:
-    """A linear method that answers for one that knows contact: with the same room for pad and depths, and for offsets which nobody named or ruled out,
-    which it would take for contact all over (`palpate.inverse.linear.patterns`)."""
+    """A linear method that replaces a contact method for some frames: it includes the same uncertainty of pad and
+    depths, and of offsets that the user neither named nor excluded. The linear method would take these for contact
+    everywhere (`palpate.inverse.linear.patterns`).
+    """
     alone = linear.linear if isinstance(linear, InDoubt) else linear
     hidden = OFFSET_FRACTION if problem.nuisance is None and problem.boundary == "free" else 0.0
     return InDoubt(alone, problem, problem.doubts, hidden) if hidden or problem.doubts.any else alone
 
 
 def among(part: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:
-    """Those of a batch whose frames ``where`` are those of ``part``; zero elsewhere."""
+    """Expand ``part``, which has only the frames ``where``, to the whole batch; zero elsewhere."""
     if part is None:
         return None
     out = {}

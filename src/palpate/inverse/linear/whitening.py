@@ -1,4 +1,4 @@
-"""Noise that neighbouring taxels share, and patterns that are no contact, taken out of readings."""
+"""Vector of working readings: whitening of correlated noise, and marginalisation of nuisances."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Readings", "axis_roots", "inverse_root"]
 
 Flags = npt.NDArray[np.bool_]
 
-#: Roots that are cached, one for each set of working taxels.
+#: Number of cached roots, one for each set of working taxels.
 CACHE_SIZE = 16
 
 
@@ -28,9 +28,9 @@ def inverse_root(points: Floats, length: float) -> Floats:
 
 
 def axis_roots(array: Array) -> list[Floats] | None:
-    """R^{-1/2} of each axis of a regular array, whose product is that of the whole; None for independent noise.
+    """R^{-1/2} for each axis of a regular array, whose product is R^{-1/2} of the array; None for independent noise.
 
-    Being symmetric and stationary they commute with the array's mirror symmetry.
+    They are symmetric and stationary, so that they commute with the array's mirror symmetry.
     """
     if not array.noise_correlation or isinstance(array, ScatteredArray):
         return None
@@ -69,7 +69,7 @@ class Readings:
         return out
 
     def white(self, scaled: Floats, observed: Flags) -> Floats:
-        """R^{-1/2} of the readings that are ``observed``, applied to rows (observed reading, ...) already divided by their noise."""
+        """Multiply rows (observed reading, ...), already divided by their noise, by R^{-1/2} of the ``observed`` readings."""
         if self.independent:
             return scaled
         out = np.array(scaled)

@@ -1,10 +1,10 @@
 """The founding paper's friction case: pressure plus a constant shear over one symmetric contact, from one channel.
 
-One channel of normal stress or strain mixes pressure and shear. If the contact is symmetric about its middle x0 and slides
-with a constant shear q0 over |x - x0| < a, pressure is even about x0 and gives an even reading, the shear gives an odd one.
-Middle and half-width are those whose shear explains the odd part best. The size of the shear follows from friction where
-the channel weighs the contact (stress: 2 a q0 = mu P, with P the net force of the pressure found); a strain of an
-incompressible pad does not feel the net force, so there the odd reading gives the shear itself.
+One channel of normal stress or strain mixes pressure and shear. If the contact is symmetric about its middle x0 and
+slides with a constant shear q0 over |x - x0| < a, the reading due to pressure is even about x0 and the one due to
+shear is odd. The middle and half-width are those whose shear explains the odd part best. For stress the size of the
+shear follows from friction: 2 a q0 = mu P, where P is the net force of the pressure. The strain of an incompressible
+pad does not depend on the net force, so there the odd part gives the shear itself.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 __all__ = ["ConstantFriction", "ConstantFrictionEstimator"]
 
-#: Kernels without a closed form are tabulated at this part of the depth, over so many times the array (to a few 1e-9 of their largest), in
-#: as many points at most.
+#: Kernels without a closed form are tabulated in steps of STEP depths, over SPANS array widths (to a few 1e-9 of their
+#: largest value), in at most POINTS points.
 STEP, SPANS, POINTS = 1.0 / 32.0, 4.0, 30_000
-#: Contacts of fewer steps are too narrow for the table.
+#: Contacts narrower than this many steps do not use the table.
 MIN_STEPS = 4
 
 Inner = Linear | DivisionEstimator | LinearSystemEstimator
@@ -54,7 +54,7 @@ class ConstantFriction(Method):
     friction : float
         Coefficient mu; its sign is the direction of sliding.
     order, parameter, rule
-        Of the inversion for pressure, as for `Tikhonov`.
+        Options of the inversion for pressure, as for `Tikhonov`.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class ConstantFriction(Method):
 
 
 def _checked(planes: Sequence[Array], friction: float) -> tuple[LineArray, str]:
-    """The array and its channel, if the method is for them."""
+    """The array and its channel; raise an error if the method does not apply to them."""
     array = planes[0]
     if len(planes) != 1 or not isinstance(array, LineArray) or len(array.channels) != 1 or array.mask is not None:
         raise Unsupported(
@@ -131,7 +131,7 @@ class ConstantFrictionEstimator:
         self._weighs = channel == "stress_zz"
 
     def _shear_reading(self, half_width: float, center: float) -> Floats:
-        """Reading of a unit shear force spread evenly over the contact."""
+        """Reading of a unit shear force distributed evenly over the contact."""
         width = 2.0 * half_width
         away = self.array.grid.x - center
         table = self._under_half_of_the_plane
@@ -145,8 +145,8 @@ class ConstantFrictionEstimator:
 
     @cached_property
     def _under_half_of_the_plane(self) -> CubicSpline | None:
-        """Reading under unit shear from the left up to here, up to a constant, for pads with a slow kernel: the search for the contact needs a
-        thousand widths and middles. None if it is not smooth enough or too long.
+        """Integral of the shear kernel from the left, up to a constant, for pads with a slow kernel: the search for
+        the contact needs a thousand widths and middles. None if it is not smooth enough or too long.
         """
         from scipy.interpolate import CubicSpline
 
@@ -206,7 +206,7 @@ class ConstantFrictionEstimator:
 
         first: Estimate = self.inner.solve([reading[None, :]])
         total = float(first.traction[1].sum() * self.grid.cell)
-        # a coarse look around the middle of the signal first: the misfit has more than one valley
+        # Begin with a coarse search around the middle of the signal: the misfit has several minima.
         weight = reading**2 / max(float((reading**2).sum()), 1e-300)
         middle = float((x * weight).sum())
         deviation = math.sqrt(float(((x - middle) ** 2 * weight).sum())) + pitch
@@ -241,7 +241,8 @@ class ConstantFrictionEstimator:
 
 
 def _odd_part(between: CubicSpline, values: Floats, center: float) -> Floats:
-    """Odd part about ``center`` of values and the spline through them. The mirror image reads 0 beyond the array, so that a middle near its
-    end explains nothing."""
+    """Odd part of values about ``center``, using the spline through them. The mirror image is 0 beyond the array, so
+    that a middle near its end cannot explain anything.
+    """
     mirrored = between(2 * center - between.x)
     return np.asarray(0.5 * (values - np.nan_to_num(mirrored)))

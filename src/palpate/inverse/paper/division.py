@@ -1,7 +1,7 @@
 """The founding paper's division of Fourier transforms, on the array's own grid.
 
-The traction is taken as concentrated loads at the taxel positions, g_i = dx sum_j K(x_i - x_j) f_j. The division pretends that the sum is
-circular; `palpate.inverse.paper.linear_system` solves it as it stands.
+The traction consists of point loads at the taxel positions, g_i = dx sum_j K(x_i - x_j) f_j. The division treats this
+sum as circular; `palpate.inverse.paper.linear_system` solves it exactly.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ __all__ = ["common_grid", "embed"]
 
 
 def common_grid(planes: Sequence[Array], columns: Sequence[int], method: str) -> Grid:
-    """The grid of the planes, or the reason why there is none for the components ``columns``."""
+    """The grid that all planes share; raise an error with the reason if the components ``columns`` have none."""
     first = planes[0]
     if isinstance(first, ScatteredArray):
         raise Unsupported(

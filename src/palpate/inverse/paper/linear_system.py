@@ -27,7 +27,7 @@ __all__ = ["LinearSystem", "LinearSystemEstimator"]
 
 @dataclass(frozen=True, kw_only=True)
 class LinearSystem(Method):
-    """The system of concentrated loads that `Division` takes as circular, solved as it stands; without noise only.
+    """The linear system that `Division` treats as circular, solved exactly; only for readings without noise.
 
     Examples
     --------
@@ -62,7 +62,8 @@ class LinearSystemEstimator:
                 'method="dft", or boundary="periodic" with method="tikhonov".'
             )
         readings = sum(math.prod(a.shape) * len(a.channels) for a in planes)
-        # twice the map of all components, then of the components sought: twice, its factors, and three more if it is not square
+        # Twice the map of all components, then of the components sought: twice, its factors, and three more if it is
+        # not square.
         require(
             8.0 * math.prod(self.grid.shape) * readings * (2.0 * len(self.grid.components) + 6.0 * len(self.columns)),
             f'method="linear": {readings} readings and {unknowns} unknowns',

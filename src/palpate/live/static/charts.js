@@ -1,5 +1,5 @@
 "use strict";
-// Forces and slip margin over time, by uPlot. The axis shows the stream's own time, also while looking back.
+// Forces and friction left over time, by uPlot. The axis shows the stream's own time, also while looking back.
 
 const SPAN = 10,
   HIGH = 150;

@@ -1,7 +1,9 @@
-"""What a frame is taken to be before it is solved: contact that pushes, that pulls, or both; with offsets and ramps of the readings or without.
+"""Propose explanations of a frame: contact that pushes, pulls, or both; with or without offsets and ramps in the
+readings.
 
-Each file proposes one kind of explanation: ``propose(search)`` yields rough explanations, each of which is taken up before the next is asked for, so that it knows
-what was tried. A new kind is a file and a line in `PROPOSALS`; they are compared by `palpate.inverse.contact.score` alone.
+Each file proposes one kind of explanation. ``propose(search)`` yields rough explanations; each is recorded before the
+next is requested, so that later proposals know the earlier ones. To add a kind, add a file and a line in `PROPOSALS`.
+Only `palpate.inverse.contact.score` compares them.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough_fit
-from palpate.inverse.contact.score import best_of, rivals_of
+from palpate.inverse.contact.score import best_of, rivals_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["PROPOSALS", "explanation_of"]
@@ -46,9 +48,10 @@ def explanation_of(
     signs: Sequence[int],
     noise: float | None = None,
 ) -> Explanation:
-    """What a frame is taken to be, with its rivals.
+    """The best explanation of a frame, with its rivals.
 
-    ``terms`` are the nuisances that may be there; ``signs``: what contact may do (`Explanation.sign`); ``noise`` is that of `Explanation`.
+    ``terms`` are the nuisances to consider; ``signs`` are the signs of contact to consider (`Explanation.sign`);
+    ``noise`` is stored as `Explanation.noise`.
     """
     readings, policy = estimator.readings, estimator.policy
     white = readings.white((data / readings.std)[observed], observed)
@@ -67,11 +70,15 @@ def explanation_of(
     trace.chosen("best of these", best, terms)
     free = next((h for h in search.tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
-        # one sign leaves an order that noise does not have
-        chance = rough_fit(estimator, best, data, observed)
-        trace.decided(
-            "probability that noise has the order which one sign leaves", chance, policy.explanations.structured_chance
-        )
-        best = free if chance < policy.explanations.structured_chance else best
+        # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
+        others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
+        best = next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
     best = replace(best, rivals=rivals_of(best, search.tried, policy))
     return best if noise is None else replace(best, noise=noise)
+
+
+def _in_order(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
+    """Whether contact of one sign leaves no order that noise does not have."""
+    chance, least = rough_fit(estimator, h, data, observed), estimator.policy.explanations.structured_chance
+    trace.decided("probability that noise has the order which one sign leaves", chance, least)
+    return not chance < least  # NaN: too few readings to say

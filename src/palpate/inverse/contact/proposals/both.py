@@ -1,4 +1,4 @@
-"""Traction of either sign, by the linear model."""
+"""Propose traction of either sign, from the linear model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """The linear model's traction; of it some lies everywhere, so that the edge of the array counts as loaded as the push loads it."""
+    """Yield the linear model's solution. Some of its traction lies everywhere, so take the loaded fraction of the edge
+    from the push.
+    """
     data, observed = search.data, search.observed
     if 0 not in search.signs or (~observed).sum() > len(data) // 2:
         return

@@ -1,4 +1,4 @@
-"""First sizes of offsets and ramps, read off the taxels that nothing presses, and how large either may be."""
+"""Initial sizes of offsets and ramps, from the taxels that nothing presses, and their upper limits."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import Nuisance
 
-__all__ = ["edge_drift", "edge_levels", "lowest_levels", "outermost_of", "reach", "reach_of_kind", "touched"]
+__all__ = ["edge_drift", "edge_levels", "in_range", "lowest_levels", "outermost_of", "reach", "touched"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
 def edge_levels(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> list[Floats]:
-    """First sizes of offsets, from the outermost taxels, each to be tried; 0 for other nuisances."""
+    """Candidate initial sizes of offsets, from the outermost taxels; 0 for other nuisances."""
     starts = [np.zeros(len(terms)) for _ in range(3 if estimator.operator.surface.dimensions == 1 else 1)]
     for i, term in enumerate(terms):
         if term.kind != "offset":
@@ -38,8 +38,8 @@ def edge_levels(estimator: Prepared, data: Floats, observed: Flags, terms: Seque
 def lowest_levels(
     estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
 ) -> list[Floats]:
-    """First sizes of offsets on a line whose contacts reach its ends, none or one: what neighbours between them read least, where contact of this sign
-    makes none read less than nothing and the ends read more.
+    """Candidate initial sizes of offsets on a line whose contacts reach its ends (at most one): the lowest reading of
+    neighbours between them. Valid if contact of this sign makes no reading negative and the ends read more.
     """
     if estimator.far or estimator.operator.surface.dimensions > 1:
         return []
@@ -60,7 +60,9 @@ def lowest_levels(
 
 
 def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
-    """First sizes of offsets and ramps together, from the outermost taxels by least squares; 0 for other nuisances."""
+    """Initial sizes of offsets and ramps together, fitted to the outermost taxels by least squares; 0 for other
+    nuisances.
+    """
     sizes = np.zeros(len(terms))
     for offset in terms:
         if offset.kind != "offset":
@@ -83,9 +85,17 @@ def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequen
     return sizes
 
 
-def reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
-    """The size at which each nuisance makes readings as large as the largest of any channel of its kind: how well a sensor keeps its zero is a
-    matter of its range, and not of how much a contact happens to say to one of its channels.
+def in_range(estimator: Prepared, columns: Floats, sizes: Floats, data: Floats) -> bool:
+    """Whether nuisances are small enough for a sensor that was zeroed: one as large as the readings is not an offset."""
+    largest = estimator.policy.explanations.largest_nuisance * _reach_of_kind(
+        estimator, columns, data - columns @ sizes
+    )
+    return bool((np.abs(sizes) <= largest).all())
+
+
+def _reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
+    """Size at which each nuisance makes readings as large as the largest of any channel of its kind. A sensor's zero
+    error depends on its range, not on how strongly a contact happens to act on one channel.
     """
     arrays = estimator.operator.planes_of
     kinds = [find_channel(c).kind.unit for a in arrays for c in a.channels]
@@ -101,14 +111,14 @@ def reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
 
 
 def reach(columns: Floats, data: Floats) -> Floats:
-    """The size at which each nuisance makes readings as large as the largest that it touches."""
+    """Size at which each nuisance makes readings as large as the largest reading that it affects."""
     return np.array(
         [np.abs(data[c != 0]).max(initial=0.0) / max(float(np.abs(c).max(initial=0.0)), 1e-300) for c in columns.T]
     )
 
 
 def touched(estimator: Prepared, term: Nuisance) -> tuple[Array, Index]:
-    """The array that an offset is of, and the readings of its channel there."""
+    """The array of an offset, and the indices of the readings of its channel."""
     first, start = int(np.argmax(term.rows != 0)), 0
     for array in estimator.operator.planes_of:
         n = int(array.valid.sum())
@@ -120,8 +130,9 @@ def touched(estimator: Prepared, term: Nuisance) -> tuple[Array, Index]:
 
 
 def _levels_of(values: Floats, points: Floats, scattered: bool) -> list[float]:
-    """Levels of a channel where little happens: of the outermost taxels, on a line the end that reads less, and then either end: shear reaches
-    far along a line, and of two ends that it takes in opposite directions the one that reads less is the farther off.
+    """Candidate offsets of one channel, from its outermost taxels. On a line: the end that reads less, then each end.
+    Shear acts far along a line and in opposite directions at its ends, so that the end that reads less is farther from
+    the contact.
     """
     if points.shape[1] == 1:
         order = np.argsort(points[:, 0])
@@ -132,7 +143,7 @@ def _levels_of(values: Floats, points: Floats, scattered: bool) -> list[float]:
 
 
 def outermost_of(points: Floats, scattered: bool) -> Flags:
-    """Which taxels of an area lie at its edge."""
+    """Mask of the taxels at the edge of an area."""
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.15 if scattered else 1e-6
     return np.asarray(np.any((points - low < margin * (high - low)) | (high - points < margin * (high - low)), axis=1))

@@ -1,4 +1,4 @@
-"""Contact of one sign with the nuisances that are there: sizes and contact found in turn."""
+"""Contact of one sign together with nuisances, solved alternately."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation, Rough
-from palpate.inverse.contact.proposals.levels import reach, reach_of_kind
+from palpate.inverse.contact.proposals.levels import in_range, reach
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import least_to_beat
@@ -21,18 +21,19 @@ Flags = npt.NDArray[np.bool_]
 
 
 def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> Explanation | None:
-    """Contact of one sign with those of the nuisances ``sought`` that are there; None where there are none, or it cannot be better than what was tried."""
+    """Contact of one sign with those of the nuisances ``sought`` that are significant. None if there are none, or if
+    the result cannot beat earlier explanations.
+    """
     estimator, rules = search.estimator, search.estimator.policy.explanations
     terms = [term for term, here in zip(search.terms, sought) if here]
     solved = _in_turn(search, terms, sign, start[sought], least_to_beat(search.tried, estimator.policy))
     if solved is None:
         return None
     found, sizes = solved
-    # one as large as the readings themselves is no offset, and a very small one is what the model cannot follow
+    # A very small nuisance is below the accuracy of the model.
     columns = np.stack([term.rows for term in terms], axis=1)
     part = np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)
-    largest = rules.largest_nuisance * reach_of_kind(estimator, columns, search.data - columns @ sizes)
-    if not ((part > rules.smallest_nuisance).any() and (np.abs(sizes) <= largest).all()):
+    if not ((part > rules.smallest_nuisance).any() and in_range(estimator, columns, sizes, search.data)):
         return None
     every = search.none
     every[sought] = sizes
@@ -42,10 +43,10 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
 def _in_turn(
     search: Search, terms: Sequence[Nuisance], sign: int, start: Floats, beat: float
 ) -> tuple[Rough, Floats] | None:
-    """The rough solution with the nuisances that are there, and their sizes; None where it is as good as certain that its gain stays below ``beat``: rounds
-    that go on as the best of them so far do not bring it there.
+    """The rough solution with significant nuisances, and their sizes. None if its gain will almost certainly stay
+    below ``beat``, even if each remaining round improves as much as the best so far.
 
-    Sizes and contact are found in turn, the sizes with the contact on its face free to move.
+    Contact and sizes are solved alternately; each step of the sizes lets the contact move on its face.
     """
     estimator, data, observed = search.estimator, search.data, search.observed
     rules = estimator.policy.explanations

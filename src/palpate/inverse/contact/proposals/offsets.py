@@ -1,4 +1,4 @@
-"""Contact with offsets, from several first levels."""
+"""Propose contact with offsets, from several initial sizes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """Offsets with contact of either sign, the likelier one first: the other is left where it cannot catch up."""
+    """Yield contact of either sign with offsets, the likelier sign first; signs that cannot win are skipped."""
     if not search.terms:
         return
     estimator = search.estimator
@@ -22,6 +22,6 @@ def propose(search: Search) -> Iterator[Explanation]:
         lowest = lowest_levels(estimator, search.data, search.observed, search.terms, sign)
         for k, start in enumerate([*search.levels, *lowest]):
             found = with_nuisances(search, sign, start, search.usual)
-            # the level of the wrong end leaves the other end loaded, and so does a ramp
+            # A start from the wrong end leaves the other end loaded, and so does a ramp: reject these.
             if found is not None and (k == 0 or not found.rough.ring > estimator.policy.explanations.edge):
                 yield found

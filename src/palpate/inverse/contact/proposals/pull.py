@@ -1,4 +1,4 @@
-"""Contact that pulls as a whole: a push of negated readings."""
+"""Propose contact that pulls as a whole: a push of the negated readings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """A pull where a push leaves much, or displacement is felt far away: what pulls in the middle looks much like what pushes all round."""
+    """Yield a pull if a push leaves a large residual, or if the sensor measures displacement: a pull in the middle
+    then looks like a push all round.
+    """
     if -1 not in search.signs or not (search.estimator.far or search.worth_more(search.tried[0])):
         return
     found = rough(search.estimator, -search.data, search.observed, search.total, None, search.noise)

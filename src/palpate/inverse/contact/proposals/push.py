@@ -1,4 +1,4 @@
-"""Contact that pushes alone."""
+"""Propose contact that only pushes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """Pressure without any nuisance."""
+    """Yield a push without nuisances."""
     found = rough(search.estimator, search.data, search.observed, search.total, None, search.noise)
     yield Explanation(1, found, search.none, search.none > 0)

@@ -1,4 +1,4 @@
-"""Contact with offsets and ramps, where the outermost taxels show a ramp."""
+"""Propose contact with offsets and ramps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """A ramp that the outermost taxels show."""
+    """Yield contact with offsets and ramps, if the outermost taxels show a significant ramp."""
     usual, estimator, observed = search.usual, search.estimator, search.observed
     if usual.all():
         return

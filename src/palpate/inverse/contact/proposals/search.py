@@ -1,4 +1,4 @@
-"""What the proposals of a frame are made from, and what they have come to so far."""
+"""State shared by the proposals of a frame: readings, settings, and the explanations tried so far."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass
 class Search:
-    """A frame and the explanations tried so far. ``total`` is the root mean square of the whitened readings, ``noise`` as in `Explanation`."""
+    """A frame and the explanations tried so far. ``total`` is the root mean square of the whitened readings; ``noise``
+    as in `Explanation`.
+    """
 
     estimator: Prepared
     data: Floats
@@ -35,7 +37,9 @@ class Search:
     tried: list[Explanation] = field(default_factory=list)
 
     def add(self, found: Iterable[Explanation]) -> None:
-        """Take up explanations as they come. Of two that came to the same the better counts: noise that is learned otherwise makes another solution."""
+        """Record explanations. If two have the same sign and nuisances, keep the one with the larger gain: different
+        noise estimates give different solutions.
+        """
         for h in found:
             alike = [o for o in self.tried if same(h, o, self.estimator.policy)]
             if all(h.rough.gain > o.rough.gain for o in alike):
@@ -43,22 +47,22 @@ class Search:
 
     @property
     def none(self) -> Floats:
-        """Sizes of no nuisance."""
+        """Zero for every nuisance."""
         return np.zeros(len(self.terms))
 
     @property
     def usual(self) -> Flags:
-        """Nuisances that are sought first; ramps only where the outermost taxels show one."""
+        """Mask of the nuisances to try first. Ramps come later, only if the outermost taxels show one."""
         return np.arange(len(self.terms)) < self.estimator.usual
 
     @cached_property
     def levels(self) -> list[Floats]:
-        """First sizes of offsets, from the outermost taxels."""
+        """Initial sizes of offsets, from the outermost taxels."""
         return edge_levels(self.estimator, self.data, self.observed, self.terms)
 
     def worth_more(self, h: Explanation) -> bool:
-        """Whether others are worth trying: this one leaves much of the readings, and of a large array, most of which nothing touches, more than the linear
-        model, which may pull, calls noise.
+        """Whether to try further explanations: this one leaves a large residual. On a large array, which is mostly
+        untouched, the residual must also exceed the noise of the linear model, which may pull.
         """
         estimator, policy = self.estimator, self.estimator.policy
         if not h.rough.left > policy.explanations.doubt * self.total:
@@ -70,7 +74,7 @@ class Search:
 
     @cached_property
     def hopeless(self) -> Sequence[int]:
-        """Signs of contact that no offset saves; asked for once push and pull were tried."""
+        """Signs of contact that no offset can make the best; valid once push and pull were tried."""
         estimator = self.estimator
         large = estimator.at_size or estimator.taxels >= estimator.policy.explanations.many_taxels
         return hopeless_signs(self.tried, estimator.policy) if large and not estimator.far else []

@@ -1,4 +1,6 @@
-"""Error bars of frames that were solved without a spectrum: as those of `palpate.inverse.linear.posterior`, by solutions and draws."""
+"""Error bars of frames solved without a decomposition, as in `palpate.inverse.linear.posterior`, from solutions and
+samples.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ __all__ = ["SampledSource"]
 
 @dataclass(frozen=True)
 class SampledSource(Source):
-    """Errors of some frames by solutions and draws."""
+    """Errors of some frames from solutions and samples."""
 
     variances: SampledVariances
 
@@ -46,7 +48,9 @@ class SampledSource(Source):
             yield variance, i
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
-        """Samples of the posterior (frame, draw, component, *surface): the estimate, plus its errors on drawn traction and noise."""
+        """Samples of the posterior (frame, draw, component, *surface): the estimate plus its errors for random
+        traction and noise.
+        """
         size, noise = self._sizes
         columns = list(self.variances.columns)
         out = np.repeat(self._all[:, None], count, axis=1)

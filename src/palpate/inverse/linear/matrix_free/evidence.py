@@ -1,8 +1,8 @@
-"""Marginal likelihood of one frame at any size: what `palpate.inverse.linear.evidence` is, on a matrix-free system.
+"""Marginal likelihood of one frame at any size, as in `palpate.inverse.linear.evidence`, on a matrix-free system.
 
-The approximation has misfit and penalty for all parameters at once, solutions move them to where they are exact (`rules.Corrected`), and a
-noise that is given only scales them: the rounds in which contact and noise are found in turn ask for the same readings over and over, so
-that the last ones are kept.
+The approximation gives misfit and penalty for all parameters at once, and solutions correct it (`rules.Corrected`). A
+given noise only scales these curves. The contact methods request the same readings repeatedly while they alternate
+between contact and noise, so the last curves are cached.
 """
 
 from __future__ import annotations
@@ -22,20 +22,23 @@ from palpate.inverse.linear.parameter import pick
 
 __all__ = ["LinearAtSize"]
 
-#: Stop the search when the evidence points this close to a solution (in log lambda): the contact method starts there and finds the rest.
+#: Stop the search when the best parameter is this close to a solution (in log lambda): the contact method starts there
+#: and refines it.
 START_TOLERANCE = 0.5
-#: From a solution evidence moves on by no more than this; most solutions on the way.
+#: Largest step of log lambda from a solution, and largest number of solutions in a search.
 STEP, ROUNDS = 3.5, 6
-#: Solutions on the way: quadratic forms are known to the square of this.
+#: Tolerance and largest number of steps of these solutions; quadratic forms are accurate to the square of the
+#: tolerance.
 TOLERANCE, MOST = 1e-3, 300
 #: Readings whose curves are cached.
 CACHE_SIZE = 6
 
 
 class LinearAtSize:
-    """The linear model of a system, in the place of a `palpate.inverse.linear.regularised.Decomposition`.
+    """The linear model of a matrix-free system, with the interface of
+    `palpate.inverse.linear.regularised.Decomposition`.
 
-    Coefficients of readings are the whitened readings themselves.
+    The coefficients of readings are the whitened readings themselves.
     """
 
     def __init__(self, system: System) -> None:
@@ -56,12 +59,12 @@ class LinearAtSize:
         return float(self.system.freedom.curve(np.array([parameter]))[0])
 
     def frame(self) -> FrameAtSize:
-        """One frame, while it is solved."""
+        """A `FrameAtSize`, for use while one frame is solved."""
         return FrameAtSize(self)
 
 
 class _Solved:
-    """Curves of one row, and its solutions."""
+    """Curves and solutions of one row of readings."""
 
     def __init__(self, system: System, row: Floats) -> None:
         self.system, self.row = system, row
@@ -86,7 +89,7 @@ class _Solved:
         return min(self.solutions, key=lambda s: abs(math.log(s[0] / parameter)), default=None)
 
     def traction(self, parameter: float) -> Floats:
-        """About that of the linear model: it is where contact is looked for first."""
+        """Approximate traction of the linear model, a starting point for the search for contact."""
         found = self.nearest(parameter)
         if found is None:
             grid = self.system.operator.surface
@@ -124,7 +127,7 @@ class _Scaled:
 
 
 class FrameAtSize:
-    """Evidence of one frame's readings, as they are changed while contact is sought."""
+    """Evidence of one frame's readings while they change during the search for contact."""
 
     def __init__(self, linear: LinearAtSize) -> None:
         self.linear = linear
@@ -142,7 +145,7 @@ class FrameAtSize:
         return found
 
     def _start(self, parameter: float) -> Floats | None:
-        """A solution of other readings near by."""
+        """A solution for similar readings, as a starting point."""
         near = [s for kept in self._kept.values() if (s := kept.nearest(parameter)) is not None]
         best = min(near, key=lambda s: abs(math.log(s[0] / parameter)), default=None)
         return None if best is None or abs(math.log(best[0] / parameter)) > STEP else best[1]
@@ -150,13 +153,13 @@ class FrameAtSize:
     def evidence(
         self, rows: Sequence[Floats], parameter: float | None, known: float | None, patterns: Floats | None = None
     ) -> LinearEvidence:
-        """See `palpate.inverse.linear.evidence.linear_evidence`; patterns are taken out by least squares first."""
+        """See `palpate.inverse.linear.evidence.linear_evidence`; patterns are first subtracted by least squares."""
         return self._found(self.linear.project(rows), parameter, known, patterns)[0]
 
     def _found(
         self, row: Floats, parameter: float | None, known: float | None, patterns: Floats | None
     ) -> tuple[LinearEvidence, float, float]:
-        """And the misfit in units of the whitening, and the freedom left."""
+        """The evidence, the misfit in units of the whitening, and the degrees of freedom of the residual."""
         system = self.linear.system
         certain = self.linear.noise_known or known is not None
         unit = known or 1.0

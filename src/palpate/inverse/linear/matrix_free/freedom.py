@@ -1,8 +1,9 @@
 """Effective degrees of freedom at any size: tr M (M + lambda)^{-1}, by a few random rows.
 
-M. F. Hutchinson, Commun. Stat. Simul. Comput. 19, 1990, 433-450: for rows z of independent signs, E z^T (M + lambda)^{-1} z is the trace. The
-closed-form approximation is a control variate: its estimate on the same rows is replaced by its exact trace, so that only the difference is random.
-The log determinant is its integral: d log det(1 + M/lambda) = -tr M (M + lambda)^{-1} d log lambda.
+M. F. Hutchinson, Commun. Stat. Simul. Comput. 19, 1990, 433-450: for rows z of independent signs, E z^T (M +
+lambda)^{-1} z is the trace. The closed-form approximation is a control variate: its estimate on the same rows is
+replaced by its exact trace, so that only the difference is random. The log determinant is the integral of the trace: d
+log det(1 + M/lambda) = -tr M (M + lambda)^{-1} d log lambda.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from palpate.inverse.linear.matrix_free.spaces import Space
 
 __all__ = ["Freedom"]
 
-#: Random rows are added until the degrees of freedom have this relative error or there are so many rows: at least two at a time, and more for small
-#: systems, where rows cost little.
+#: Rows are added until the degrees of freedom have the relative error KNOWN, at least ROWS and at most MOST_ROWS; small
+#: systems use more, up to READINGS numbers in total.
 KNOWN, ROWS, MOST_ROWS, READINGS = 5e-3, 2, 32, 100_000
-#: Parameters per decade at which it is computed; values between are interpolated.
+#: Parameters per decade at which it is computed; other values are interpolated.
 PER_DECADE = 4
-#: A quadratic form of a solution is known to the square of its residual.
+#: Tolerance and largest number of steps of the solutions; a quadratic form is accurate to the square of the residual.
 TOLERANCE, MOST = 3e-3, 400
-#: Ratio of parameters for a numerical slope.
+#: Ratio of parameters for a finite-difference slope.
 SLOPE = 1.05
-#: Smallest part of the readings for the model and for the residual.
+#: Smallest fraction of the readings assigned to the model and to the residual.
 MIN_FRACTION = 1e-12
-#: An approximation with more waves than readings uses at most this part of the readings as degrees of freedom.
+#: Largest fraction of the readings that an approximation with more waves than readings may use as degrees of freedom.
 MAX_USED_FRACTION = 0.999
 
 
@@ -39,7 +40,7 @@ class Freedom:
 
     def __init__(self, normal: Normal, space: Space) -> None:
         self.normal, self.space = normal, space
-        #: Eigenvalues of the approximation, near ones put together, and the weights that put coefficients there.
+        #: Grouped eigenvalues of the approximation, and the weights that assign coefficients to groups.
         self.nodes, self.weights = lumps(space.eigenvalues)
         self.counts = self.weights @ space.counts
         #: Largest eigenvalue of M, from the longest waves.
@@ -55,16 +56,16 @@ class Freedom:
         return int(rows + self.weights.data.nbytes + self.weights.indices.nbytes)
 
     def table(self) -> Floats:
-        """The values computed so far (place, 4)."""
+        """The values computed so far, one row (place, 3 values) each."""
         return np.array([[float(place), *known] for place, known in sorted(self._found.items())]).reshape(-1, 4)
 
     def take(self, known: tuple[Floats, ...] | None) -> None:
-        """Take a `table` that an earlier run made."""
+        """Load a `table` from an earlier run."""
         if known is not None and len(known) == 1 and known[0].ndim == 2 and known[0].shape[1] == 4:
             self._found.update({int(row[0]): (float(row[1]), float(row[2]), float(row[3])) for row in known[0]})
 
     def approximate(self, parameter: Floats) -> Floats:
-        """Degrees of freedom that the approximation has."""
+        """Degrees of freedom of the approximation."""
         used = (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
         return used if self.space.whole else np.minimum(used, MAX_USED_FRACTION * self.normal.count)
 
@@ -77,7 +78,7 @@ class Freedom:
         return self.curve(parameter)
 
     def curve(self, parameter: Floats) -> Floats:
-        """The same, interpolated from the values so far: exact near the parameters of earlier calls of `of`."""
+        """The same, interpolated between computed values: exact near the parameters of earlier calls of `of`."""
         n = float(self.normal.count)
         part = np.clip(self.approximate(parameter) / n, MIN_FRACTION, 1.0 - MIN_FRACTION)
         if not self._found:
@@ -99,14 +100,16 @@ class Freedom:
         return PER_DECADE * np.log10(self.top / parameter)
 
     def _at(self, place: int) -> None:
-        """Work out the shift of the logarithm of the odds at a place, its slope along places and the standard error of the trace."""
+        """Compute, at a place, the difference of the log odds to the approximation, its slope, and the standard error
+        of the trace.
+        """
         if place in self._found:
             return
         n, lam = float(self.normal.count), self.top * 10.0 ** (-place / PER_DECADE)
         ratio = lam / (self.nodes + lam)
         found: Floats = np.zeros((0, 2))
         error = math.inf
-        # parts of readings outside the eigenspace stay as they are
+        # Components of readings outside the eigenspace are unchanged.
         rest = n - float(self.counts.sum())
         expected = np.array([ratio @ self.counts + rest, ratio**2 @ self.counts + rest])
         step = max(ROWS, min(MOST_ROWS // 2, READINGS // self.normal.count))
@@ -114,7 +117,7 @@ class Freedom:
             rows, powers = self._probes(len(found), len(found) + step)
             parameter = np.full(len(rows), lam)
             solved = self.space.solve(rows, parameter, tolerance=TOLERANCE, most=MOST, start=None, checked=False)
-            # lambda tr (M + lambda)^-1 and lambda^2 tr (M + lambda)^-2
+            # lambda tr (M + lambda)^-1 and lambda^2 tr (M + lambda)^-2.
             form, square_form = self.space.forms(rows, parameter, solved)
             sums = np.stack([lam * form, lam**2 * square_form], axis=1)
             guessed = np.stack([powers @ ratio, powers @ ratio**2], axis=1)
@@ -146,7 +149,9 @@ class Freedom:
 
 
 def _odds(n: float, free: float, square: float) -> tuple[float, float]:
-    """log(used/free) of n, and its slope along places (a place further, lambda is smaller by 10^(-1/PER_DECADE))."""
+    """log(used/free) for n readings, and its slope per place (each place decreases lambda by a factor of
+    10^(1/PER_DECADE)).
+    """
     used = min(max(n - free, MIN_FRACTION * n), (1 - MIN_FRACTION) * n)
     slope = -n * (free - square) / (used * (n - used))  # by log lambda
     return math.log(used / (n - used)), -slope * math.log(10.0) / PER_DECADE

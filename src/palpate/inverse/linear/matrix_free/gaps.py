@@ -1,12 +1,13 @@
-"""Corrects an approximation on whole lattices for missing readings.
+"""Correct an approximation on whole lattices for missing readings.
 
-Of readings v that are there and m that are missing, the inverse of K = M + lambda over v alone is the Schur complement of the inverse B over the whole
-lattice (F. Zhang, The Schur Complement and Its Applications, 2005, section 0.2):
+Let v be the present readings and m the missing ones. The inverse of K = M + lambda over v is the Schur complement of
+the inverse B over the whole lattice (F. Zhang, The Schur Complement and Its Applications, 2005, section 0.2):
 
-    (K_vv)^{-1} = B_vv - B_vm (B_mm)^{-1} B_mv
+    (K_vv)^{-1} = B_vv - B_vm (B_mm)^{-1} B_mv.
 
-so that an approximate B serves a lattice with gaps as well as a whole one: eigenvalues of the two interlace. B_mm is as large as what is missing.
-Without it, each gap costs the iteration some steps: twelve among a thousand vectors took four times as many.
+So an approximate B is as accurate for a lattice with gaps as for a whole one, because the eigenvalues interlace. B_mm
+is as large as the number of missing readings. Without the correction each gap costs some iterations: twelve gaps among
+a thousand vectors took four times as many.
 """
 
 from __future__ import annotations
@@ -21,11 +22,13 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Gaps", "gaps_of"]
 
-#: Factor the matrix of up to this many missing readings of a lattice (a third of a second for each parameter); more gaps count as readings of zero.
+#: Largest number of missing readings for which the matrix is factorised (a third of a second per parameter); with more,
+#: missing readings count as zero.
 MAX_FACTORED_GAPS = 1500
 #: Largest total count of numbers in cached factors.
 CACHE_NUMBERS = 30_000_000
-#: Added to the diagonal, as a part of its largest entry, in double and in single precision, against division by rounding errors.
+#: Added to the diagonal, as a fraction of its largest entry, in double and in single precision, against division by
+#: rounding errors.
 ROUNDING = {np.dtype(np.float64): 1e-13, np.dtype(np.float32): 1e-6}
 
 
@@ -33,7 +36,7 @@ class Gaps:
     """The missing entries of one lattice: ``index`` among the entries of a row."""
 
     def __init__(self, index: npt.NDArray[np.intp], blocks: Sequence[Floats], kind: Any) -> None:
-        """``blocks`` are B_mm of each parameter."""
+        """Factorise the ``blocks`` B_mm of each parameter."""
         from scipy.linalg import cho_factor
 
         self.index = index
@@ -44,7 +47,7 @@ class Gaps:
             self._factors.append(cho_factor(block, lower=True, overwrite_a=True, check_finite=False))
 
     def weights(self, values: Any, place: npt.NDArray[np.intp]) -> Any:
-        """(B_mm)^{-1} of the inverse applied to rows (frame, missing), each with the parameter at its ``place``."""
+        """(B_mm)^{-1} times the missing part (frame, missing) of rows; ``place`` is the index of each row's parameter."""
         from scipy.linalg import cho_solve
 
         out = np.empty(values.shape)
@@ -60,8 +63,8 @@ def gaps_of(
     parameters: int,
     kind: Any,
 ) -> Gaps | None:
-    """Correction for a lattice whose members miss the entries ``index`` of a row; ``block(parameter, member, member)`` gives B_mm between two
-    members. None if nothing or too much is missing.
+    """Correction for a lattice in which the entries ``index`` of each member are missing. ``block(parameter, member,
+    member)`` returns B_mm between two members. None if nothing is missing, or too much.
     """
     size = sum(map(len, index))
     if not 0 < size <= MAX_FACTORED_GAPS or size**2 * parameters > CACHE_NUMBERS:

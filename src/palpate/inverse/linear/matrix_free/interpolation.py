@@ -8,12 +8,14 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["between"]
 
-#: A slope goes on this far (in the unit of the places) beyond the outermost place.
+#: Distance (in the unit of the places) beyond the outermost place over which the slope is continued.
 REACH = 1.5
 
 
 def between(x: Floats, places: Floats, values: Floats, slopes: Floats) -> Floats:
-    """Cubic Hermite between ``places`` in any order; beyond them the slope goes on for a while, and then the curve is level."""
+    """Cubic Hermite interpolation between ``places`` in any order. Beyond them the curve continues linearly for
+    `REACH` and is then constant.
+    """
     places, kept = np.unique(places, return_index=True)
     values, slopes = values[kept], slopes[kept]
     low, high = x < places[0], x > places[-1]

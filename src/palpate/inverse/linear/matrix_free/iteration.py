@@ -16,16 +16,17 @@ __all__ = ["Solved", "solve"]
 
 #: Rounds of iterative refinement in double precision.
 CYCLES = 8
-#: In single precision, twice as fast, a cycle goes on to this part of its residual.
+#: In single precision, which is twice as fast, a cycle reduces its residual to this fraction.
 SINGLE = 3e-5
-#: A cycle in single precision that gains less than this factor is followed by one in double.
+#: If a cycle in single precision gains less than this factor, the next one uses double precision.
 GAIN = 10.0
 
 
 class Solved(NamedTuple):
-    """Solutions (frame, n), their residuals over the right sides (frame,), the products that were made, coefficients of the traction that the
-    solutions were made of (`palpate.inverse.linear.matrix_free.spaces.OnSurface`), and, unless they are checked, the residuals themselves
-    (frame, n)."""
+    """Solutions (frame, n); their residuals relative to the right sides (frame,); number of products; coefficients of
+    the traction, if solved by these (`palpate.inverse.linear.matrix_free.spaces.OnSurface`); and, unless checked, the
+    residual vectors (frame, n).
+    """
 
     rows: Floats
     residual: Floats
@@ -40,14 +41,16 @@ class Solved(NamedTuple):
 
 @runtime_checkable
 class Deflated(Protocol):
-    """An inverse that knows it exactly on part of the space; see `palpate.inverse.linear.matrix_free.preconditioner.BalancedInverse`."""
+    """A preconditioner that is exact on part of the space; see
+    `palpate.inverse.linear.matrix_free.preconditioner.BalancedInverse`.
+    """
 
     def begin(self, rows: Any, which: Any) -> tuple[Any, Any]:
         """The exact part of the solution for rows, and the residual."""
         ...
 
     def within(self, rows: Any, which: Any) -> Any:
-        """The inverse on rows in which that part is zero."""
+        """The inverse for rows whose exact part is zero."""
         ...
 
 
@@ -63,13 +66,14 @@ def solve(
     checked: bool = True,
     energy: bool = False,
 ) -> Solved:
-    """(M + lambda) u = right (frame, n) for each frame's ``parameter`` (frame,).
+    """Solve (M + lambda) u = right (frame, n) with each frame's ``parameter`` (frame,).
 
-    M. R. Hestenes, E. Stiefel, J. Res. Natl. Bur. Stand. 49, 1952, 409-436. ``inverse(rows, which frames)`` is about (M + lambda)^{-1},
-    symmetric and positive definite; it and ``product`` keep the precision of rows. Steps are made in single precision and the residual is
-    computed in double, again and again (iterative refinement: J. H. Wilkinson, Rounding Errors in Algebraic Processes, 1963). The residual that is
-    returned belongs to the solution; unless ``checked``, it is that of the steps. With ``energy`` residuals r are measured by r^T (M +
-    lambda)^{-1} r, about, where their parts differ in scale.
+    M. R. Hestenes, E. Stiefel, J. Res. Natl. Bur. Stand. 49, 1952, 409-436. ``inverse(rows, which frames)``
+    approximates (M + lambda)^{-1} and is symmetric and positive definite; it and ``product`` keep the precision of
+    rows. Steps use single precision, and the residual is recomputed in double precision (iterative refinement: J. H.
+    Wilkinson, Rounding Errors in Algebraic Processes, 1963). The returned residual is recomputed from the solution if
+    ``checked``; otherwise it is that of the steps. With ``energy``, residuals r are measured by approximately r^T (M +
+    lambda)^{-1} r, for problems whose parts differ in scale.
     """
 
     def length(rows: Any, frames: npt.NDArray[np.intp]) -> Floats:
@@ -97,7 +101,7 @@ def solve(
             residual[open_] = length(r, open_) / safe[open_]
             if rest is not None:
                 rest[open_] = r
-            # stop at rounding when double precision gains no more
+            # Stop at rounding, when double precision gains no more.
             going = (residual[open_] > tolerance[open_]) & (spent[open_] < most)
             going &= ~(double[open_] & (residual[open_] > 0.5 * before[open_]))
             double[open_] |= residual[open_] * GAIN > before[open_]
@@ -143,7 +147,9 @@ def _descend(
     most: int,
     energy: bool,
 ) -> tuple[Any, npt.NDArray[np.intp], Floats, Any]:
-    """Solve for right sides of length 1 until their residuals fall to ``goal``: solutions, steps made, residuals (frame,), and as rows."""
+    """Solve for right sides of length 1 until the residuals fall to ``goal``: solutions, number of steps, residuals
+    (frame,), residual vectors.
+    """
     steps, left = np.zeros(len(right), dtype=int), np.ones(len(right))
     here = np.arange(len(right))
     lam = parameter[:, None].astype(right.dtype)
@@ -165,7 +171,7 @@ def _descend(
             _add(m, part[0], d)
         steps[here] += 1
         curvature = _products(direction, moved)
-        # a curvature that is not positive is rounding: nothing more is to be had
+        # A curvature that is not positive is due to rounding: stop.
         positive = (curvature > 0) & (rz > 0)
         step = np.where(positive, rz / np.where(positive, curvature, 1.0), 0.0)
         for i, frame in enumerate(here):
@@ -200,5 +206,5 @@ def _add(to: Any, factor: float, row: Any) -> None:
 
 
 def _products(a: Any, b: Any) -> Floats:
-    """a_f b_f of each frame, summed by BLAS, which keeps single precision from piling up errors."""
+    """Dot products a_f b_f of each frame by BLAS, which limits the rounding errors of single precision."""
     return np.array([float(np.dot(x, y)) for x, y in zip(a, b)])

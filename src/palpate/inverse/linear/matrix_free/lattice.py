@@ -1,9 +1,12 @@
-"""M = H W H^T as a convolution: its symbol on the lattices of regular arrays, and the two ways to end a lattice at the array's edge.
+"""M = H W H^T as a convolution: its symbol on the lattices of regular arrays, with two kinds of continuation beyond
+the array's edge.
 
-Far from edges M multiplies every wave by a small matrix, one row and column per channel. `Padded` continues readings by zero (the inverse of a
-circulant matrix twice as long: R. Chan, M. Ng, SIAM Rev. 38, 1996, 427-482); it knows how channels of different parity go together. `Cosines`
-continues them by their mirror image (M. Ng, R. Chan, W.-C. Tang, SIAM J. Sci. Comput. 21, 1999, 851-866), better where a channel reaches
-as far as the array, but parities fall apart. Both have a spectrum in closed form, which serves as a first guess of every sum over the true one.
+Far from edges M multiplies every wave by a small matrix with one row and column per channel. `Padded` continues
+readings by zero (the inverse of a circulant matrix twice as long: R. Chan, M. Ng, SIAM Rev. 38, 1996, 427-482); it
+includes the coupling of channels of different parity. `Cosines` continues them by their mirror image (M. Ng, R. Chan,
+W.-C. Tang, SIAM J. Sci. Comput. 21, 1999, 851-866), which is better if the influence extends as far as the array, but
+decouples channels of different parity. Both have a spectrum in closed form, used as a first approximation of sums over
+the true one.
 """
 
 from __future__ import annotations
@@ -28,26 +31,27 @@ from palpate.sensing.operator import Convolution
 
 __all__ = ["Approximation", "Cosines", "Inverse", "Padded"]
 
-#: Eigenvalues below this part of the largest count as zero.
+#: Eigenvalues below this fraction of the largest count as zero.
 MIN_EIGENVALUE = 1e-16
-#: Inverses are made for so many parameters per decade, and a frame uses the nearest: a preconditioner may be 15 % off, and serves the next frame too.
+#: Inverses are computed for this many parameters per decade, and each frame uses the nearest: a preconditioner may be
+#: 15 % off.
 PER_DECADE = 8
-#: Parameters whose inverses are cached, and their largest total size.
+#: Number of cached parameters, for small and for large inverses.
 KEPT, FEW = 4, 2
-#: Solves with some rows: (rows, which frames they are of).
+#: A function of (rows, index of each row's frame) that solves approximately.
 Inverse = Callable[[Floats, Any], Floats]
 Index = npt.NDArray[np.intp]
 
 
 class Approximation(Protocol):
-    """An approximation of M that can be inverted, with a spectrum."""
+    """An approximation of M with a known spectrum and inverse."""
 
     #: Eigenvalues (n,) and their multiplicities.
     eigenvalues: Floats
     counts: Floats
 
     def powers(self, rows: Floats) -> Floats:
-        """Squared coefficients (frame, n) of rows: their sum is the squared length of a row."""
+        """Squared coefficients (frame, n) of rows; their sum is the squared length of the row."""
         ...
 
     def at(self, parameter: Floats) -> Inverse:
@@ -60,7 +64,9 @@ class Approximation(Protocol):
 
 @dataclass
 class _Lattice:
-    """Channels (plane, channel) that sit on one lattice, and of each wave the eigenvectors (*wave, channel, mode) and eigenvalues of their symbol."""
+    """Channels (plane, channel) on one lattice, and for each wave the eigenvectors (*wave, channel, mode) and
+    eigenvalues of their symbol.
+    """
 
     members: list[tuple[int, int]]
     vectors: Any
@@ -115,7 +121,7 @@ class _Common(abc.ABC):
         return _Lattice(members, vectors, np.maximum(values, MIN_EIGENVALUE * values.max()), size)
 
     def at(self, parameter: Floats) -> Inverse:
-        """(M + lambda)^{-1}, in the precision of the rows, of parameters near those given."""
+        """(M + lambda)^{-1}, in the precision of the rows, for parameters near those given."""
         places, given = np.unique(np.round(PER_DECADE * np.log10(parameter)), return_inverse=True)
         made: dict[Any, tuple[list[Any], list[Gaps]]] = {}
 
@@ -151,7 +157,7 @@ class _Common(abc.ABC):
         return inverse
 
     def _made(self, places: tuple[float, ...], kind: Any) -> tuple[list[Any], list[Gaps]]:
-        """Matrices of the inverses and the missing readings for parameters by index; the last few are cached."""
+        """Matrices of the inverses and corrections for missing readings, by parameter; the last few are cached."""
         found = self._kept.get((places, kind))
         if found is None:
             parameter = 10.0 ** (np.array(places) / PER_DECADE)
@@ -165,7 +171,7 @@ class _Common(abc.ABC):
         return found
 
     def _gaps(self, parameter: Floats, kind: Any) -> list[Gaps]:
-        """The missing readings of each lattice with any."""
+        """Correction for the missing readings of each lattice that has any."""
         normal = self.normal
         if normal.valid is None:
             return []
@@ -187,7 +193,7 @@ class _Common(abc.ABC):
         return found
 
     def _matrices(self, parameter: Floats, dtype: Any) -> list[Any]:
-        """(parameter, channel, channel, *wave) of the inverses."""
+        """Matrices (parameter, channel, channel, *wave) of the inverses."""
         out = []
         for g in self.lattices:
             lam = parameter.reshape(-1, *(1,) * g.values.ndim)
@@ -213,15 +219,17 @@ class _Common(abc.ABC):
 
     @abc.abstractmethod
     def _between(self, entry: Any, lattice: _Lattice, to: Sequence[Index], of: Sequence[Index]) -> Floats:
-        """Entries (*wave) of a matrix between some places (axis by axis) and others: (place, place)."""
+        """Entries of a matrix with the symbol ``entry`` (*wave) between two sets of places (given axis by axis):
+        (place, place).
+        """
 
     @abc.abstractmethod
     def _back(self, waves: Any, lattice: _Lattice, shape: Sequence[int]) -> Floats:
-        """(frame, *array) of the waves of one channel."""
+        """The readings (frame, *array) of one channel from its waves."""
 
 
 class Padded(_Common):
-    """Readings go on as zero."""
+    """Continues the readings by zero."""
 
     def _lattice(self, members: list[tuple[int, int]]) -> _Lattice:
         from scipy.fft import next_fast_len
@@ -267,7 +275,7 @@ class Padded(_Common):
 
 
 class Cosines(_Common):
-    """Readings go on as their mirror image."""
+    """Continues the readings by their mirror image."""
 
     _split = True
 
@@ -286,7 +294,7 @@ class Cosines(_Common):
         for p, _ in lattice.members:
             array = self.normal.operator.planes_of[p]
             valid = array.valid.astype(np.float64)
-            # each wave of a complete array is one reading
+            # Each wave of a complete array is one reading.
             for axis, wave in enumerate(self._axes[lattice.members[0]] if array.mask is not None else []):
                 valid = np.moveaxis(np.tensordot(wave.table**2, valid, axes=(1, axis)), 0, axis)
             out.append(valid)
@@ -322,7 +330,7 @@ class Cosines(_Common):
 
 
 def _members(normal: Normal, split: bool) -> list[list[tuple[int, int]]]:
-    """Channels that share a lattice; where ``split``, those of one mirror parity."""
+    """Groups of channels that share a lattice; with ``split``, also a mirror parity."""
     planes = normal.operator.planes_of
     axes = "x" if planes[0].dimensions == 1 else "yx"
     found: dict[tuple[Any, ...], list[tuple[int, int]]] = {}
@@ -343,7 +351,7 @@ def _one_lattice(a: Any, b: Any) -> bool:
 
 
 def _influence(normal: Normal, plane: int, channel: int, size: tuple[int, ...]) -> Any:
-    """Transform (component sought, *wave) of the influence of a cell, cut to the lags within ``size``."""
+    """Transform (component sought, *wave) of a cell's influence, restricted to lags within ``size``."""
     from scipy.fft import rfftn
 
     of = _convolution(normal, plane)
@@ -369,7 +377,7 @@ def _convolution(normal: Normal, plane: int) -> Convolution:
 
 
 def _sampled(half: Any, size: tuple[int, ...], ratios: Sequence[int]) -> Any:
-    """The half spectrum of every ratio-th sample, from the half spectrum of all (Hermitian in k): the sum over what is aliased."""
+    """Half spectrum of every ratio-th sample, from the half spectrum of all (Hermitian in k): the sum over aliases."""
     if all(r == 1 for r in ratios):
         return half
     from scipy.fft import irfftn, rfftn
@@ -380,7 +388,7 @@ def _sampled(half: Any, size: tuple[int, ...], ratios: Sequence[int]) -> Any:
 
 
 def _half(lattice: _Lattice) -> Floats:
-    """How often each wave of the half spectrum counts (*wave)."""
+    """Multiplicity of each wave of the half spectrum (*wave)."""
     out = np.full(lattice.values.shape[:-1], 2.0)
     out[..., 0] = 1.0
     if lattice.size[-1] % 2 == 0:
@@ -389,7 +397,7 @@ def _half(lattice: _Lattice) -> Floats:
 
 
 def _cropped(half: Any, size: tuple[int, ...], shape: Sequence[int]) -> Floats:
-    """The inverse of a real FFT over the last axes, of which only the first entries are wanted."""
+    """Inverse real FFT over the last axes, cropped to the first entries."""
     from scipy.fft import ifft, irfft
 
     if len(size) == 2:

@@ -15,10 +15,11 @@ from palpate.sensing.scattered import near_memory
 
 __all__ = ["AT_A_TIME", "LONGEST", "TOGETHER", "check_system", "on_lattice", "servable", "system_memory"]
 
-#: Numbers held at a time while several frames are multiplied (64 MB), and in the rows of frames that are solved together (8 MB, some ten times).
+#: Numbers held at a time while several frames are multiplied (64 MB), and in the rows of frames that are solved
+#: together (8 MB, about ten copies).
 AT_A_TIME, TOGETHER = 8_000_000, 1_000_000
-#: Cosines along each axis of a channel (of an area, of a line) that are solved exactly: 16 on an area halve the iterations, and 64 cost more than
-#: they save.
+#: Number of the longest cosines along each axis of a channel (in area and line contact) that are solved exactly: 16 in
+#: area contact halve the iterations, and 64 cost more than they save.
 LONGEST = {2: 4, 1: 16}
 ORDINAL = {2: "nd", 3: "rd"}
 
@@ -29,15 +30,18 @@ def on_lattice(planes: Sequence[Array], surface: Grid) -> bool:
 
 
 def servable(planes: Sequence[Array]) -> bool:
-    """Whether the noise can be whitened without a matrix of all taxels: it is independent, or that of a whole regular array."""
+    """Whether the noise can be whitened without a matrix of all taxels: independent noise, or a complete regular
+    array.
+    """
     return all(not a.noise_correlation or (not isinstance(a, ScatteredArray) and a.mask is None) for a in planes)
 
 
 def system_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> float:
-    """Most bytes at a time while a `System` is prepared and solved.
+    """Peak memory in bytes while a `System` is prepared and solved.
 
-    The influence of a cell with what its formulas hold, per lag, or of scattered positions their near cells; the symbol with its factors; the
-    longest waves and their products; the frames in work with some ten copies of their rows, and what their transforms take.
+    Includes the influence of a cell with intermediate results, per lag (for scattered positions, their near cells);
+    the symbol with its factors; the longest waves and their products; and about ten copies of the rows of the frames
+    being solved, with their transforms.
     """
     prepared, kept, rows = 0.0, 0.0, 0.0
     components, d = len(surface.components), surface.dimensions
@@ -65,7 +69,7 @@ def system_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int)
 
 
 def check_system(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
-    """Refuse a system that does not fit into memory."""
+    """Raise an error if the system does not fit into memory."""
     readings = sum(int(a.valid.sum()) * len(a.channels) for a in planes)
     peak, free = system_memory(pad, planes, surface, sought), available()
     step = 2 if free is None else max(2, math.ceil((peak / max(0.5 * free, 1.0)) ** (1 / surface.dimensions)))

@@ -26,7 +26,7 @@ __all__ = ["Normal"]
 
 
 class Normal:
-    """M = H W H^T as products with rows of readings (frame, n): planes, then channels, then all taxels, missing ones zero.
+    """M = H W H^T as products with rows of readings (frame, n): all taxels by plane and channel, missing ones zero.
 
     Attributes
     ----------
@@ -56,11 +56,11 @@ class Normal:
         surface = operator.surface
         padded = max(math.prod(getattr(p, "size", shape)) for p, shape in zip(operator.planes, self.shapes))
         held = 4 * padded * (len(surface.components) + max(s[0] for s in self.shapes))
-        #: Frames that are multiplied at a time.
+        #: Frames multiplied at a time.
         self.chunk = max(1, AT_A_TIME // held)
 
     def rows(self, readings: Sequence[Floats]) -> Floats:
-        """N^{-1/2} y (frame, n) of readings (frame, channel, *array), one array per plane."""
+        """Whitened readings N^{-1/2} y (frame, n) from readings (frame, channel, *array), one array per plane."""
         parts = [
             np.where(a.valid, np.asarray(r, dtype=np.float64), 0.0) for a, r in zip(self.operator.planes_of, readings)
         ]
@@ -71,13 +71,15 @@ class Normal:
         return float(self._scales[plane].ravel()[channel])
 
     def whiteness(self, plane: int, waves: tuple[int, ...], size: tuple[int, ...]) -> Floats | None:
-        """R^{-1} of the noise's correlation at the first ``waves`` of FFTs of ``size``; None for independent noise."""
+        """Spectrum of R^{-1}, the inverse of the noise's correlation, at the first ``waves`` of FFTs of ``size``; None
+        for independent noise.
+        """
         array = self.operator.planes_of[plane]
         if not array.noise_correlation or isinstance(array, ScatteredArray):
             return None
         out: Floats = np.ones(1)
         for axis, (count, n, pitch) in enumerate(zip(waves, size, array.grid.spacings)):
-            # the inverse of exp(-|x|/length) on a lattice has three diagonals
+            # The inverse of exp(-|x|/length) on a lattice is tridiagonal.
             part = math.exp(-pitch / array.noise_correlation)
             wave = (1.0 + part**2 - 2.0 * part * np.cos(2 * np.pi * np.arange(count) / n)) / (1.0 - part**2)
             out = out * wave.reshape([-1 if i == axis else 1 for i in range(len(size))])
@@ -88,7 +90,7 @@ class Normal:
         return int(self.operator.planes_of[plane].valid.sum())
 
     def joined(self, planes: Sequence[Floats]) -> Floats:
-        """Rows (frame, n) of (frame, channel, *array) per plane, missing taxels zero."""
+        """Rows (frame, n) from one array (frame, channel, *array) per plane, missing taxels zero."""
         parts = [p.reshape(len(p), -1) for p in planes]
         rows = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
         return rows if self.valid is None else rows * self.valid
@@ -120,7 +122,7 @@ class Normal:
         return np.stack([prior.covariance(traction[:, i]) for i, prior in enumerate(self.priors)], axis=1)
 
     def chunked(self, function: Callable[[Floats], Floats], rows: Floats) -> Floats:
-        """``function`` of rows, so many at a time that memory stays small."""
+        """Apply ``function`` to rows in chunks, to limit memory."""
         if len(rows) <= self.chunk:
             return function(rows)
         return np.concatenate([function(rows[i : i + self.chunk]) for i in range(0, len(rows), self.chunk)])
@@ -136,7 +138,7 @@ class Normal:
         return self.joined(self._whitened(self.operator.forward(traction, self.columns)))
 
     def _whitened(self, parts: Sequence[Floats]) -> list[Floats]:
-        """N^{-1/2}, which is symmetric."""
+        """Multiply by N^{-1/2}, which is symmetric."""
         out: list[Floats] = []
         for part, scale, roots in zip(parts, self._gains, self._roots):
             part = part * scale.astype(part.dtype)

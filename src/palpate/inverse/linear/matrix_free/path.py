@@ -1,4 +1,6 @@
-"""Which way a linear method goes: a dense decomposition, or matrix-free. The only place that decides, by size and free memory."""
+"""Choose between a dense decomposition and the matrix-free method, by size and free memory. The only place that
+decides.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,7 @@ def linear_method(
 def _exact_method(
     problem: Problem, priors: Sequence[Prior], filter_factors: Filter, parameter: float | str, absolute: bool
 ) -> Regularised | MatrixFree:
-    """The method for a pad that is known exactly."""
+    """The method without uncertainty of the pad."""
     if matrix_free(problem, filter_factors, priors):
         check_system(problem.pad, problem.planes, problem.surface, len(problem.columns))
         key = ("matrix-free system", False, problem.columns, tuple(p.key for p in priors))
@@ -64,7 +66,7 @@ def _exact_method(
 
 
 def contact_at_size(problem: Problem, *, wide: bool) -> bool:
-    """Whether a method that knows contact is to start from a matrix-free system: of a regular array whose taxels have noise of their own."""
+    """Whether a contact method starts from a matrix-free system: for large regular arrays whose noise is independent."""
     surface = problem.wide_surface if wide else problem.surface
     if (
         body_of(problem.pad) is not None
@@ -88,7 +90,7 @@ def linear_model(problem: Problem, priors: Sequence[Prior], *, wide: bool) -> Li
 
 
 def matrix_free(problem: Problem, filter_factors: Filter, priors: Sequence[Prior]) -> bool:
-    """Whether the problem is too large for a dense decomposition, and can go without."""
+    """Whether the problem is too large for a dense decomposition and the matrix-free method applies."""
     if (
         body_of(problem.pad) is not None
         or problem.boundary != "free"

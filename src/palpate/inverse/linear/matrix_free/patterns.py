@@ -1,4 +1,4 @@
-"""Patterns that are no contact, at any size: as `palpate.inverse.linear.patterns`, by a few solutions more."""
+"""Nuisance patterns at any size: as `palpate.inverse.linear.patterns`, with a few additional solutions."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from palpate.sensing.operator import Operator
 
 __all__ = ["SolvedPatterns"]
 
-#: Candidates on either side of the best one that are compared with it.
+#: Number of candidates on either side of the best one that are compared with it.
 NEIGHBOURS = 1
-#: How often the best candidate may move on.
+#: Largest number of times that the best candidate may change.
 MOVES = 12
-#: The patterns are solved for to this residual.
+#: Tolerance and largest number of steps of the patterns' solutions.
 TOLERANCE, MOST = 1e-5, 300
-#: Solve a frame again if the best candidate is further from its nearest solution (in log lambda).
+#: Solve a frame again if the best candidate is farther than this from its nearest solution (in log lambda).
 MAX_DISTANCE = 0.7
-#: Size of a pattern, over the noise, with which candidates are compared: any size.
+#: Prior size of a pattern, relative to the noise, when candidates are compared: practically any size.
 LARGEST = 3000.0
 #: Candidates whose solutions are cached.
 CACHE_SIZE = 12
 
 
 class SolvedPatterns(Patterns):
-    """The patterns of a system; solutions of one frame serve the next."""
+    """The patterns of a system; their solutions are reused for the next frame."""
 
     def __init__(
         self,
@@ -47,7 +47,9 @@ class SolvedPatterns(Patterns):
         self._solved: dict[int, Floats] = {}
 
     def taken_out(self, rows: Floats, floor: Floats | None) -> tuple[Removed, Floats, Floats] | None:
-        """The residual of rows (frame, n), with start parameters and solutions for it, or None without patterns."""
+        """The rows (frame, n) without the patterns, with start parameters and solutions for them; None without
+        patterns.
+        """
         if not self.members:
             return None
         each = [self._of_frame(row[None], None if floor is None else floor[i : i + 1]) for i, row in enumerate(rows)]
@@ -76,14 +78,15 @@ class SolvedPatterns(Patterns):
             place = best
         weighed, explained, logdet, inner = tables
         removed = self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
-        # the solution is linear in the readings, and the solution of patterns depends on the parameter almost only through its size
+        # The solution is linear in the readings, and the parameter changes the solution of the patterns almost only in
+        # size.
         sizes = removed.sizes[0] / np.where(self.units > 0, self.units, 1.0)
         return removed, there, near - (sizes @ self._at(place) / there)[None]
 
     def _tables(
         self, row: Floats, curves: Corrected, some: np.ndarray[tuple[int], np.dtype[np.intp]]
     ) -> tuple[list[Weighed], Floats, Floats, Floats]:
-        """Patterns weighed together, c^T D^{-1} c, log det D and B^T D^{-1} c at ``some`` candidates."""
+        """The sets of patterns, c^T D^{-1} c, log det D and B^T D^{-1} c at ``some`` candidates."""
         solved = np.stack([self._at(int(place)) for place in some])  # D^{-1} B (candidate, pattern, n)
         weighed = []
         for members in self.members:
@@ -95,7 +98,7 @@ class SolvedPatterns(Patterns):
         return weighed, explained, logdet, np.einsum("gin,fn->fgi", solved, row)
 
     def _best(self, tables: tuple[list[Weighed], Floats, Floats, Floats], floor: Floats | None) -> int:
-        """The candidate that evidence prefers, patterns of any size being there."""
+        """The candidate with the largest evidence, with patterns of any size."""
         weighed, explained, logdet, inner = tables
         score = logdet.copy()
         left = explained[0].copy()

@@ -1,12 +1,14 @@
-"""How sure a linear estimate is, at any size.
+"""Error bars of a linear estimate, at any size.
 
-With K = W H^T (M + lambda)^{-1} the estimate K y errs by (K H - 1) t + K n, whose covariance is alpha D_1 + sigma^2 D_2 for traction of covariance
-alpha W and noise of variance sigma^2. A sum w^T t of the traction needs one solution u = (M + lambda)^{-1} H W w:
+With K = W H^T (M + lambda)^{-1}, the estimate K y has the error (K H - 1) t + K n. Its covariance is alpha D_1 +
+sigma^2 D_2 for traction of covariance alpha W and noise of variance sigma^2. A sum w^T t of the traction needs one
+solution u = (M + lambda)^{-1} H W w; its variance is exactly
 
-    alpha (w^T W w - u^T H W w - lambda u^T u) + sigma^2 u^T u,
+    alpha (w^T W w - u^T H W w - lambda u^T u) + sigma^2 u^T u.
 
-exactly; force and moment are tables over lambda, for all frames. Maps are sampled: draw traction and noise, read, solve, compare
-(G. Papandreou, A. Yuille, NIPS 2010), with the same draws for every parameter, and averaged over mirror images where the layout has them.
+Force and moment are tabulated over lambda, for all frames. Maps are sampled: draw traction and noise, simulate
+readings, solve, compare (G. Papandreou, A. Yuille, NIPS 2010), with the same draws for every parameter, averaged over
+mirror images if the layout is symmetric.
 """
 
 from __future__ import annotations
@@ -26,24 +28,29 @@ from palpate.inverse.linear.spectrum import mirrored
 
 __all__ = ["SampledVariances"]
 
-#: Draws of a map: standard deviations are then known to 1/sqrt(2 DRAWS), 13 %; with mirror images (four in area contact) to 6 %.
+#: Number of draws for a map: standard deviations are then accurate to 1/sqrt(2 DRAWS), 13 %; with mirror images (four
+#: in area contact) to 6 %.
 DRAWS = 32
-#: Draws per batch, and the tolerance of their solution: over scattered beads it makes deviations 2 % too large, 6 % with five times the tolerance.
+#: Draws per batch, tolerance of their solutions, and largest number of steps. For scattered beads the tolerance makes
+#: deviations 2 % too large; five times the tolerance, 6 %.
 TOGETHER, LOOSE, MOST = 4, 1e-4, 200
-#: Maps are made for so many parameters per decade, and a frame uses the nearest: within 10 % of its own.
+#: Maps per decade of the parameter; a frame uses the nearest, within 10 % of its own.
 MAPS_PER_DECADE = 12
 #: Maps that are cached.
 CACHE_SIZE = 16
-#: Tables of sums hold so many parameters per decade.
+#: Parameters per decade in the tables of sums.
 SUMS_PER_DECADE = 4
-#: Up to this many parameters are computed one by one: a single frame is then exact; the table for more is accurate to 1e-4.
+#: Up to this many parameters are computed one by one, so that a single frame is exact; the table used for more is
+#: accurate to 1e-4.
 MAX_EXACT_PARAMETERS = 4
-#: Sums are solved to this residual: the variance that is left is a difference of large numbers.
+#: Tolerance and largest number of steps for sums, whose variance is a small difference of large numbers.
 TIGHT, LONG = 1e-6, 400
 
 
 class Solving(Protocol):
-    """A linear model that is solved by products; `palpate.inverse.linear.matrix_free.system.System` is one."""
+    """Interface of a linear model that is solved by products; `palpate.inverse.linear.matrix_free.system.System`
+    implements it.
+    """
 
     @property
     def operator(self) -> Any: ...
@@ -60,7 +67,7 @@ class Solving(Protocol):
 
 
 class SampledVariances(Variances):
-    """Error bars of a system, the part that does not depend on the frame, computed at first use."""
+    """The part of a system's error bars that does not depend on the frame, computed at first use."""
 
     def __init__(self, system: Solving) -> None:
         self.operator, self.grid, self.columns = system.operator, system.operator.surface, system.columns
@@ -76,7 +83,7 @@ class SampledVariances(Variances):
 
     @property
     def mean_seen(self) -> npt.NDArray[np.bool_]:
-        """A free surface has no mean of its own that leaves no trace."""
+        """True for every component: on a free surface the readings determine the mean."""
         return np.ones(len(self.columns), dtype=bool)
 
     # -- maps
@@ -110,7 +117,9 @@ class SampledVariances(Variances):
         return self._even(first / DRAWS), self._even(second / DRAWS)
 
     def errors(self, lam: float, size: float, noise: float, count: int, rng: np.random.Generator) -> Floats:
-        """Errors of an estimate (draw, component sought, *surface) on traction of covariance ``size`` W and noise of variance ``noise``."""
+        """Random errors (draw, component sought, *surface) of estimates, for traction of covariance ``size`` W and
+        noise of variance ``noise``.
+        """
         normal, out = self.system.normal, []
         for first in range(0, count, TOGETHER):
             some = min(TOGETHER, count - first)
@@ -124,7 +133,7 @@ class SampledVariances(Variances):
         return np.concatenate(out)
 
     def _even(self, variance: Floats) -> Floats:
-        """The mean over mirror images, if the layout is symmetric."""
+        """Average over mirror images, if the layout is symmetric."""
         operator = self.system.operator
         if mirrored(operator.pad, operator.planes_of, self.grid):
             for axis in range(1, variance.ndim):
@@ -139,7 +148,9 @@ class SampledVariances(Variances):
     # -- sums
 
     def sums(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
-        """(frame, row) of w^T D_1 w and w^T D_2 w for ``rows`` w (row, component sought, *surface) that go by a name."""
+        """w^T D_1 w and w^T D_2 w (frame, row) for ``rows`` w (row, component sought, *surface); ``name`` identifies
+        the rows in the cache.
+        """
         there = np.any(rows.reshape(len(rows), -1) != 0, axis=1)
         if not there.all():  # such as the moment of pressure if only shear is sought
             out = np.zeros((2, len(parameter), len(rows)))
@@ -165,7 +176,7 @@ class SampledVariances(Variances):
         return np.maximum(left - parameter[:, None] * size, 0.0), size
 
     def _each(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
-        """The same for a few parameters one by one; the last ones are cached."""
+        """Compute the two sums for a few parameters one by one, with a cache."""
         found = []
         for lam in parameter:
             key = (name, float(lam))
@@ -178,7 +189,7 @@ class SampledVariances(Variances):
         return each[0], each[1]
 
     def _table(self, rows: Floats, lam: float) -> Floats:
-        """log(w^T W w - u^T b), log(u^T u) and their slopes by log lambda: (4, row)."""
+        """log(w^T W w - u^T b), log(u^T u) and their slopes in log lambda: (4, row)."""
         parameter = np.full(len(rows), lam)
         found = self.system.space.sums(rows, parameter, tolerance=TIGHT, most=LONG, slopes=True)
         if found.cross is None:
@@ -188,6 +199,6 @@ class SampledVariances(Variances):
         return np.stack([np.log(left), lam * size / left, np.log(size), -2.0 * lam * found.cross / size])
 
     def own(self, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
-        """(row,) of w^T D_1 w and w^T D_2 w for rows with a parameter each."""
+        """w^T D_1 w and w^T D_2 w (row,) for rows that each have their own parameter."""
         found = self.system.space.sums(rows, parameter, tolerance=TIGHT, most=LONG, slopes=False)
         return np.maximum(found.left - parameter * found.size, 0.0), found.size

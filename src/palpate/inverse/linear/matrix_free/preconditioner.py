@@ -1,4 +1,6 @@
-"""Preconditioner: an approximation of M on its lattice, balanced with the longest waves, where its error is largest."""
+"""Preconditioner: an approximation of M on its lattice, combined with an exact treatment of the longest waves, where
+its error is largest.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +19,22 @@ from palpate.inverse.linear.matrix_free.transforms import Cosine
 
 __all__ = ["Balanced", "LongestCosines", "LongestSines", "approximation"]
 
-#: Combinations of cosines that working taxels separate by less than this count as one.
+#: Combinations of cosines whose separation by working taxels is below this count as one.
 MIN_SEPARATION = 1e-8
 
 
 def approximation(normal: Normal) -> Approximation:
-    """The one that serves these channels: displacement reaches as far as the array, and the rest go together across parities."""
+    """The approximation that suits these channels: `Cosines` for displacement, whose influence extends across the
+    array; otherwise `Padded`.
+    """
     channels = [c for a in normal.operator.planes_of for c in a.channels]
     return Cosines(normal) if all(find_channel(c).kind.absolute for c in channels) else Padded(normal)
 
 
 class Longest(Protocol):
-    """The longest waves Z of a space, by sums over axes: as rows of a matrix they would be read from memory at every step."""
+    """The longest waves Z of a space, applied as sums over axes: a matrix of them would be read from memory at every
+    step.
+    """
 
     count: int
 
@@ -95,8 +101,9 @@ class LongestSines:
 
 
 class Balanced:
-    """An approximation ``smooth`` of (M + lambda)^{-1}, for parameters, and a few waves Z on which M is exact (J. Mandel, Commun. Numer. Methods
-    Eng. 9, 1993, 233-241)."""
+    """An approximation ``smooth`` of (M + lambda)^{-1}, made exact on a few waves Z (J. Mandel, Commun. Numer. Methods
+    Eng. 9, 1993, 233-241).
+    """
 
     def __init__(
         self, product: Callable[[Floats], Floats], longest: Longest, smooth: Callable[[Floats], Inverse]
@@ -111,7 +118,7 @@ class Balanced:
         basis = vectors[:, kept] / np.sqrt(size[kept])
         values, modes = np.linalg.eigh(basis.T @ (0.5 * (inner + inner.T)).astype(np.float64) @ basis)
         self.values, self.vectors = np.maximum(values, 0.0), basis @ modes
-        #: About the largest eigenvalue of M, from below.
+        #: Lower estimate of the largest eigenvalue of M.
         self.largest = float(self.values[-1])
 
     @property
@@ -120,23 +127,23 @@ class Balanced:
         return int(self.moved.nbytes)
 
     def at(self, parameter: Floats) -> BalancedInverse:
-        """(M + lambda)^{-1} about, for the parameter of each frame."""
+        """Approximate (M + lambda)^{-1} for the parameter of each frame."""
         return BalancedInverse(self, parameter, self._smooth(parameter))
 
 
 class BalancedInverse:
-    """`Balanced` at some parameters: a function of rows and of which frames they belong to.
+    """`Balanced` at given parameters, as a function of rows and the index of each row's frame.
 
-    With A = M + lambda, S the smooth one and Q = Z (Z^T A Z)^{-1} Z^T it is Q + (1 - Q A) S (1 - A Q), symmetric for any row. Rows that Z^T makes zero
-    stay so, and for them it is (1 - Q A) S + Q, a third of the work (J. Tang, R. Nabben, C. Vuik, Y. Erlangga, J. Sci. Comput. 39, 2009,
-    340-370: "A-DEF2").
+    With A = M + lambda, the smooth approximation S and Q = Z (Z^T A Z)^{-1} Z^T, it is Q + (1 - Q A) S (1 - A Q),
+    which is symmetric. Rows with Z^T v = 0 remain so, and for them it is (1 - Q A) S + Q, a third of the work (J.
+    Tang, R. Nabben, C. Vuik, Y. Erlangga, J. Sci. Comput. 39, 2009, 340-370: "A-DEF2").
     """
 
     def __init__(self, of: Balanced, parameter: Floats, smooth: Inverse) -> None:
         self._of, self._parameter, self._smooth = of, parameter, smooth
 
     def __call__(self, rows: Any, which: Any) -> Any:
-        """Of any rows."""
+        """Apply the inverse to any rows."""
         solution, left = self.begin(rows, which)
         out = self._smooth(left, which)
         out -= self._long(self._inner(out, which), which, rows.dtype)
@@ -144,7 +151,7 @@ class BalancedInverse:
         return out
 
     def begin(self, rows: Any, which: Any) -> tuple[Any, Any]:
-        """Q v, and v - A Q v, which Z^T makes zero."""
+        """Q v, and v - A Q v, for which Z^T is zero."""
         lam, kind = self._parameter[which], rows.dtype
         weights = self._weights(self._of.longest.of(rows), which)
         solution = self._of.longest.rows(weights.astype(kind))
@@ -153,7 +160,7 @@ class BalancedInverse:
         return solution, left
 
     def within(self, rows: Any, which: Any) -> Any:
-        """On rows for which Z^T is zero, except for rounding."""
+        """Apply the inverse to rows for which Z^T is zero, except for rounding."""
         out = self._smooth(rows, which)
         out -= self._long(self._inner(out, which) - self._of.longest.of(rows), which, rows.dtype)
         return out

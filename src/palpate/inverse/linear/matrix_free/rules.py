@@ -1,8 +1,10 @@
-"""The parameter of each frame at any size: the rules of `palpate.inverse.linear.parameter` on curves that solutions correct.
+"""Parameter of each frame at any size: the rules of `palpate.inverse.linear.parameter` on approximate curves,
+corrected by solutions.
 
-A rule needs, as functions of lambda, y^T u (the misfit plus penalty), |u|^2 (the residual is lambda u) and the degrees of freedom. An approximation
-of M gives them in closed form for all lambda at once; a solution gives the first two exactly at one lambda, with the slope of the first. The curves
-are corrected to pass through the solutions, the rule picks a parameter, and if that is far from every solution another solution is computed.
+A rule needs three functions of lambda: y^T u (misfit plus penalty), |u|^2 (the residual is lambda u), and the degrees
+of freedom. An approximation of M gives them in closed form for all lambda. A solution gives the first two exactly at
+one lambda, and the slope of the first. The curves are corrected to pass through the solutions, and the rule picks a
+parameter. If that is far from every solution, another solution is computed there.
 """
 
 from __future__ import annotations
@@ -22,19 +24,21 @@ from palpate.inverse.linear.parameter import SpectrumCurves as Guess
 
 __all__ = ["Corrected", "Search"]
 
-#: Stop when the rule points this close to a solution (in log lambda): the curves are exact there to second order, so that the error is a percent or
-#: two.
+#: Stop when the chosen parameter is this close to a solution (in log lambda): the curves are exact there to second
+#: order, so that its error is a per cent or two.
 TOLERANCE_LOG = 0.1
-#: Tolerance of solutions on the way, of their second solution, and the largest number of steps: forms have the square of this residual as error.
+#: Tolerance of the solutions, of the second solution for slopes, and largest number of steps; quadratic forms are
+#: accurate to the square of the residual.
 TOLERANCE, AGAIN, MOST = 1e-4, 1e-3, 400
-#: For evidence, the residual tolerance is this part of the estimate's misfit by the curves so far, within these bounds relative to the readings.
-#: Errors of steps from zero are orthogonal to the solution; steps from another start must go further.
+#: For evidence, the tolerance is PART of the estimate's present misfit, between LEAST and LOOSEST relative to the
+#: readings; ANEW applies to a start other than zero, where the errors of the steps are not orthogonal to the solution.
 PART, ANEW, LEAST, LOOSEST = 0.02, 1.2e-3, 1e-5, 3e-3
-#: Most solutions on the way to a parameter.
+#: Largest number of solutions for one parameter.
 ROUNDS = 8
-#: From a solution the rule moves on by no more than this (in log lambda, a decade), and nearer than CLOSE the degrees of freedom are computed.
+#: Largest step from a solution (in log lambda; a decade), and the distance below which the degrees of freedom are
+#: computed.
 STEP, CLOSE = 2.3, 1.2
-#: Rules that need the slope of the residual, and so another solution.
+#: Rules that need the slope of the residual, and so a second solution.
 SECOND = ("gcv", "lcurve")
 
 
@@ -42,7 +46,8 @@ SECOND = ("gcv", "lcurve")
 class Corrected:
     """Curves (`palpate.inverse.linear.parameter.Curves`) of some frames, corrected by solutions.
 
-    Of each frame, ``places`` log lambda of its solutions, and there ``shifts`` of log e and log r^2 from the guess, with their slopes.
+    For each frame, ``places`` are log lambda of its solutions, and ``shifts`` the differences of log e and log r^2 to
+    the approximation there, with their slopes.
     """
 
     guess: Guess
@@ -52,7 +57,7 @@ class Corrected:
 
     @classmethod
     def of(cls, system: System, rows: Floats) -> Corrected:
-        """Curves without any solutions."""
+        """Curves before any solution."""
         freedom = system.freedom
         power = (freedom.weights @ freedom.space.powers(rows).T).T
         grid = candidates(np.array([freedom.top]))
@@ -62,7 +67,9 @@ class Corrected:
     def add(
         self, frames: npt.NDArray[np.intp], parameter: Floats, rows: Floats, solved: Solved, again: Solved | None
     ) -> None:
-        """Add solutions u (frame, n) of ``rows`` at the ``parameter`` of each, and ``again`` (M + lambda)^{-1} u, if known."""
+        """Add solutions u (frame, n) for ``rows`` at the ``parameter`` of each, and ``again`` = (M + lambda)^{-1} u,
+        if known.
+        """
         from scipy.interpolate import CubicSpline
 
         form, square = self.system.space.forms(rows, parameter, solved)
@@ -91,16 +98,17 @@ class Corrected:
             )
 
     def nearest(self, parameter: Floats) -> Floats:
-        """How far (in log lambda) each parameter is from a solution of its frame."""
+        """Distance (in log lambda) of each parameter from the nearest solution of its frame."""
         return np.array(
             [min((abs(np.log(p) - at) for at in places), default=np.inf) for p, places in zip(parameter, self.places)]
         )
 
     def among(self, reach: float) -> npt.NDArray[np.bool_]:
-        """Candidates (frame, candidate) that solutions leave to generalised cross-validation: no further than ``reach`` (in log lambda) from the
-        outermost solutions, and not beyond one that scores worse than its neighbour.
+        """Mask of candidates (frame, candidate) allowed for generalised cross-validation: at most ``reach`` (in log
+        lambda) beyond the outermost solutions, and not beyond one that scores worse than its neighbour.
 
-        A surface has more waves than readings, so that its approximation predicts a residual of zero at small lambda, and a misleading score of zero.
+        A surface has more waves than readings, so that its approximation wrongly predicts a residual and a score of
+        zero at small lambda.
         """
         log = np.log(self.grid)
         residual = np.log(np.maximum(self.residual, TINY))
@@ -119,7 +127,7 @@ class Corrected:
         return out
 
     def within(self, parameter: Floats, reach: float) -> Floats:
-        """Parameters no further than ``reach`` (in log lambda) from the solutions of their frames."""
+        """Limit parameters to at most ``reach`` (in log lambda) from the solutions of their frames."""
         out = np.array(parameter)
         for i, places in enumerate(self.places):
             if places:
@@ -171,7 +179,9 @@ class Corrected:
 
 
 class Found(NamedTuple):
-    """Parameter (frame,), frames where the rule had no information or did not converge, the curves, and solutions near by (frame, n)."""
+    """Parameter (frame,), frames for which the rule had no information or did not converge, the curves, and nearby
+    solutions (frame, n).
+    """
 
     parameter: Floats
     without: npt.NDArray[np.bool_]
@@ -181,13 +191,15 @@ class Found(NamedTuple):
 
 
 class Search:
-    """Finds the parameter of frames by a rule; see the module. ``floor`` (frame,) as in `palpate.inverse.linear.parameter.amplitude`."""
+    """Search for the parameter of frames by a rule; see the module. ``floor`` (frame,) as in
+    `palpate.inverse.linear.parameter.amplitude`.
+    """
 
     def __init__(self, system: System, rule: str, floor: Floats | None) -> None:
         self.system, self.rule, self.floor = system, rule, floor
 
     def find(self, rows: Floats, parameter: Floats | None = None, start: Floats | None = None) -> Found:
-        """The parameter of each row, from a ``parameter`` and solutions near it, if known."""
+        """The parameter of each row, starting from a ``parameter`` and solutions near it, if known."""
         curves = Corrected.of(self.system, rows)
         solutions = np.zeros_like(rows) if start is None else np.array(start)
         found = pick(self.rule, curves, self.floor)
@@ -210,7 +222,7 @@ class Search:
                 close = curves.nearest(parameter)[open_] < CLOSE
                 if not close.any():
                     break
-                # compute the degrees of freedom where they decide
+                # Compute the degrees of freedom where they decide.
                 self.system.freedom.of(parameter[open_][close])
             open_ = open_[curves.nearest(parameter)[open_] > TOLERANCE_LOG]
         unsettled = np.zeros(len(rows), dtype=bool)
@@ -225,7 +237,7 @@ class Search:
         some: npt.NDArray[np.intp] | None = None,
         start: Floats | None = None,
     ) -> Floats:
-        """Solve ``some`` frames (by default all) at ``parameter`` (frame,), and move the curves there."""
+        """Solve ``some`` frames (default: all) at ``parameter`` (frame,), and correct their curves."""
         frames = np.arange(len(rows)) if some is None else some
         there = parameter[frames]
         goal: float | Floats = TOLERANCE

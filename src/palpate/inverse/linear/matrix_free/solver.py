@@ -22,10 +22,11 @@ from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertai
 
 __all__ = ["MatrixFree"]
 
-#: The iteration goes on to this residual, as a part of the readings, in double and in single precision.
+#: Residual, as a fraction of the readings, at which the iteration stops, in double (8 bytes) and single precision.
 TOLERANCE = {8: 1e-8, 4: 1e-5}
-#: If the parameter is learnt, to a percent or two, the residual tolerance is this part of the estimate's misfit, and at most this part of the
-#: readings: like a slightly larger noise, which moves the traction by 1e-6 to 3e-5 of its norm.
+#: If the parameter is learned, to a per cent or two, the tolerance is LEARNED times the estimate's misfit, at most
+#: LARGEST times the readings. This acts like slightly more noise, which changes the traction by 1e-6 to 3e-5 of its
+#: norm.
 LEARNED, LARGEST = 1e-4, 3e-5
 #: A frame with a smaller residual is solved; with a larger one its status is "not converged".
 SOLVED = 1e-4
@@ -34,7 +35,7 @@ MAX_STEPS = 2000
 
 
 class MatrixFree:
-    """As `palpate.inverse.linear.regularised.Regularised` with Tikhonov's filter, on a `System`."""
+    """As `palpate.inverse.linear.regularised.Regularised` with Tikhonov's filter, on a matrix-free `System`."""
 
     def __init__(
         self,
@@ -96,7 +97,9 @@ class MatrixFree:
         )
 
     def _frames(self, readings: Sequence[Floats], tolerance: float) -> dict[str, Any]:
-        """Traction and further results of some frames (frame, channel, *array) per plane, each with the frame first."""
+        """Traction and other results of some frames, given as (frame, channel, *array) per plane; all results have the
+        frame axis first.
+        """
         system = self.system
         rows = system.normal.rows(readings)
         floor = None if self.noise_known else self._floor(readings)
@@ -164,7 +167,7 @@ class MatrixFree:
         return out
 
     def _floor(self, readings: Sequence[Floats]) -> Floats:
-        """Least noise variance of each frame (frame,), relative to the whitening."""
+        """Lower bound of the noise variance of each frame (frame,), relative to the whitening."""
         largest: Any = np.zeros(len(readings[0]))
         for array, scale, values in zip(self.operator.planes_of, self.scales, readings):
             rows = np.abs(values.reshape(len(values), len(scale), -1)[..., array.valid.ravel()])

@@ -1,8 +1,9 @@
-"""The space of the unknowns: that of the readings, or of the traction if the readings have no lattice.
+"""The space of the unknowns: readings, or traction if the readings are not on a lattice.
 
-Both solve (M + lambda) u = y and have an approximate spectrum. `OnArray` preconditions by the lattice of a regular array. `OnSurface`, for scattered
-positions, solves (H^T H + lambda) v = H^T y for the traction's coefficients v in sines, in which its prior is white, and takes u = (y - H v)/lambda:
-there H^T H is nearly diagonal, the influence of a cell times the positions per cell.
+Both solve (M + lambda) u = y and have an approximate spectrum. `OnArray` preconditions by the lattice of a regular
+array. `OnSurface`, for scattered positions, solves (H^T H + lambda) v = H^T y for the traction's sine coefficients v,
+in which its prior is white, and sets u = (y - H v)/lambda. In sines H^T H is nearly diagonal: the influence of a cell
+times the number of positions per cell.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ __all__ = ["OnArray", "OnSurface", "Space", "Sums", "space"]
 
 
 class Sums(NamedTuple):
-    """Of sums w^T t (row,), with u = (M + lambda)^{-1} H W w: w^T W w - u^T H W w, u^T u and, if requested, u^T (M + lambda)^{-1} u."""
+    """For sums w^T t (row,), with u = (M + lambda)^{-1} H W w: w^T W w - u^T H W w, u^T u and, if requested, u^T (M +
+    lambda)^{-1} u.
+    """
 
     left: Floats
     size: Floats
@@ -36,18 +39,19 @@ class Sums(NamedTuple):
 
 
 class Space(Protocol):
-    """A way to solve, with an approximate spectrum."""
+    """A way to solve the system, with an approximate spectrum."""
 
     #: Eigenvalues (n,) and their multiplicities.
     eigenvalues: Floats
     counts: Floats
-    #: About the largest eigenvalue of M.
+    #: Approximate largest eigenvalue of M.
     largest: float
-    #: Whether the squared coefficients of a row add up to its own square, so that its approximate sums can be set against their exact means.
+    #: Whether the squared coefficients of a row add up to its squared length, so that approximate sums can be compared
+    #: with their exact means.
     whole: bool
-    #: Whether `forms` err by the square of residuals, so that these may be loose.
+    #: Whether the error of `forms` is the square of the residuals, so that these may be loose.
     corrected: bool
-    #: The start parameter if the approximation is too coarse.
+    #: The start parameter, if the approximation is too coarse to choose one.
     first: float | None
 
     def powers(self, rows: Floats) -> Floats:
@@ -78,11 +82,11 @@ class Space(Protocol):
         ...
 
     def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
-        """y^T u and u^T u (frame,) of what was solved for ``rows`` y, as near as can be had from it."""
+        """y^T u and u^T u (frame,) for ``rows`` y, as accurately as the solutions allow."""
         ...
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
-        """Of sums of the traction, ``rows`` w (row, component sought, *surface), with a parameter each."""
+        """See `Sums`, for sums ``rows`` w (row, component sought, *surface) of the traction, with one parameter each."""
         ...
 
     @property
@@ -90,19 +94,19 @@ class Space(Protocol):
 
 
 def space(normal: Normal) -> Space:
-    """The one that serves the layout."""
+    """The space that suits the layout."""
     regular = all(isinstance(p, Convolution) for p in normal.operator.planes)
     return OnArray(normal) if regular else OnSurface(normal)
 
 
-#: A solution whose residual is within this factor of the tolerance will do, where steps said that it was reached: rounding is the rest.
+#: Accept a solution whose checked residual exceeds the tolerance by at most this factor: the difference is rounding.
 REACHED = 2.0
 #: Smaller residuals need double precision.
 SINGLE = 1e-6
 
 
 class OnArray:
-    """By the lattice of a regular array, and its longest waves exactly."""
+    """The readings of a regular array: preconditioned by its lattice, with the longest waves solved exactly."""
 
     def __init__(self, normal: Normal) -> None:
         self.normal = normal
@@ -110,7 +114,7 @@ class OnArray:
         self._balanced = Balanced(normal.apply, LongestCosines(normal), self.approximate.at)
         self.eigenvalues, self.counts = self.approximate.eigenvalues, self.approximate.counts
         self.largest, self.powers = self._balanced.largest, self.approximate.powers
-        # gaps look like edges to the approximation, and it takes them for signal
+        # The approximation takes missing readings for edges, and these for signal.
         self.first = (
             _safe(self.eigenvalues, self.counts, self.largest, normal.count) if normal.valid is not None else None
         )
@@ -153,7 +157,7 @@ class OnArray:
         if start is None or float(goal.min()) < SINGLE:
             solved = self.solve(rows, parameter, tolerance=tolerance, most=most, start=start, checked=True)
             return solved, self.traction(solved)
-        # a start is off by what was not known of the parameter, and steps in single precision go the rest of the way
+        # The start is off by the uncertainty of the parameter; steps in single precision do the rest.
         kind = np.float32 if self._rounded(start, goal * size) else np.float64
         left = rows - self.normal.apply(start.astype(kind)) - parameter[:, None] * start
         near, there = np.linalg.norm(left, axis=1), size > 0
@@ -173,11 +177,13 @@ class OnArray:
         return Solved(out, residual, products), traction
 
     def _rounded(self, rows: Floats, error: Floats) -> bool:
-        """Whether M u in single precision errs by less than a fifth of ``error`` (frame,): as much as rounding of rows makes, all equal."""
+        """Whether rounding of M u in single precision is less than a fifth of ``error`` (frame,)."""
         return bool((2.0**-24 * self._mean * np.linalg.norm(rows, axis=1) < 0.2 * error).all())
 
     def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
-        """To second order in the residuals r: y^T A^{-1} y = y^T u + u^T r + r^T A^{-1} r, and alike of the square."""
+        """Quadratic forms to second order in the residuals r: y^T A^{-1} y = y^T u + u^T r + r^T A^{-1} r, and
+        similarly for the square.
+        """
         u, r = solved.rows, solved.rest
         first, second = (rows * u).sum(axis=1), (u**2).sum(axis=1)
         if r is None:
@@ -194,7 +200,7 @@ class OnArray:
         return first, second
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
-        """Of sums of the traction."""
+        """Return the variances of sums of the traction; see `Sums`."""
         weighted = self.normal.covariance(rows)
         right = self.normal.readings(weighted)
 
@@ -213,27 +219,28 @@ class OnArray:
         return self.approximate.nbytes + self._balanced.nbytes
 
 
-#: Sines along each axis of a component that are solved exactly.
+#: Number of the longest sines along each axis of a component that are solved exactly.
 LONG_SINES = {2: 5, 1: 16}
-#: Start the search at a parameter with this part of the readings as degrees of freedom: solutions there take few steps.
+#: Start the search at the parameter whose degrees of freedom are this fraction of the readings: solutions there take
+#: few steps.
 USED = 0.2
-#: Residuals are measured in the norm that matters, so that a tolerance may be larger: e has the square of the error.
+#: Factor on the tolerance if residuals are measured in the energy norm, where e has the square of the error.
 ENERGY = 10.0
 
 
 class OnSurface:
-    """By the sines of the surface, the longest exactly."""
+    """The sine coefficients of the traction, with the longest waves solved exactly."""
 
     def __init__(self, normal: Normal) -> None:
         self.normal = normal
-        #: Priors that are white in sines; others have no such root.
+        #: Priors that are white in sines; other priors have no such root.
         self._priors = [p for p in normal.priors if isinstance(p, DifferencePrior)]
         if len(self._priors) < len(normal.priors):
             raise TypeError("sines need the prior of Tikhonov's method")
         self._shape = (len(normal.columns), *normal.operator.surface.shape)
         diagonal = self._modes().ravel()
         self.eigenvalues = np.maximum(diagonal, 1e-16 * float(diagonal.max()))
-        #: Modes live all over the surface, and readings only where positions are.
+        #: Modes extend over the whole surface, readings only cover the positions.
         self.counts = np.full(self.eigenvalues.size, self._covered)
         few = LONG_SINES[len(self._shape) - 1]
         places = [range(self._shape[0]), *(range(min(few, n)) for n in self._shape[1:])]
@@ -249,7 +256,9 @@ class OnSurface:
         return 2 * self.eigenvalues.nbytes + self._balanced.nbytes
 
     def powers(self, rows: Floats) -> Floats:
-        """Squared coefficients (frame, n): those of H^T y over the eigenvalues, with no more in all than y has."""
+        """Squared coefficients (frame, n): those of H^T y divided by the eigenvalues, scaled so that their sum does
+        not exceed |y|^2.
+        """
         seen = self._back(rows) ** 2 / self.eigenvalues
         total, whole = seen.sum(axis=1), (rows**2).sum(axis=1)
         return np.asarray(seen * np.minimum(1.0, whole / np.where(total > 0, total, 1.0))[:, None])
@@ -264,7 +273,7 @@ class OnSurface:
         start: Floats | None,
         checked: bool,
     ) -> Solved:
-        """(M + lambda)^{-1} rows; a ``start`` would have to be known far better than it is."""
+        """(M + lambda)^{-1} rows; ``start`` is ignored, because it would have to be far more accurate than it is."""
         found = self._inverse(self._back(rows), parameter, tolerance, most, checked=checked)
         u = (rows - self._forth(found.rows)) / parameter[:, None]
         return Solved(u, found.residual, found.products, found.rows)
@@ -277,17 +286,17 @@ class OnSurface:
         return solved, self.traction(solved)
 
     def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
-        """As they are."""
+        """Quadratic forms without correction."""
         return (rows * solved.rows).sum(axis=1), (solved.rows**2).sum(axis=1)
 
     def traction(self, solved: Solved) -> Floats:
-        """C v."""
+        """Traction C v."""
         if solved.source is None:
             raise RuntimeError("what was solved elsewhere has no coefficients on the surface")
         return self._coloured(solved.source)
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
-        """Of sums of the traction: lambda x^T C^T w with x = (H^T H + lambda)^{-1} C^T w, and u = H x."""
+        """Return the variances of sums of the traction: lambda x^T C^T w with x = (H^T H + lambda)^{-1} C^T w, and u = H x."""
         right = self._whitened(rows)
         x = self._inverse(right, parameter, tolerance, most, checked=True).rows
         u = self._forth(x)
@@ -347,7 +356,7 @@ class OnSurface:
         return self._whitened(self.normal.seen(rows))
 
     def _modes(self) -> Floats:
-        """About the diagonal of H^T H in sines: positions per cell, times the influence of a cell, times the prior."""
+        """Approximate diagonal of H^T H in sines: positions per cell, times the influence of a cell, times the prior."""
         normal = self.normal
         grid = normal.operator.surface
         out: Any = np.zeros(self._shape)
@@ -367,7 +376,7 @@ class OnSurface:
 
 
 def _safe(eigenvalues: Floats, counts: Floats, largest: float, readings: int) -> float:
-    """A parameter that leaves few degrees of freedom."""
+    """A parameter with few degrees of freedom."""
     nodes, weights = lumps(eigenvalues)
     trial = largest * 10.0 ** -np.arange(0.0, 16.0, 0.25)
     used = (nodes / (nodes + trial[:, None])) @ (weights @ counts)

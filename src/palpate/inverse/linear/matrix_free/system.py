@@ -23,10 +23,10 @@ __all__ = ["System"]
 
 
 class System:
-    """An operator under a prior, ready to be solved for any parameter.
+    """An operator with a prior, ready to be solved for any parameter.
 
-    ``scales`` are the standard deviations that the readings were divided by (channel, per plane), and ``noise_known`` says whether they
-    are the true noise.
+    ``scales`` are the standard deviations by which the readings were divided (channel, per plane); ``noise_known``:
+    whether they are the true noise.
     """
 
     def __init__(self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int]) -> None:
@@ -48,7 +48,7 @@ class System:
             self.freedom.take(operator.recall.entries.get(self.key))
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
-        """Known degrees of freedom, for `Recall`."""
+        """Computed degrees of freedom, for `Recall`."""
         return {} if self.key is None else {self.key: (self.freedom.table(),)}
 
     def solve(
@@ -76,7 +76,7 @@ class System:
 
     @cached_property
     def variances(self) -> SampledVariances:
-        """How sure estimates with it are."""
+        """Error bars of estimates."""
         return SampledVariances(self)
 
     @property
@@ -86,7 +86,7 @@ class System:
         return held + (self.variances.nbytes if "variances" in self.__dict__ else 0)
 
     def finest(self, row: Floats) -> float:
-        """Mean power of the part of a row that traction reaches least: no noise that is the same at every wavelength is larger."""
+        """Mean power of the components of a row to which traction contributes least: an upper bound of white noise."""
         approximate = self.space
         order = np.argsort(approximate.eigenvalues, kind="stable")
         counts = approximate.counts[order]

@@ -1,4 +1,4 @@
-"""Cosine transforms, by a matrix where that is faster."""
+"""Cosine transforms, by matrix products if these are faster."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["Cosine", "along"]
 
-#: Up to this many entries along an axis a transform by a matrix is faster than by FFT.
+#: Largest number of entries along an axis for which a matrix product is faster than an FFT.
 MATRIX = 512
 
 
@@ -35,7 +35,7 @@ class Cosine:
         return np.asarray(size * np.cos(np.pi * j * (np.arange(n) + 0.5) / n))
 
     def apply(self, x: Floats, axis: int, *, inverse: bool) -> Floats:
-        """Along ``axis``, -1 or -2."""
+        """Transform along ``axis``, -1 or -2."""
         if self._table is None or self._single is None:
             import scipy.fft
 

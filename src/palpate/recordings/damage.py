@@ -1,10 +1,10 @@
-"""Errors by which a Zarr store shows that it is damaged."""
+"""Exceptions that indicate a damaged file or store."""
 
 from __future__ import annotations
 
 __all__ = ["DAMAGE"]
 
-#: Exceptions of zarr and its codecs on a damaged store.
+#: Those of h5py, h5netcdf, zarr and its codecs: each layer translates the library's errors in its own way.
 DAMAGE = (
     OSError,
     RuntimeError,
@@ -14,7 +14,5 @@ DAMAGE = (
     AttributeError,
     IndexError,
     OverflowError,
-    RecursionError,
-    NotImplementedError,
     MemoryError,
 )

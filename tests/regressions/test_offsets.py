@@ -1,0 +1,58 @@
+"""Offsets of a channel that were taken for contact, with nothing known of the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate as pp
+
+SKIN = pp.Skin(
+    pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48),
+    pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=2e-3, channels=["stress_zz"], aperture=1e-3),
+)
+
+
+def test_an_offset_at_rest_is_no_contact() -> None:
+    """An offset of five deviations of noise and nothing else: 11 of 12 frames read 0.6 N, in intervals from 0.1 N on."""
+    noise = 400.0 * np.random.default_rng(0).standard_normal((4, 1, 8, 8))
+    touch = SKIN.reconstruct(noise + 2000.0)
+    low, high = touch.interval(0.95, "force")
+    assert (np.asarray(touch.status) == pp.Status.UNDECIDED).all()
+    # one reading of one plane does not tell an offset from an even press that is wider than the array
+    assert (np.asarray(low)[:, 2] <= 0.0).all()
+    assert np.isinf(np.asarray(high)[:, 2]).all()
+
+
+def test_an_offset_is_no_pull_about_two_balls() -> None:
+    """Two balls of 0.81 N above an offset: 1.85 N (1.44 to 2.25) of traction of either sign, which follows any readings, at a fit of 1."""
+    rng = np.random.default_rng([3, 10])
+    radii, forces, places = rng.uniform(1.2e-3, 3e-3, 2), rng.uniform(0.2, 0.6, 2), rng.uniform(-2.5e-3, 2.5e-3, (2, 2))
+    balls = [
+        pp.solutions.hertz_point(contact_radius=r, force=f).shifted(*place)
+        for r, f, place in zip(radii, forces, places)
+    ]
+    clean = np.asarray(SKIN.sense(balls[0])) + np.asarray(SKIN.sense(balls[1]))
+    offset = rng.choice([-1, 1]) * rng.choice([0.1, 0.2, 0.3])
+    readings = clean + clean.max() * (offset + 0.02 * rng.standard_normal(clean.shape))
+    touch = SKIN.reconstruct(readings)
+    low, high = touch.interval(0.95, "force")
+    assert float(touch.force[2]) == pytest.approx(forces.sum(), rel=0.1)
+    assert low[2] < forces.sum() < high[2]
+    assert touch.pushing
+    assert any("offset of stress_zz" in note for note in touch.notes)
+
+
+def test_an_offset_does_not_outgrow_the_readings() -> None:
+    """A punch of 0.70 N with drift in every reading: a pull of 16.7 N (6.3 to 23.4) over an offset of 20 kPa, where the largest reading is 13 kPa."""
+    shear_x = [[213, -406, -1052, 2895], [299, -1329, -2816, 4961], [179, 7, -230, 2398], [212, 369, 908, 608]]
+    shear_y = [[536, 181, -3185, -2369], [866, 723, 1904, 1973], [718, 1784, 3804, 3084], [941, 1256, 1489, 1325]]
+    normal = [[633, 1052, 6038, 4484], [644, 1518, 13031, 10214], [915, 1159, 3244, 2883], [773, 682, 782, 424]]
+    pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    channels = ["stress_xz", "stress_yz", "stress_zz"]
+    array = pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", aperture=3e-3, channels=channels, noise=305.0)
+    touch = pp.Skin(pad, array).reconstruct(np.array([shear_x, shear_y, normal], dtype=float))
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 0.696 < high[2]
+    assert float(touch.force[2]) == pytest.approx(0.696, abs=0.15)
+    assert touch.fit < 0.01  # drift that differs from taxel to taxel is no offset
