@@ -26,6 +26,7 @@ LINE = Sensor("line", (21,), 1e-3, 1e-3, 0.0, ("stress_zz",), 1e5, 0.45)
 
 
 @pytest.mark.parametrize("row", list(trust.ROWS))
+@pytest.mark.long
 def test_frames_are_of_their_row(row: str) -> None:
     frame = trust.make_frame(row, 2)
     assert np.isfinite(frame.readings).all()

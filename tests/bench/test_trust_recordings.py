@@ -145,6 +145,7 @@ def test_zeros_follow_a_press() -> None:
         assert frame.empty
 
 
+@pytest.mark.long
 def test_the_clock_is_wrong_and_the_readings_are_right() -> None:
     kinds = set()
     for index in range(25):
@@ -253,6 +254,7 @@ def test_what_touched_before_is_not_there_any_more() -> None:
 
 
 @pytest.mark.parametrize("road", ["reconstruct", "track", "table"])
+@pytest.mark.long
 def test_every_road_takes_the_zero_from_the_rest(road: str) -> None:
     """Offsets of ten times the load are gone with it."""
     frame = plain("restarted clock", lambda f: "+" not in str(f.sensor.channels) and f.sensor.kind == "area")
@@ -269,6 +271,7 @@ def test_every_road_takes_the_zero_from_the_rest(road: str) -> None:
     assert float(touch.force[-1]) == pytest.approx(float(alone.force[-1]), rel=0.3)
 
 
+@pytest.mark.long
 def test_what_the_reader_of_a_table_warns_of_is_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
     judging = sys.modules[trust.judge.__module__]
 

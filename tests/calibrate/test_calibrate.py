@@ -62,6 +62,7 @@ def calibrated(skin: pp.Skin) -> pp.Skin:
     return skin.calibrate(readings, reference=force)
 
 
+@pytest.mark.long
 def test_three_weights_tell_newtons(skin: pp.Skin) -> None:
     """Three labelled presses of sixteen taxels: 0.4 of the error of a linear regression, and intervals that hold the force."""
     error, linear, inside = [], [], []
@@ -77,6 +78,7 @@ def test_three_weights_tell_newtons(skin: pp.Skin) -> None:
     assert np.mean(inside) >= 0.9
 
 
+@pytest.mark.long
 def test_unit_of_readings_does_not_matter(skin: pp.Skin) -> None:
     readings, force, _ = bench(6, 7)
     test = bench(5, 8)[0]
@@ -86,6 +88,7 @@ def test_unit_of_readings_does_not_matter(skin: pp.Skin) -> None:
     np.testing.assert_allclose(values[0], values[1], rtol=1e-4)
 
 
+@pytest.mark.long
 def test_many_labels_are_a_regression(skin: pp.Skin) -> None:
     """A sensor of no pad at all: force is an odd linear map of the readings, which physics calls unlikely."""
     rng = np.random.default_rng(0)
@@ -143,6 +146,7 @@ def test_markers_that_move_sideways_alone_are_tracked() -> None:
         found.track(components=["x", "y"])
 
 
+@pytest.mark.long
 def test_twenty_weights_make_intervals_of_the_size_of_the_errors(skin: pp.Skin) -> None:
     widths, errors, inside = [], [], []
     for seed in range(4):
@@ -199,6 +203,7 @@ def test_track_takes_its_own_zero(calibrated: pp.Skin) -> None:
     assert [float(t.force[2]) for t in touches] == pytest.approx(expected, rel=0.05, abs=0.05)
 
 
+@pytest.mark.long
 def test_places_tell_the_centre(skin: pp.Skin) -> None:
     readings, force, place = bench(40, 11)
     found = calibrate(skin, readings, reference={"fz": force, "x": place[:, 0], "y": place[:, 1]})
@@ -236,6 +241,7 @@ def test_weights_that_cannot_be_read(text: str) -> None:
         Weight.parse(text)
 
 
+@pytest.mark.long
 def test_delay_between_clocks(skin: pp.Skin) -> None:
     rng = np.random.default_rng(5)
     time = np.arange(0.0, 30.0, 0.02)
@@ -290,6 +296,7 @@ def test_touch_of_a_calibration_travels_in_files(calibrated: pp.Skin, tmp_path: 
 
 
 @pytest.mark.parametrize(("gain", "word"), [(1.0, "no ageing is seen"), (0.6, "the sensor has aged")])
+@pytest.mark.long
 def test_ageing(calibrated: pp.Skin, gain: float, word: str) -> None:
     readings, force, _ = bench(8, 4003)
     later = calibrated.calibrate(gain * readings, reference=force, again=True)
@@ -345,6 +352,7 @@ def test_lines_have_no_physics_but_a_map() -> None:
     assert found.force(readings[:2].reshape(2, 5))[0][:, 2] == pytest.approx(readings[:2].sum(axis=(1, 2)), rel=0.05)
 
 
+@pytest.mark.long
 def test_the_command_line(tmp_path: Path) -> None:
     """From a table of counts with a force sensor on its own clock to forces of another table."""
     pytest.importorskip("typer")
@@ -435,6 +443,7 @@ def test_a_monitor_takes_a_force_without_a_map_of_pressure() -> None:
     assert std == 0.0
 
 
+@pytest.mark.long
 def test_a_force_sensor_without_a_reading_is_no_label(skin: pp.Skin) -> None:
     """A load cell writes -1 where it has nothing to say; forces that are read then are not pulls."""
     readings, force, _ = bench(30, 8)
@@ -450,6 +459,7 @@ def test_a_force_sensor_without_a_reading_is_no_label(skin: pp.Skin) -> None:
     assert np.abs(value[:, 2] - known).mean() < 0.5
 
 
+@pytest.mark.long
 def test_a_force_sensor_without_a_reading_on_a_clock_of_its_own(skin: pp.Skin) -> None:
     """Every second sample is -1, as of a load cell that answers half as often as it is asked; nothing of it is mixed into the forces between."""
     time = np.arange(0.0, 30.0, 0.05)
@@ -482,6 +492,7 @@ def test_weights_written_by_hand_are_labels(skin: pp.Skin) -> None:
     assert len(found.maps["fz"].process.values) == 12
 
 
+@pytest.mark.long
 def test_presses_unlike_any_label_have_room_and_a_word(skin: pp.Skin) -> None:
     """Labels of small forces near one place say little of other places and of large forces; those of many places say more."""
     near = [(f, x, y) for f in (0.5, 0.7, 1.0) for x in (-4.2e-3, -3.8e-3) for y in (-0.2e-3, 0.2e-3)]
@@ -500,6 +511,7 @@ def test_presses_unlike_any_label_have_room_and_a_word(skin: pp.Skin) -> None:
     assert low[0, 2] < 0.8 < high[0, 2]
 
 
+@pytest.mark.long
 def test_a_second_run_tells_how_gains_differ(skin: pp.Skin) -> None:
     """From one recording 8 % between runs are assumed and said; two alike, or 40 % apart, are believed in part."""
     readings, force, _ = bench(24, 11)
@@ -512,6 +524,7 @@ def test_a_second_run_tells_how_gains_differ(skin: pp.Skin) -> None:
     assert shares[0] < shares[1] < shares[2]
 
 
+@pytest.mark.long
 def test_a_stream_of_a_calibrated_skin_needs_no_zero_where_its_readings_have_one(skin: pp.Skin) -> None:
     """Readings without their zero, and no frame of rest named: a press that stays is not drift of the zero."""
     rng = np.random.default_rng(4)
@@ -554,6 +567,7 @@ def test_the_zero_of_a_calibration_serves_where_none_is_taken(skin: pp.Skin, tmp
         assert tracker.calibration.open_zero
 
 
+@pytest.mark.long
 def test_a_press_that_grows_while_the_zero_is_taken(skin: pp.Skin) -> None:
     """Half of the press in the zero took half of every force; the zero of the calibration serves instead, and that is said."""
     readings, force, _ = bench(16, 21)
@@ -604,6 +618,7 @@ def test_a_press_that_stands_through_the_zero_is_told_by_the_kept_zero(skin: pp.
             assert newtons == pytest.approx(4.0, rel=0.2)
 
 
+@pytest.mark.long
 def test_drift_of_the_zero_while_calibrating_widens_the_intervals_of_that_zero(skin: pp.Skin) -> None:
     readings, force, _ = bench(16, 21)
     rng = np.random.default_rng(4)
@@ -625,6 +640,7 @@ def test_drift_of_the_zero_while_calibrating_widens_the_intervals_of_that_zero(s
     assert wide[1] > wide[0]
 
 
+@pytest.mark.long
 def test_coarse_counts_that_are_alike_by_chance_are_no_overload() -> None:
     """Five magnetometers in steps of 2.4 counts: two of one channel are often the largest. Labelled presses gave larger readings."""
     array = pp.ScatteredArray(

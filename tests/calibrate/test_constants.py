@@ -112,6 +112,7 @@ def test_presses_that_no_pad_makes_give_no_constants(skin: pp.Skin) -> None:
     assert with_constants(skin, found) is skin
 
 
+@pytest.mark.long
 def test_constants_travel_into_the_skin_its_file_and_the_next_calibration(skin: pp.Skin, tmp_path: Path) -> None:
     truth = pp.HalfSpace(youngs_modulus=1.4e5, poissons_ratio=0.48)
     readings, force, radius, noise = gel(3, 6, truth, 2e-3)
@@ -175,6 +176,7 @@ def test_unknown_names_are_refused(skin: pp.Skin, options: dict[str, list[str]],
         skin.calibrate(readings, reference=force, **options)
 
 
+@pytest.mark.long
 def test_gains_are_divided_out_of_what_the_pad_sees(tmp_path: Path) -> None:
     layer = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
     skin = pp.Skin(layer, pp.AreaArray(shape=(5, 5), pitch=2e-3, depth="base", channels=["stress_zz"]))
@@ -217,6 +219,7 @@ def test_gains_are_divided_out_of_what_the_pad_sees(tmp_path: Path) -> None:
     assert np.abs(np.asarray(tracked.pressure) - truth).sum() < 0.8 * off[0]
 
 
+@pytest.mark.long
 def test_the_pixel_scale_moves_the_places_of_the_readings_once(skin: pp.Skin) -> None:
     truth = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
     scale = 1.1

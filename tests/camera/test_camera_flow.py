@@ -52,6 +52,7 @@ def test_a_large_picture_is_compared_at_half_its_size_and_answers_in_its_own_pix
     )
 
 
+@pytest.mark.long
 def test_force_from_a_skin_file_that_says_texture(tmp_path: Path) -> None:
     path = tmp_path / "gel.toml"
     path.write_text(gel_file('scale = "0.1 mm"\n' + TEXTURE))

@@ -96,6 +96,7 @@ def watched(source: CameraSource, **options: Any) -> Session:
     return session
 
 
+@pytest.mark.long
 def test_a_camera_that_fails_as_cameras_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Black, saturated, blurred, of another size, dots hidden, good again, unplugged: each said, the rest kept, all recorded."""
     pictures, blank = filmed(), np.full((120, 160), 128, np.uint8)
@@ -147,6 +148,7 @@ def test_a_camera_that_fails_as_cameras_do(tmp_path: Path, monkeypatch: pytest.M
     assert np.isnan(np.asarray(touches.force)[6:13]).all()
 
 
+@pytest.mark.long
 def test_a_video_is_played_at_its_rate_and_its_cut_is_said(tmp_path: Path) -> None:
     write_video(tmp_path / "press.mkv", filmed(), rate=10.0)
     whole = (tmp_path / "press.mkv").read_bytes()

@@ -272,6 +272,7 @@ MINI = Scene(
 
 
 @pytest.mark.parametrize("at", [(0.0, 0.0), (1.5e-3, 1e-3), (-2e-3, 2e-3)])
+@pytest.mark.long
 def test_dots_that_one_press_moves_by_their_distance_keep_their_names(at: tuple[float, float]) -> None:
     """Each then lies where its neighbour was, and agrees with those that stood still: seven were lost, and those taken for others told 2.5 of 4 N."""
     rng = np.random.default_rng(0)

@@ -90,6 +90,7 @@ def images() -> list[np.ndarray]:
 
 @pytest.mark.parametrize("name", ["film.mcap", "bag"])
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "mono8", "mono16", "png"])
+@pytest.mark.long
 def test_pictures_come_out_as_they_went_in(tmp_path, images, encoding, name) -> None:
     path = tmp_path / name
     write(path, images, encoding)

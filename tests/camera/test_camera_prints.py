@@ -57,6 +57,7 @@ def housed(picture: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("rim", [False, True])
 @pytest.mark.parametrize("bright", [False, True])
 @pytest.mark.parametrize("dust", [10, 80])
+@pytest.mark.long
 def test_dust_and_the_rim_of_a_gel_are_no_print(dust: int, bright: bool, rim: bool) -> None:
     """Spots of many sizes at random, edges in rows: a smooth gel was read as dots, and 25 N as 0.3."""
     picture = smooth(dust=dust, bright=bright, rim=rim)
@@ -105,6 +106,7 @@ def test_the_rim_of_the_gel_is_found_and_no_dots_beyond_it() -> None:
 
 
 @pytest.mark.parametrize("looks", [{}, {"gradient": (0.6, -0.5)}, {"colour": 1.0}, {"glare": [(100, 80, 20)]}])
+@pytest.mark.long
 def test_a_picture_that_the_gel_fills_has_no_rim(looks: dict[str, Any]) -> None:
     """Light that falls off towards the corners, glare and dots that touch the picture's edge are none."""
     assert Region.found(BASE.changed(looks=Looks(**looks)).picture()) is None
@@ -161,6 +163,7 @@ def test_light_on_a_smooth_gel_is_no_texture() -> None:
     assert len(Flow(list(printed), spacing=16.0).positions) > 240
 
 
+@pytest.mark.long
 def test_texture_is_read_where_it_stays_at_rest() -> None:
     """A part of the picture that changes while nothing touches (a belt behind the gel) is left out; where most of it does, it is refused."""
     rng = np.random.default_rng(0)

@@ -179,6 +179,7 @@ def test_a_modulus_from_dots_that_no_press_moves_so_says_so() -> None:
     assert "does NOT explain how the dots of press 1 move" in str(poor)
 
 
+@pytest.mark.long
 def test_the_commands(tmp_path: Path) -> None:
     write_video(tmp_path / "press.mp4", press(1.0), rate=30.0)
     skin = guess(tmp_path)

@@ -97,6 +97,7 @@ def test_a_gel_that_moves_in_the_reference_is_refused() -> None:
 # -- touches ---------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_pictures_become_newtons_with_error_bars() -> None:
     with follow(film(), plain(), view=SCENE.view, reference=3, rate=30.0, track=True) as touches:
         found = list(touches)
@@ -212,6 +213,7 @@ MINI = Scene(
 
 
 @pytest.mark.parametrize("track", [False, True])
+@pytest.mark.long
 def test_intervals_allow_for_dots_that_are_hidden_where_something_presses(track: bool) -> None:
     """Thirty of seventy dots, those that move most, are hidden: shear of 1 N read 0.5 (0.24 to 0.82) without a word."""
     drag = pp.solutions.hertz_point(contact_radius=3e-3, force=5.0).shifted(-2e-3, 2e-3).sliding(0.2)
@@ -230,6 +232,7 @@ def test_intervals_allow_for_dots_that_are_hidden_where_something_presses(track:
 
 
 @pytest.mark.parametrize("track", [False, True])
+@pytest.mark.long
 def test_frames_without_an_answer_have_intervals_of_nan(track: bool) -> None:
     """While the zero is captured, and where a picture is black: a live loop must not end there."""
     pictures = film()
@@ -249,6 +252,7 @@ def test_frames_without_an_answer_have_intervals_of_nan(track: bool) -> None:
                 assert int(touch.status) == int(pp.Status.MISSING)
 
 
+@pytest.mark.long
 def test_lost_dots_do_not_change_what_is_sought() -> None:
     """Of many places pressure is not sought by default; with some of them lost it was, and a table ended in the middle of a recording."""
     from palpate.touch import Forces

@@ -109,6 +109,7 @@ def test_response_is_inverted_with_its_standard_deviation() -> None:
     assert moved / step == pytest.approx(exact[..., 0], abs=1e-4)
 
 
+@pytest.mark.long
 def test_a_ball_of_another_size_has_its_depth_and_force(gel: Gel, model: SlopeModel, skin: pp.Skin) -> None:
     rng = np.random.default_rng(9)
     ball = Ball(3e-3, 1.2e-3, 2e-3, -1e-3)
@@ -130,6 +131,7 @@ def test_a_ball_of_another_size_has_its_depth_and_force(gel: Gel, model: SlopeMo
     assert any("does not measure shear" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_nothing_touches(gel: Gel, model: SlopeModel, skin: pp.Skin) -> None:
     rng = np.random.default_rng(10)
     quiet = [gel.picture(rng=rng) for _ in range(2)] + [gel.picture(rng=rng, dust=6)]
@@ -140,6 +142,7 @@ def test_nothing_touches(gel: Gel, model: SlopeModel, skin: pp.Skin) -> None:
             assert any("no contact" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_another_gel_is_refused(model: SlopeModel, skin: pp.Skin) -> None:
     other = Gel(Lamps(angles=(0.0, 120.0, 240.0), exposure=0.4), size=(160, 120), scale=0.12e-3, seed=5)
     picture = other.picture([Ball(4e-3, 1.6e-3)], rng=np.random.default_rng(0))
@@ -158,6 +161,7 @@ def test_saturated_light_is_refused(gel: Gel, model: SlopeModel) -> None:
         model.relief(white)
 
 
+@pytest.mark.long
 def test_a_steeper_ball_is_said(gel: Gel, model: SlopeModel) -> None:
     relief = model.relief(gel.picture([Ball(1.5e-3, 1.2e-3)], rng=np.random.default_rng(1)))
     assert any("steeper" in said or "does not show" in said for said in relief.said)
@@ -203,6 +207,7 @@ def test_pictures_of_another_size_are_refused(model: SlopeModel, skin: pp.Skin) 
         feel([np.zeros((60, 80, 3), dtype=np.uint8)], skin, model=model)
 
 
+@pytest.mark.long
 def test_the_file_holds_numbers_alone(model: SlopeModel, gel: Gel, tmp_path: Path) -> None:
     source = tmp_path / "gel.toml"
     source.write_text(TOML)
@@ -234,6 +239,7 @@ def test_a_skin_without_colours_is_refused(tmp_path: Path, skin: pp.Skin, gel: G
         feel([picture], skin)
 
 
+@pytest.mark.long
 def test_command_line(pictures: list[Any], gel: Gel, tmp_path: Path) -> None:
     import cv2
     from typer.testing import CliRunner

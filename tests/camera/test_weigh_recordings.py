@@ -78,6 +78,7 @@ def marker_table(path: Path, held: Recording) -> Path:
 MAP = "frame=frame,marker=id,x=x,y=y,displacement_x=dx,displacement_y=dy,pixel=0.05mm,rate=10"
 
 
+@pytest.mark.long
 def test_a_weight_on_markers_sets_the_modulus() -> None:
     found = weigh(recording(STEP), skin(SAID), 1.5)
     assert abs(found.youngs_modulus - TRUE) < 2 * found.std
@@ -91,6 +92,7 @@ def test_a_weight_on_markers_sets_the_modulus() -> None:
     assert lost.youngs_modulus == pytest.approx(found.youngs_modulus, rel=0.1)
 
 
+@pytest.mark.long
 def test_forces_over_time_set_the_modulus() -> None:
     """A load cell below the gel: of the other sign, with a bias, faster than the frames."""
     time = np.linspace(-1.0, 3.0, 900)
@@ -164,6 +166,7 @@ def test_tables_of_forces_that_lack_something(tmp_path: Path) -> None:
         read_force_trace(tmp_path / "none.csv")
 
 
+@pytest.mark.long
 def test_the_command_takes_tables_and_traces(tmp_path: Path) -> None:
     pytest.importorskip("typer")
     from command_line import run

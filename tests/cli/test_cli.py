@@ -84,6 +84,7 @@ def test_a_process_of_its_own(folder: Path, tmp_path: Path) -> None:
     assert failed.stderr == run(*arguments, "--out", "t.xyz", cwd=tmp_path).stderr
 
 
+@pytest.mark.long
 def test_simulate_and_reconstruct(folder: Path, tmp_path: Path) -> None:
     out = run(
         "reconstruct",
@@ -119,6 +120,7 @@ def test_simulate_and_reconstruct(folder: Path, tmp_path: Path) -> None:
         ["--parameter", "1e-8", "--components", "x,z"],
     ],
 )
+@pytest.mark.long
 def test_methods(options: list[str], folder: Path, tmp_path: Path) -> None:
     out = run("reconstruct", "skin.nc", "--skin", "skin.toml", "--out", str(tmp_path / "t.npz"), *options, cwd=folder)
     assert out.returncode == 0, out.stderr
@@ -489,6 +491,7 @@ def contents(folder: Path) -> dict[Path, int]:
 
 
 @pytest.mark.parametrize("name", list(BAD))
+@pytest.mark.long
 def test_bad_input(name: str, folder: Path) -> None:
     arguments, text, message = BAD[name]
     if text is not None:

@@ -78,6 +78,7 @@ def options_of(command: Any) -> set[str]:
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if "palpate " in p.read_text()], ids=lambda p: p.stem)
+@pytest.mark.long
 def test_commands_and_options_that_pages_show_exist(page: Path) -> None:
     text, wrong = page.read_text(), []
     for line in shown(text):

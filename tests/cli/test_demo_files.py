@@ -32,6 +32,7 @@ def test_the_page_shows_the_skin_that_is_written() -> None:
     assert textwrap.dedent(shown[2]) == demofiles._SKIN
 
 
+@pytest.mark.long
 def test_the_counts_of_the_page_tell_the_force_that_it_names(tmp_path: Path) -> None:
     (demo,) = commands("demo taxels")
     assert run(*shlex.split(demo)[1:], cwd=tmp_path).returncode == 0

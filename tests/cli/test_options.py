@@ -81,6 +81,7 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
 
 
 @pytest.mark.parametrize("name", list(REFUSED))
+@pytest.mark.long
 def test_what_has_no_meaning_is_refused(name: str, folder: Path) -> None:
     arguments, message = REFUSED[name]
     area = SKIN.replace('"line"', '"area"').replace("count = 16", "shape = [6, 6]")

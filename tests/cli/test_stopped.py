@@ -53,6 +53,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), *long_runs((signal.SIGTERM, 143))])
 @pytest.mark.parametrize("command", list(COMMANDS))
+@pytest.mark.long
 def test_stopped_while_writing(
     command: str,
     number: int,
@@ -81,6 +82,7 @@ def test_stopped_while_writing(
 
 @pytest.mark.parametrize("command", list(COMMANDS))
 @pytest.mark.parametrize("reason", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
+@pytest.mark.long
 def test_a_disk_that_does_not_take_it(
     command: str,
     reason: int,
@@ -103,6 +105,7 @@ def test_a_disk_that_does_not_take_it(
     assert sorted(os.listdir(folder)) == before
 
 
+@pytest.mark.long
 def test_killed_while_writing(folder: Path) -> None:
     """Nothing can tidy up then, but what was there is whole, and so is the recording."""
     code = (
@@ -163,6 +166,7 @@ def test_rows_so_far_are_written_while_frames_come(folder: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("name", ["new.csv", "new.nc", "new.npz", "old.csv"])
+@pytest.mark.long
 def test_frames_that_were_solved_are_kept(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

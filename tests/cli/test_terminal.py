@@ -20,6 +20,7 @@ def test_commands_are_written_as_their_escapes() -> None:
     assert not COMMANDS.search(str(InvalidInput(f"{RED}: no such file.")))
 
 
+@pytest.mark.long
 def test_headers_of_files_command_no_terminal(tmp_path: Path) -> None:
     """Refusals, warnings and notes of every command that reads tables."""
     pytest.importorskip("typer")

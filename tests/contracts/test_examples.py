@@ -57,6 +57,7 @@ SLOW = ("palpate.design.placement", "palpate.design.sweep", "palpate.measured.pa
 
 
 @pytest.mark.parametrize("name", [*(name for name in modules() if name not in SLOW), *long_runs(*SLOW)])
+@pytest.mark.long
 def test_examples_run(name: str) -> None:
     failed, tried = doctest.testmod(importlib.import_module(name))
     assert tried > 0

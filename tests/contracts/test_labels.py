@@ -92,6 +92,7 @@ def same(skin: pp.Skin, plain: Any) -> pp.Touch:
 
 
 @pytest.mark.parametrize("how", ["transposed", "y descends", "channels reordered", "readings in kPa", "as it is"])
+@pytest.mark.long
 def test_the_tracker_honours_the_same_labels(
     skin: pp.Skin, same: pp.Touch, labelled: xarray.DataArray, how: str
 ) -> None:

@@ -38,6 +38,7 @@ def test_nothing_found_may_be_a_pull_as_well(sign: float) -> None:
     assert high[2] > 0.0
 
 
+@pytest.mark.long
 def test_an_empty_frame_stays_narrow_where_taxels_feel_every_place() -> None:
     """Twice what is one standard deviation of a patch as wide as the depth, whatever the array's size; not ten times.
 

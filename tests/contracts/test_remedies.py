@@ -35,6 +35,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("remedy", CASES)
+@pytest.mark.long
 def test_what_is_advised_works(remedy: Remedy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     try:
@@ -71,6 +72,7 @@ def refused(remedy: Remedy) -> None:
         assert any(place.endswith("palpate/" + remedy.room.replace(".", "/")) for place in raised_in(caught.value))
 
 
+@pytest.mark.long
 def test_the_table_of_messages_is_that_of_the_source(monkeypatch: pytest.MonkeyPatch) -> None:
     """Written by `python benchmarks/messages.py --write`: each message of the source, and each that is no longer there."""
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))

@@ -61,6 +61,7 @@ def test_derivatives_are_those_of_exact_readings(channels: list[str]) -> None:
     assert np.abs(by_x - moved).max() < 0.01 * np.abs(moved).max()
 
 
+@pytest.mark.long
 def test_an_estimator_that_knows_the_shape_reaches_the_bound() -> None:
     """Least squares for force, place and radius over 60 frames: unbiased to first order, so its scatter is the bound."""
     skin = pp.Skin(SOFT, taxels(noise=300.0), uncertainty=EXACT, nuisance=())
@@ -155,6 +156,7 @@ def test_the_point_spread_is_that_of_wieners_filter_on_the_operator() -> None:
     assert found.width("z") == pytest.approx(half[-1] - half[0] + h, abs=1.1 * h)
 
 
+@pytest.mark.long
 def test_the_smallest_noticed_force_is_noticed_and_rest_is_not() -> None:
     """The matched filter over all places, offsets taken out: 1 % of frames at rest and 95 % of contacts at that force pass its threshold."""
     array = taxels(shape=(6, 6))
@@ -198,6 +200,7 @@ def test_the_range_is_where_a_reading_reaches_its_end() -> None:
     assert math.isinf(free.design().saturation)
 
 
+@pytest.mark.long
 def test_a_pair_is_told_apart_from_farther_where_taxels_are_deeper() -> None:
     pairs = [
         pp.Skin(SOFT, taxels(shape=(14, 14), pitch=1e-3, depth=d, noise=500.0)).design(contact_radius=1e-3).pair
@@ -248,6 +251,7 @@ def test_combinations_that_cannot_be_built_are_left_out_with_a_reason() -> None:
     assert any("Left out 1 design" in note and "below the rigid base" in note for note in found.notes())
 
 
+@pytest.mark.long
 def test_processes_give_the_same_numbers() -> None:
     skin = pp.Skin(SOFT, taxels())
     one, two = (sweep(skin, depth=[1e-3, 2e-3], jobs=n).numbers("force") for n in (1, 2))
@@ -371,6 +375,7 @@ def test_errors_of_a_file_name_the_line(tmp_path: Path, old: str, new: str, word
         read_design(path)
 
 
+@pytest.mark.long
 def test_the_command_ranks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from palpate.cli.commands import app
 

@@ -72,6 +72,7 @@ def test_the_table_is_what_a_solid_pad_reads() -> None:
     assert np.linalg.norm(true - wrong) / np.linalg.norm(true) == pytest.approx(float(found.press[3]), abs=0.05)
 
 
+@pytest.mark.long
 def test_the_lines_of_the_pad_that_ends_are_read(tmp_path: Path) -> None:
     plane = '\n[[plane]]\nkind = "area"\nshape = [4, 4]\npitch = "4 mm"\ndepth = "base"\nchannels = ["stress_zz"]\n'
     layer = '[pad]\nkind = "bonded_layers"\n[[pad.layer]]\nthickness = "4 mm"\nyoungs_modulus = "200 kPa"\npoissons_ratio = 0.48\n'

@@ -40,6 +40,7 @@ def test_thickness_widens_the_interval_by_what_it_does_to_the_force() -> None:
     assert (high[2] + low[2]) / 2 == pytest.approx((most[2] + least[2]) / 2, rel=1e-9)
 
 
+@pytest.mark.long
 def test_what_nobody_says_of_depth_and_thickness_is_a_tenth() -> None:
     readings = noisy(gel())
     assumed = pp.Skin(gel().pad, gel().planes, uncertainty=pp.Uncertainty(youngs_modulus=0.0, gain=0.0, scale=0.0))

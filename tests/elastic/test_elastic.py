@@ -64,6 +64,7 @@ def test_founding_kernels() -> None:
     depth=st.floats(0, 3),
     modulus=st.floats(1e-3, 1e12),
 )
+@pytest.mark.long
 def test_physics_of_one_wavevector(nu: float, kx: float, ky: float, depth: float, modulus: float) -> None:
     """Traction is the stress at z = 0; Hooke's law; strain is the gradient of displacement; surface reciprocity."""
     if np.hypot(kx, ky) < 1e-3:

@@ -120,6 +120,7 @@ def test_interfaces() -> None:
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.2, 0.7, 1.0])
+@pytest.mark.long
 def test_the_influence_in_space_transforms_back(depth: float) -> None:
     """Quadrature plus damped half-space against the matrix: a layer's fields die out, so a sum over the line suffices."""
     from palpate.sensing.kernels import influence

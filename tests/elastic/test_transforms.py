@@ -65,6 +65,7 @@ def test_cut_before() -> None:
     np.testing.assert_allclose(rfftn(x, (6, 8)), scipy.fft.rfftn(x[:, :6, :8], axes=(1, 2)), atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_frame_is_the_same_with_either(monkeypatch: pytest.MonkeyPatch) -> None:
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     array = pp.AreaArray(shape=(24, 24), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])

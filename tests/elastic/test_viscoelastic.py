@@ -51,6 +51,7 @@ def test_removing_undoes_adding(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("layered", [False, *long_runs(True)])
+@pytest.mark.long
 def test_net_force_through_creep(layered: bool) -> None:
     """A press held: displacement creeps, the force recovered does not; stress channels are left alone."""
     elastic: Any = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.45)

@@ -74,6 +74,7 @@ def test_a_ball_is_told_by_hertz(channels) -> None:
     assert "indentation" in found.modulus.reason
 
 
+@pytest.mark.long
 def test_a_flat_is_told_from_a_ball() -> None:
     skin = skin_of()
     readings, touch = read(skin, flat_punch(radius=3e-3, force=2.0))
@@ -83,6 +84,7 @@ def test_a_flat_is_told_from_a_ball() -> None:
     assert holds(found.patches[0].area, math.pi * 9e-6)
 
 
+@pytest.mark.long
 def test_two_balls_are_two_patches() -> None:
     skin = skin_of()
     balls = [hertz_point(contact_radius=1.5e-3, force=f).shifted(x, 0.0) for f, x in ((1.0, -3e-3), (0.5, 3e-3))]
@@ -145,6 +147,7 @@ def test_a_soft_ball_is_told_with_its_indentation() -> None:
     assert "stiffer" in plain.radius.reason
 
 
+@pytest.mark.long
 def test_a_rigid_ball_has_a_modulus_of_at_least() -> None:
     radius, force = 10e-3, 2.0
     a = hertz_contact_radius(PAD, radius=radius, force=force)
@@ -307,6 +310,7 @@ def test_intervals_hold_the_truth() -> None:
     assert {name: round(float(np.mean(h)), 2) for name, h in held.items() if np.mean(h) < 0.88} == {}
 
 
+@pytest.mark.long
 def test_the_command_says_the_same(tmp_path) -> None:
     from command_line import run
     from palpate.recordings import Recording, write_recording

@@ -37,6 +37,7 @@ def model_of(of: pp.Skin, **options: Any) -> Model:
     return prepare(of, **options)
 
 
+@pytest.mark.long
 def test_senses_as_the_skin_does(of: pp.Skin) -> None:
     traction = np.random.default_rng(0).standard_normal((5, 3, *of.surface.shape)) * 1e3
     expected = of.sense(traction)
@@ -48,6 +49,7 @@ def test_senses_as_the_skin_does(of: pp.Skin) -> None:
             np.testing.assert_allclose(found[:, c], expected[:, c], atol=tolerance * np.nanmax(np.abs(expected[:, c])))
 
 
+@pytest.mark.long
 def test_the_linear_inverse_is_tikhonovs(of: pp.Skin) -> None:
     readings = frames(of, 3)
     expected = of.reconstruct(readings, method=pp.Tikhonov(parameter=PARAMETER)).values
@@ -71,6 +73,7 @@ def test_the_linear_inverse_is_tikhonovs(of: pp.Skin) -> None:
     ],
     indirect=["of"],
 )
+@pytest.mark.long
 def test_gradients_of_the_inverse_agree_with_differences(of: pp.Skin, case: str) -> None:
     """Of readings, modulus, depth, gains and noise; all at once by jax.grad of a pytree, under jit."""
     constrained, friction = CASES[case]
@@ -101,6 +104,7 @@ def test_gradients_of_the_inverse_agree_with_differences(of: pp.Skin, case: str)
     np.testing.assert_allclose(plain, same, atol=1e-6 * np.abs(np.asarray(same)).max())
 
 
+@pytest.mark.long
 def test_gradients_of_readings_agree_with_differences(of: pp.Skin) -> None:
     model = model_of(of, depth_range=0.2)
     given = parameters(of)
@@ -124,6 +128,7 @@ def test_gradients_of_readings_agree_with_differences(of: pp.Skin) -> None:
         assert abs(float((found * direction).sum()) - expected) < 1e-6 * max(abs(expected), size), name
 
 
+@pytest.mark.long
 def test_the_second_call_compiles_nothing_and_no_tracer_leaks() -> None:
     of = skin()
     readings = frames(of, 2)
@@ -143,6 +148,7 @@ def test_the_second_call_compiles_nothing_and_no_tracer_leaks() -> None:
             jax.jit(jax.grad(lambda r, m=model: reconstruct(m, r, {"depth": 0.97}).sum()))(readings)
 
 
+@pytest.mark.long
 def test_vmap_is_a_loop() -> None:
     of = skin()
     model = model_of(of, parameter=PARAMETER, friction=0.5, depth_range=0.2)

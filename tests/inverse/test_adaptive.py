@@ -113,6 +113,7 @@ def small_problem(kind: str, rng: np.random.Generator) -> tuple[Any, Any, Any, i
 @pytest.mark.parametrize(
     ("kind", "seed"), list(itertools.product(["pressure", "cone", "masked", "scattered"], range(3)))
 )
+@pytest.mark.long
 def test_agrees_with_a_conic_solver(kind: str, seed: int) -> None:
     matrix, weight, data, components, friction = small_problem(kind, np.random.default_rng(seed))
     names = ("z",) if components == 1 else ("x", "y", "z")
@@ -340,6 +341,7 @@ def test_sliding_contact_is_solved_on_a_finer_grid(contact: str) -> None:
     assert np.mean(found) < {"pressed cone": 1.0, "sliding block": 0.55}[contact]
 
 
+@pytest.mark.long
 def test_sliding_on_a_line() -> None:
     array = pp.LineArray(count=60, pitch=0.5e-3, depth=1.5e-3, channels=["stress_xz", "stress_zz"])
     skin = pp.Skin(PAD, array)
@@ -375,6 +377,7 @@ def test_push_and_pull_together_go_to_the_linear_method() -> None:
     np.testing.assert_allclose(touch.force[2], -0.2, atol=0.1)
 
 
+@pytest.mark.long
 def test_periodic_and_shear_only_stay_linear() -> None:
     array = pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=0.0, channels=["displacement_x", "displacement_y"])
     readings = 1e-6 * np.random.default_rng(0).standard_normal((2, 6, 6))

@@ -109,6 +109,7 @@ def test_taxels_for_ever_are_next_to_the_same_inside_an_array() -> None:
 
 
 @pytest.mark.parametrize(("where", "local"), [("inside", False), ("inside", True), ("across the edge", False)])
+@pytest.mark.long
 def test_circulants_make_it_short_and_change_nothing(where: str, local: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Conjugate gradients that begin with the circulant of the matrix come to the same in half the steps or less."""
     skin = skin_of(24)
@@ -161,6 +162,7 @@ def test_inverses_of_small_hermitian_matrices(components: int) -> None:
     np.testing.assert_allclose(circulant._inverse(symbol), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_an_offset_under_a_ball_that_covers_the_array_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """It was read as 3 to 4 % of the force, which was said to be known to 0.7 %."""
     without_matrices(monkeypatch)
@@ -192,6 +194,7 @@ def test_signs_that_no_offset_saves(ring: float, gains: tuple[float, float], lef
     assert likelier_signs(tried, left_out) == [s for s in (1, -1) if s not in left_out]
 
 
+@pytest.mark.long
 def test_a_pull_with_an_offset_on_a_large_array() -> None:
     skin = skin_of(20)
     pulled = -ball(skin, 4e-3, 1e-3)

@@ -63,6 +63,7 @@ def test_the_answer_scales_with_the_readings() -> None:
 
 
 @pytest.mark.parametrize("zeroed", [True, *long_runs(False)])
+@pytest.mark.long
 def test_gains_that_spread_by_a_third_widen_the_force_until_it_holds(zeroed: bool) -> None:
     array = pp.AreaArray(shape=(4, 4), pitch=4.7e-3, depth=4e-3, aperture=3e-3, channels=THREE)
     skin = pp.Skin(LAYER, array)
@@ -143,6 +144,7 @@ def test_readings_all_at_their_end_are_at_least_so_many_newtons() -> None:
 
 
 @pytest.mark.parametrize("share", [0.2, 0.4, 0.7])
+@pytest.mark.long
 def test_the_force_lies_above_the_lower_end_however_many_readings_are_cut(share: float) -> None:
     array = {"shape": (6, 6), "pitch": 1e-3, "depth": 1e-3, "channels": ["stress_zz"], "noise": 50.0}
     load = 2.0 * math.pi / 3.0 * 2e-3**2 * 4e4
@@ -172,6 +174,7 @@ def test_frames_at_rest_of_another_shape_are_refused() -> None:
 
 @pytest.mark.parametrize("place", [6e-3, 9e-3])
 @pytest.mark.parametrize("response", [0.4, 0.6, 1.0])
+@pytest.mark.long
 def test_a_press_at_the_end_of_a_pad_is_in_the_interval(place: float, response: float) -> None:
     """Beyond the outermost of four taxels a pad ends, and answers with a part of what an endless one would: the readings cannot tell, the interval can."""
     pad = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=1e5, poissons_ratio=0.48)])

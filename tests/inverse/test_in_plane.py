@@ -57,6 +57,7 @@ def test_noise_on_one_axis_makes_no_force_better_known() -> None:
     assert least[1] <= least[0]
 
 
+@pytest.mark.long
 def test_a_frictionless_ball_is_not_read_as_shear() -> None:
     """Pressure was taken as zero: 0 N, and 8 kPa of shear that is not there."""
     skin, readings = readings_of(BALL)
@@ -96,6 +97,7 @@ def test_linear_methods_still_refuse_and_name_one_that_works() -> None:
         skin.reconstruct(readings, method="tikhonov", components=["x", "y", "z"])
 
 
+@pytest.mark.long
 def test_shear_alone_is_as_asked() -> None:
     """Traction force microscopy on a thin gel: cells pull along the surface."""
     skin, readings = readings_of(BALL)

@@ -151,6 +151,7 @@ def test_hilgers_prior_is_the_sobolev_kernel() -> None:
 @pytest.mark.parametrize("boundary", ["free", "periodic"])
 @pytest.mark.parametrize("filter_factors", [tikhonov, truncate])
 @pytest.mark.parametrize("rule", ["gcv", "discrepancy", "evidence", "lcurve"])
+@pytest.mark.long
 def test_rules_find_the_extremum_of_their_definition(
     rule: str, filter_factors: Any, boundary: Any, rng: np.random.Generator
 ) -> None:
@@ -276,6 +277,7 @@ REFUSED = {("dft", "scattered"), ("dft", "masked"), ("linear", "scattered"), ("l
 
 @pytest.mark.parametrize("layout", list(ARRAYS))
 @pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.long
 def test_every_method_on_every_layout(method: Any, layout: str, rng: np.random.Generator) -> None:
     skin = pp.Skin(PAD, ARRAYS[layout])
     contact = (

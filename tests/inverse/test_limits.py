@@ -42,6 +42,7 @@ def ended(readings: Any, part: float = 0.6) -> tuple[float, Any]:
 
 @pytest.mark.parametrize("seed", [0, *long_runs(1, 2, 3)])
 @pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.long
 def test_a_single_reading_at_an_end_that_is_given_is_at_least_that(friction: float | None, seed: int) -> None:
     """Nothing in a frame tells one reading at its end from a peak: 1 N reads 0.9."""
     given: dict[str, Any] = {} if friction is None else {"friction": friction}
@@ -58,6 +59,7 @@ def test_a_single_reading_at_an_end_that_is_given_is_at_least_that(friction: flo
     assert int(stated.at_limit.sum()) == int((np.abs(readings) == top).sum())
 
 
+@pytest.mark.long
 def test_the_low_end_counts_too() -> None:
     """A converter that ends below: the sign of what presses is turned by whoever wired it."""
     plain = pp.Skin(PAD, ARRAY)
@@ -74,6 +76,7 @@ def test_the_low_end_counts_too() -> None:
     assert f == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.long
 def test_limits_that_nothing_reaches_change_nothing() -> None:
     plain = pp.Skin(PAD, ARRAY)
     readings = pressed(plain)
@@ -132,6 +135,7 @@ def test_masked_taxels_have_no_ends_and_missing_readings_are_at_none() -> None:
 
 
 @pytest.mark.parametrize("stream", [False, True])
+@pytest.mark.long
 def test_a_range_that_begins_where_readings_rest_leaves_them_in_use(stream: bool) -> None:
     """Taxels that nothing presses read 0, the low end of a converter of 0 to its largest count: that tells that nothing presses there."""
     one = dataclasses.replace(ARRAY, channels=["stress_zz"])
@@ -175,6 +179,7 @@ def test_what_a_method_makes_of_them_is_said(method: str) -> None:
     assert ("takes them as they are" in said[0]) is (method == "tikhonov")
 
 
+@pytest.mark.long
 def test_single_precision_at_an_end() -> None:
     plain = pp.Skin(PAD, ARRAY)
     top, readings = ended(pressed(plain))
@@ -183,6 +188,7 @@ def test_single_precision_at_an_end() -> None:
     assert touch.at_limit.any()
 
 
+@pytest.mark.long
 def test_a_tracker_knows_the_ends_of_the_raw_readings() -> None:
     """With offsets: the converter's end is that of what it reads, not of what the zero leaves."""
     plain = pp.Skin(PAD, ARRAY)
@@ -205,6 +211,7 @@ def test_a_tracker_knows_the_ends_of_the_raw_readings() -> None:
         assert f == pytest.approx(1.0, rel=0.2)
 
 
+@pytest.mark.long
 def test_a_recording_whose_zero_is_taken_off_keeps_its_ends(tmp_path: Path) -> None:
     plain = pp.Skin(PAD, ARRAY)
     rest = 500.0 + 200.0 * np.random.default_rng(1).standard_normal(np.shape(pressed(plain)))

@@ -50,6 +50,7 @@ def ends(touch: pp.Touch, level: float, of: str = "traction") -> tuple[Floats, F
     return np.asarray(low), np.asarray(high)
 
 
+@pytest.mark.long
 def test_patches_that_pull_at_each_other_have_half_the_error_of_an_even_penalty() -> None:
     skin = on_gel()
     truth = dipole(skin)
@@ -63,6 +64,7 @@ def test_patches_that_pull_at_each_other_have_half_the_error_of_an_even_penalty(
     assert np.mean(((low <= truth) & (truth <= high))[0][on]) >= 0.9
 
 
+@pytest.mark.long
 def test_where_traction_ends_a_shift_of_the_image_is_told_from_a_net_force() -> None:
     """The even penalty takes a shift and a net force for one another: its interval is wider than the load."""
     skin = on_gel()
@@ -95,6 +97,7 @@ def test_a_stage_that_turned_and_moved_over_a_bonded_gel_makes_no_net_force() ->
     assert error(touch, truth) < 0.35
 
 
+@pytest.mark.long
 def test_vectors_that_jumped_are_left_out_and_named() -> None:
     skin = on_gel()
     truth = dipole(skin)
@@ -126,6 +129,7 @@ def test_windows_that_overlap_are_noticed_and_their_noise_is_not_taken_for_preci
 
 
 @pytest.mark.parametrize("seed", [0, *long_runs(1)])
+@pytest.mark.long
 def test_noise_alone_makes_no_patch_that_its_interval_denies(seed: int) -> None:
     skin = on_gel()
     readings = 1e-9 * np.random.default_rng(seed).standard_normal((2, 16, 16))
@@ -147,6 +151,7 @@ def test_traction_all_over_is_left_to_the_even_penalty_with_a_word() -> None:
     assert np.isfinite(np.stack(ends(touch, 0.95))[:, :2]).all()
 
 
+@pytest.mark.long
 def test_frames_are_decided_alone_and_float32_stays_float32() -> None:
     skin = on_gel()
     readings = np.stack([noisy(skin.sense(dipole(skin)), seed=s) for s in (0, 1)])
@@ -159,6 +164,7 @@ def test_frames_are_decided_alone_and_float32_stays_float32() -> None:
     assert np.all(np.asarray(together.values[1]) == 0.0)
 
 
+@pytest.mark.long
 def test_mirror_images_have_mirror_images() -> None:
     skin = on_gel()
     readings = noisy(skin.sense(dipole(skin)))
@@ -180,6 +186,7 @@ def test_samples_of_the_posterior_are_as_wide_as_its_model() -> None:
     assert 0.9 < np.median(ratio) < 1.1
 
 
+@pytest.mark.long
 def test_what_is_not_known_of_the_pad_is_in_the_error_bars() -> None:
     layer = pp.BondedLayers([pp.Layer(thickness=4e-6, youngs_modulus=8e3, poissons_ratio=0.48)])
     skins = [
@@ -194,6 +201,7 @@ def test_what_is_not_known_of_the_pad_is_in_the_error_bars() -> None:
 
 
 @pytest.mark.parametrize("scattered", [False, True])
+@pytest.mark.long
 def test_markers_anywhere_and_taxels_left_out(scattered: bool) -> None:
     rng = np.random.default_rng(2)
     array: object

@@ -159,6 +159,7 @@ def test_a_name_is_taken_once() -> None:
     ],
     ids=str,
 )
+@pytest.mark.long
 def test_objects_are_their_short_names(method: Method, options: dict[str, Any]) -> None:
     skin = pp.Skin(PAD, LINE)
     readings = noisy(skin, solutions.hertz_line(half_width=2.0, force=0.3).shifted(0.2), 0.01)
@@ -268,6 +269,7 @@ COMMANDS: dict[str, tuple[list[str], str]] = {
 
 
 @pytest.mark.parametrize("case", list(COMMANDS))
+@pytest.mark.long
 def test_the_command_line_drops_no_option(case: str, recording: Path) -> None:
     options, words = COMMANDS[case]
     out = palpate("reconstruct", str(recording / "r.nc"), "--skin", str(recording / "skin.toml"), *options)
@@ -439,6 +441,7 @@ def test_other_methods_decide_alone_too(method: str) -> None:
         same(together, i, skin.reconstruct(f, method=method))
 
 
+@pytest.mark.long
 def test_a_pull_does_not_change_the_frames_beside_it() -> None:
     """One frame that pushes among ten that pull, and the other way round: each as it is alone."""
     rng = np.random.default_rng(1)

@@ -16,6 +16,7 @@ def _force(touch: Touch) -> tuple[float, float, float]:
     return float(touch.force[-1]), float(low[-1]), float(high[-1])
 
 
+@pytest.mark.long
 def test_offsets_on_lines_of_normal_stress_are_found_and_the_force_is_held() -> None:
     """Offsets of -23 to 17 % of the peak, which were taken for noise (or, shallow, for load everywhere: 312 N/m for 170)."""
     held, errors, said = [], [], []
@@ -57,6 +58,7 @@ def test_the_level_between_two_contacts_is_tried_where_both_reach_the_ends() -> 
     assert not any(note.startswith("offset") for note in touch.notes)
 
 
+@pytest.mark.long
 def test_readings_left_out_by_one_hypothesis_and_not_by_the_other_can_be_weighed() -> None:
     """Their models have 358 and 360 readings."""
     frame = make_frame("stuck", 44, seed=35791)

@@ -208,6 +208,7 @@ def test_recordings_begun_without_end_are_bounded(
     assert len(list(tmp_path.iterdir())) == 3
 
 
+@pytest.mark.long
 def test_a_page_that_never_reads_gives_its_place_back(
     skin: pp.Skin, feed: Feed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -420,6 +421,7 @@ def test_an_origin_that_is_no_address_is_refused(skin: pp.Skin, feed: Feed, orig
         ("zarr", ("--token", "S3CRET 7")),
     ],
 )
+@pytest.mark.long
 def test_a_token_is_in_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, spelling: tuple[str, ...]
 ) -> None:
@@ -454,6 +456,7 @@ def holding(secret: bytes, folder: Path) -> list[str]:
         "live --token 'S3CRET",
     ],
 )
+@pytest.mark.long
 def test_a_token_of_an_older_recording_is_not_carried_on(tmp_path: Path, command: str) -> None:
     from command_line import run
     from palpate.recordings import read_recording

@@ -124,6 +124,7 @@ def test_torn_packets_are_refused() -> None:
         unpacked(b"PLP1" + struct.pack("<I", 4) + b"\xff{}}")
 
 
+@pytest.mark.long
 def test_the_page_and_its_stream(skin: pp.Skin) -> None:
     live = Live(session(skin), token="")
     with testclient.TestClient(live.app, base_url=HERE) as client:
@@ -146,6 +147,7 @@ def test_the_page_and_its_stream(skin: pp.Skin) -> None:
         assert health["failure"] is None
 
 
+@pytest.mark.long
 def test_a_slow_page_gets_the_newest_and_nothing_queues(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page whose connection takes nothing for 60 frames: what was under way, then the present."""
     import asyncio
@@ -259,6 +261,7 @@ def test_recording_from_the_page(skin: pp.Skin, tmp_path: Path) -> None:
     assert "/palpate/wrench" in topics(path)
 
 
+@pytest.mark.long
 def test_a_sensor_on_the_network(skin: pp.Skin) -> None:
     import socket
 

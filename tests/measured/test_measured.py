@@ -70,6 +70,7 @@ def test_an_indenter_spreads_its_force_as_its_pressure_does(shape: str) -> None:
     assert spread(np.array([0.0]), 0.0, shape)[0] == pytest.approx(1.0)
 
 
+@pytest.mark.long
 def test_without_noise_the_map_is_that_of_a_point_load() -> None:
     """Nine by nine presses of a ball: the map of cells much smaller than the ball."""
     places = grid_of(9)
@@ -86,6 +87,7 @@ def test_without_noise_the_map_is_that_of_a_point_load() -> None:
 
 
 @pytest.mark.parametrize(("count", "most"), [(7, 0.07), *long_runs((9, 0.04))])
+@pytest.mark.long
 def test_what_the_map_is_off_by_is_what_it_says(count: int, most: float) -> None:
     grid = pp.AreaGrid(shape=(24, 24), spacing=0.6e-3)
     found = pad(count)
@@ -98,6 +100,7 @@ def test_what_the_map_is_off_by_is_what_it_says(count: int, most: float) -> None
 
 
 @pytest.mark.parametrize(("count", "most"), [(7, 0.06), *long_runs((9, 0.04))])
+@pytest.mark.long
 def test_presses_elsewhere(count: int, most: float) -> None:
     """Fifty presses between the places, of other sizes: force, centre, and how often the intervals hold them."""
     rng = np.random.default_rng(3)
@@ -124,6 +127,7 @@ def test_presses_elsewhere(count: int, most: float) -> None:
     assert np.mean(around) >= 0.9
 
 
+@pytest.mark.long
 def test_shear_that_was_measured_is_found_and_shear_that_was_not_is_refused() -> None:
     names = ("stress_xz", "stress_yz", "stress_zz")
     array, places = taxels(channels=names), grid_of(7)
@@ -155,6 +159,7 @@ def test_shear_that_was_measured_is_found_and_shear_that_was_not_is_refused() ->
     assert any("no press of the table acts that way" in n for n in normal.reconstruct(noisy(7)[24]).assumed)
 
 
+@pytest.mark.long
 def test_forces_of_any_size_order_and_number() -> None:
     """Unsorted presses of different forces, some of them twice, and frames at rest that are the zero."""
     rng = np.random.default_rng(4)
@@ -170,6 +175,7 @@ def test_forces_of_any_size_order_and_number() -> None:
     assert float(touch.force[2]) == pytest.approx(1.5, rel=0.03)
 
 
+@pytest.mark.long
 def test_a_dead_taxel_is_masked() -> None:
     readings = noisy(7).copy()
     readings[:, 0, 3, 2] = np.nan
@@ -235,6 +241,7 @@ def test_a_single_missing_reading_is_named() -> None:
         table(readings=readings)
 
 
+@pytest.mark.long
 def test_too_few_places_and_readings_of_other_presses_are_refused() -> None:
     with pytest.raises(pp.InvalidInput, match="9 places, and at least 16"):
         table(places=grid_of(3), force=np.ones(9), readings=noisy(7).reshape(49, 1, 49)[:9])
@@ -243,6 +250,7 @@ def test_too_few_places_and_readings_of_other_presses_are_refused() -> None:
         _ = pp.Measured(table(readings=shuffled)).fit
 
 
+@pytest.mark.long
 def test_uncertainties_that_do_not_enter_are_refused() -> None:
     found = pad()
     known = pp.Skin(found, found.array, uncertainty=pp.Uncertainty(scale=0.1)).uncertainty
@@ -269,6 +277,7 @@ def test_what_asks_for_a_model_refuses() -> None:
         pp.Skin(found, taxels(channels=("stress_xz",))).prepare()
 
 
+@pytest.mark.long
 def test_a_tracker_follows_on_it() -> None:
     found = pad(9)
     skin = pp.Skin(found, found.array)
@@ -284,6 +293,7 @@ def test_a_tracker_follows_on_it() -> None:
     assert float(touch.force[2]) == pytest.approx(2.0, rel=0.1)
 
 
+@pytest.mark.long
 def test_it_is_calibrated_by_a_weight() -> None:
     """A table in counts, and a skin whose counts have aged by a fifth."""
     found = pad(9)
@@ -320,6 +330,7 @@ def rows_of(readings: np.ndarray) -> list[list[float]]:
     ]
 
 
+@pytest.mark.long
 def test_the_same_table_from_numbers_netcdf_and_csv(tmp_path: Path) -> None:
     pad().save(tmp_path / "responses.nc")
     from_netcdf = pp.Measured(tmp_path / "responses.nc")
@@ -376,6 +387,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         pp.Measured(noisy(7))
 
 
+@pytest.mark.long
 def test_from_a_skin_file_and_the_commands(tmp_path: Path) -> None:
     pad().save(tmp_path / "responses.nc")
     (tmp_path / "skin.toml").write_text('[pad]\nkind = "measured"\nfile = "responses.nc"\n')

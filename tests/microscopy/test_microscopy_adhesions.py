@@ -47,6 +47,7 @@ def test_a_blob_moves_a_half_space_as_squares_of_its_density_do():
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.6e-6])
+@pytest.mark.long
 def test_blobs_move_a_layer_on_glass_as_cells_of_its_surface_do(depth):
     pad = pp.BondedLayers([pp.Layer(thickness=12e-6, youngs_modulus=8e3, poissons_ratio=0.45)])
     array = pp.AreaArray(shape=(25, 25), pitch=1e-6, depth=depth, channels=["displacement_x", "displacement_y"])
@@ -97,6 +98,7 @@ def test_an_outlier_beside_an_adhesion_is_doubtful_though_its_neighbours_differ_
     assert (doubtful & ~cell.outliers).sum() <= 6
 
 
+@pytest.mark.long
 def test_without_information_a_chain_samples_its_prior():
     """Births, deaths and switches of doubtful vectors, alone and with a blob, are in balance."""
     pitch, n = 1e-6, 12
@@ -136,6 +138,7 @@ def clean():
     return cell, cell_forces(field_of(cell), pad, mask=cell.mask, size=cell.mask.shape[::-1], uncertainty=EXACT)
 
 
+@pytest.mark.long
 def test_energy_moment_and_contractility_are_inside_with_outliers(clean):
     cell, forces = clean
     for key in ("strain_energy", "contractile_moment", "contractility", "traction_peak"):
@@ -146,6 +149,7 @@ def test_energy_moment_and_contractility_are_inside_with_outliers(clean):
     assert abs(int(said.split()[0]) - cell.outliers[np.isfinite(cell.displacement[0])].sum()) <= 8
 
 
+@pytest.mark.long
 def test_forces_of_labels(clean):
     cell, forces = clean
     masks = {str(i): cell.labels == i for i in cell.forces}
@@ -159,6 +163,7 @@ def test_forces_of_labels(clean):
         forces_of_labels(forces, np.ones((30, 30), dtype=int), size=cell.mask.shape[::-1])
 
 
+@pytest.mark.long
 def test_nothing_is_found_in_noise():
     u = 5e-9 * np.random.default_rng(5).standard_normal((2, 24, 24))
     found = sampled(Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6), GEL, draws=12)

@@ -56,6 +56,7 @@ def found() -> CellForces:
     return cell_forces(field_of(u + np.array([30e-9, -20e-9])[:, None, None]), GEL, mask=disc(), draws=32)
 
 
+@pytest.mark.long
 def test_numbers_are_the_truths_within_their_errors(found: CellForces) -> None:
     traction, u = cell()
     made = skin()
@@ -128,6 +129,7 @@ def test_wrong_signs_and_transposed_components_are_said(found: CellForces) -> No
     assert "strain energy may be zero" in notes(np.zeros_like(u))
 
 
+@pytest.mark.long
 def test_a_sign_does_not_hang_on_how_well_the_modulus_is_known() -> None:
     """A modulus known to 40 % makes every number that uncertain, and changes the sign of none."""
     _, u = cell()
@@ -228,6 +230,7 @@ def test_quantities_are_written_as_they_are_known() -> None:
         assert str(Quantity("energy", "J", value, std)).partition(": ")[2] == text
 
 
+@pytest.mark.long
 def test_the_command_writes_report_figure_table_and_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     pytest.importorskip("typer")
@@ -350,6 +353,7 @@ def test_remedies_that_are_said_in_other_words_are_those_of_the_notes() -> None:
     assert [theirs for theirs in REMEDIES if theirs not in source] == []
 
 
+@pytest.mark.long
 def test_what_is_known_of_the_gel_enters_the_map_or_is_said_not_to() -> None:
     u = np.zeros((2, 16, 16))
     u[0, 6:10, 3:6], u[0, 6:10, 10:13] = 0.2e-6, -0.2e-6

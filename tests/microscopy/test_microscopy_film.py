@@ -15,6 +15,7 @@ from palpate.microscopy import Film
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 
+@pytest.mark.long
 def test_a_film_of_a_sheet_has_its_tension_and_that_of_its_cells(tmp_path: Path) -> None:
     tifffile = pytest.importorskip("tifffile")
     pytest.importorskip("skfem")

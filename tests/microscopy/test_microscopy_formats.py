@@ -76,6 +76,7 @@ def test_imagej_finds_slices_unit_and_size_of_a_vector_in_the_tiff(forces: CellF
         read_field(tmp_path / "t.tif", pixel=PIXEL, unit="px", step=16)
 
 
+@pytest.mark.long
 def test_netcdf_holds_displacement_and_mask_and_napari_opens_it(forces: CellForces, tmp_path: Path):
     forces.write_netcdf(tmp_path / "c.nc", provenance={"skin": "none"})
     held = read_touch(tmp_path / "c.nc")
@@ -215,6 +216,7 @@ def test_a_film_of_files_of_several_frames_has_a_row_for_each(tmp_path: Path):
     ]
 
 
+@pytest.mark.long
 def test_labels_of_each_frame_follow_a_cell(tmp_path: Path):
     tifffile = pytest.importorskip("tifffile")
     labels = np.zeros((2, 320, 384), dtype=np.uint8)
@@ -250,6 +252,7 @@ def test_channels_are_asked_for_and_picked(tmp_path: Path):
         read_picture(tmp_path / "one.tif", channel=1)
 
 
+@pytest.mark.long
 def test_a_mask_that_would_hold_the_traction_elsewhere_is_questioned():
     u = pulled() * PIXEL
     field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=PIXEL)
@@ -272,6 +275,7 @@ def test_a_vector_is_left_out_or_missing_not_both():
     assert not any("missing: traction" in note for note in notes)
 
 
+@pytest.mark.long
 def test_the_command_writes_what_other_programs_open(tmp_path: Path):
     u = pulled()
     np.save(tmp_path / "u.npy", u[0])

@@ -66,6 +66,7 @@ def test_profiles_keep_force_and_second_moments():
 
 
 @pytest.mark.parametrize("window", [16, *long_runs(32)])
+@pytest.mark.long
 def test_the_largest_traction_of_rendered_cells_is_inside_its_interval(window):
     """One noise for all vectors gave 1.58 (1.26 to 1.99) of it here, with windows of 16 pixels."""
     from cells_pictures import MODULUS, RATIO, SIDE, SQUARE, pair_of, truth_of

@@ -52,6 +52,7 @@ def field_of(ratio: float, noise: float = 2e-9, seed: int = 0) -> Field:
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.49])
+@pytest.mark.long
 def test_normal_forces_and_their_energy_are_held_by_their_intervals(ratio: float) -> None:
     pad = pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=ratio)
     forces = cell_forces(field_of(ratio), pad, draws=24, uncertainty=pp.Uncertainty(youngs_modulus=0.0, scale=0.0))
@@ -85,6 +86,7 @@ def test_normal_forces_and_their_energy_are_held_by_their_intervals(ratio: float
     assert low < own + other + cross < high
 
 
+@pytest.mark.long
 def test_a_gel_that_is_compressible_gives_right_shear_with_normal_displacements_and_wrong_without() -> None:
     pad = pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=0.2)
     whole = field_of(0.2, noise=0.5e-9)
@@ -118,6 +120,7 @@ def test_one_normal_displacement_for_each_vector() -> None:
         Field(displacement=np.zeros((2, 20, 30)), normal=np.zeros((30, 20)), start=(0, 0), step=8.0, pixel=1e-7)
 
 
+@pytest.mark.long
 def test_files_of_a_cell_hold_its_normal_traction(tmp_path: Path) -> None:
     forces = cell_forces(field_of(0.45), pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=0.45), draws=8)
     traction, std = forces.normal or (None, None)

@@ -170,6 +170,7 @@ def scene():
     return found, forces
 
 
+@pytest.mark.long
 def test_mean_cells_and_borders_of_a_known_sheet(scene):
     known, forces = scene
     cells = known["cells"]
@@ -197,6 +198,7 @@ def test_mean_cells_and_borders_of_a_known_sheet(scene):
     assert any("Poisson's ratio from 0 to 1" in note for note in sheet.notes)
 
 
+@pytest.mark.long
 def test_tables_and_figures_are_written(scene, tmp_path):
     _, forces = scene
     sheet = sheet_tension(forces, draws=8)

@@ -57,6 +57,7 @@ def test_a_cell_of_any_elongation_tells_its_axes(elongation: float, angle: float
     assert suspected(replace(right, displacement=u[:, ::-1]), GEL, depth=0.0, noise=NOISE) == "v's sign"
 
 
+@pytest.mark.long
 def test_noise_alone_and_a_gel_that_does_not_widen_tell_no_sign() -> None:
     right = field_of_cell(2.5, 0.0, seed=3)
     cork = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.0)  # its surface moves along the force alone

@@ -66,6 +66,7 @@ def tiff(path: Path, width: int, height: int, data: bytes, *, packing: int = DEF
 
 @pytest.mark.parametrize("bits", [8, 32])
 @pytest.mark.parametrize("packing", [DEFLATE, 32946, 34925])
+@pytest.mark.long
 def test_strips_that_unpack_to_more_than_they_claim_are_refused_early(tmp_path: Path, bits: int, packing: int) -> None:
     path = tmp_path / "a.tif"
     tiff(path, 64, 64, bomb(packing == 34925), packing=packing, bits=bits)

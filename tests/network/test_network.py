@@ -252,6 +252,7 @@ def test_the_listener_ends_and_leaves_its_port(kind: str) -> None:
     FrameListener(SHAPE, kind=kind, port=listener.port).close()
 
 
+@pytest.mark.long
 def test_from_the_wire_to_newtons() -> None:
     array = pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)

@@ -198,6 +198,7 @@ def test_figures_are_drawn(figures: dict[Any, PaperFigure], number: int) -> None
 # -- the errors --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_printed_errors(found: tables.Results) -> None:
     """Strain as printed to three digits; stress within a factor of two with seven decimals; nothing left by the linear system."""
     for row in found.errors:
@@ -211,6 +212,7 @@ def test_printed_errors(found: tables.Results) -> None:
         assert row["linear system"] < 1e-13
 
 
+@pytest.mark.long
 def test_errors_with_friction(found: tables.Results) -> None:
     rows = {(r["component"], r["channel"]): r for r in found.friction}
     wide = {c: rows[c, "strain_zz"]["M one too wide"] for c in ("vertical", "tangential")}

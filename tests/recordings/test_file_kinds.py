@@ -63,6 +63,7 @@ def test_a_recording_in_place_of_a_skin_is_refused_by_its_size(tmp_path: Path) -
     assert ordinary(path).stat().st_size > TEXT
 
 
+@pytest.mark.long
 def test_a_table_of_gigabytes_that_is_no_text_is_refused_by_its_first_line(tmp_path: Path) -> None:
     path = tmp_path / "r.csv"
     with path.open("wb") as file:

@@ -64,6 +64,7 @@ def check(saved: pp.Recording) -> None:
 @pytest.mark.parametrize("more", [0, 700])
 @pytest.mark.parametrize("begin", [0, 31, 100])
 @pytest.mark.parametrize("suffix", FILES)
+@pytest.mark.long
 def test_full(tmp_path: Path, suffix: str, begin: int, more: int) -> None:
     """Full from a frame on, at the first block, in the middle, at the end: one sentence, and as many frames to be read as it says."""
     path = tmp_path / f"full{suffix}"
@@ -148,6 +149,7 @@ def test_killed_between_any_two_writes(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("suffix", FILES)
+@pytest.mark.long
 def test_interrupted_anywhere(tmp_path: Path, suffix: str) -> None:
     """Ctrl-C at a hundred moments, also in the middle of a block: no frame is torn, shifted or doubled."""
 
@@ -241,6 +243,7 @@ def test_held_file_is_a_file(tmp_path: Path, seed: int) -> None:
     file.close()
 
 
+@pytest.mark.long
 def test_left_open_at_the_end_of_the_process(tmp_path: Path) -> None:
     """Nobody closes it: no crash, and the blocks are there."""
     code = (

@@ -229,6 +229,7 @@ def test_track_from_the_shell(tmp_path: Path) -> None:
     assert "leaves no frame" in str(result.exception)
 
 
+@pytest.mark.long
 def test_touch_as_mcap(tmp_path: Path) -> None:
     skin = pp.Skin(PAD, ARRAY)
     touch = skin.reconstruct(skin.sense(solutions.hertz_point(contact_radius=2e-3, force=1.0)))

@@ -74,6 +74,7 @@ def touches() -> list[pp.Touch]:
 
 
 @pytest.mark.parametrize("ending", [".nc", ".npz", ".csv"])
+@pytest.mark.long
 def test_results(ending: str, touches: list[pp.Touch], tmp_path: Path) -> None:
     for touch in touches:
         path = tmp_path / f"touch{ending}"

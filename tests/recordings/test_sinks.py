@@ -158,6 +158,7 @@ EVERY = [source if source == "generator" else pytest.param(source, marks=pytest.
 
 
 @pytest.mark.parametrize("source", EVERY)
+@pytest.mark.long
 def test_round_trip_of_every_source_through_every_sink(tmp_path: Path, source: str) -> None:
     """Readings come back bit by bit in single precision; times to the nanosecond (MCAP) or exactly; touches as they were."""
     data = stream()
@@ -289,6 +290,7 @@ def test_reference_readers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".nc", *long_runs(".mcap", ".zarr")])
+@pytest.mark.long
 def test_killed_in_mid_recording(tmp_path: Path, suffix: str) -> None:
     """kill -9: less than a chunk (MCAP) or a block is lost; what is left opens (HDF5, Zarr) or is salvaged (MCAP)."""
     path = tmp_path / f"torn{suffix}"
@@ -326,6 +328,7 @@ def test_killed_in_mid_recording(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".nc", *long_runs(".mcap", ".zarr")])
+@pytest.mark.long
 def test_full_disk(tmp_path: Path, suffix: str) -> None:
     """A write that fails is said in one sentence, and what was written before can be read."""
     path = tmp_path / f"full{suffix}"
@@ -383,6 +386,7 @@ def test_misuse(tmp_path: Path, suffix: str) -> None:
         recorder(tmp_path / "a.csv", ["stress_zz"])
 
 
+@pytest.mark.long
 def test_a_sink_that_fails_is_left(tmp_path: Path) -> None:
     """The stream and the other sinks go on."""
 

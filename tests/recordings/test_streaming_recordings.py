@@ -113,6 +113,7 @@ def plain(folder: Path, skin: pp.Skin) -> Any:
 
 
 @pytest.mark.parametrize(("source", "out"), [("r.zarr", "t.zarr"), *long_runs(("r.nc", "t.nc"), ("r.csv", "t.h5"))])
+@pytest.mark.long
 def test_pieces_are_the_whole(
     source: str, out: str, folder: Path, skin: pp.Skin, whole: pp.Touch, tmp_path: Path
 ) -> None:
@@ -147,6 +148,7 @@ def test_pieces_are_the_whole(
     assert os.listdir(tmp_path) == [out]
 
 
+@pytest.mark.long
 def test_formats_that_say_less(folder: Path, skin: pp.Skin, tmp_path: Path) -> None:
     """MCAP grows too; NPZ is written at the end. They hold the same traction, and CSV the forces."""
     for name in ("t.csv", "t.mcap", "t.npz", "t.nc"):
@@ -257,6 +259,7 @@ def test_threads(folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("disk", ["the same", "another"])
+@pytest.mark.long
 def test_workers_write_what_they_make(
     disk: str, folder: Path, skin: pp.Skin, whole: pp.Touch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -361,6 +364,7 @@ def broken_off(skin: pp.Skin, folder: Path, out: Path, *, pieces: int, **options
 @pytest.mark.parametrize(
     "harm", ["none", "torn line", "no line", "torn block", "lost block", "piece that is not in the list"]
 )
+@pytest.mark.long
 def test_a_run_goes_on_where_it_was_broken_off(
     harm: str, folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path
 ) -> None:
@@ -458,6 +462,7 @@ def test_other_files_are_there_when_they_are_whole(name: str, folder: Path, skin
 
 
 @pytest.mark.parametrize("name", ["t.nc", "t.zarr"])
+@pytest.mark.long
 def test_a_disk_that_is_full_is_said_at_once(
     name: str, folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -131,6 +131,7 @@ class Harmful:
         return (exec, ("raise SystemExit('a pickle ran')",))
 
 
+@pytest.mark.long
 def test_nothing_in_a_pickle_is_run_and_the_remedy_works(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     mapping = TableMapping(time="t", channels={"stress_zz": "S{}"}, scale=1.0)

@@ -159,6 +159,7 @@ def test_a_view_that_cannot_be_read_is_said(tmp_path: Path) -> None:
         View.restored({"lens": None})
 
 
+@pytest.mark.long
 def test_an_archive_of_numpy_holds_what_a_netcdf_file_holds(tmp_path: Path) -> None:
     """Intervals, standard deviations and what became of each frame too; nothing in it needs pickle."""
     array = pp.AreaArray(shape=(5, 5), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=100.0)

@@ -62,6 +62,7 @@ sys.stdin.readline()
 
 
 @pytest.mark.parametrize("suffix", [".nc", ".zarr", ".mcap"])
+@pytest.mark.long
 def test_a_recording_under_way_is_not_taken_from_its_writer(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"r{suffix}"
     with elsewhere(RECORDING, str(path)) as child:
@@ -89,6 +90,7 @@ def test_who_loses_the_race_for_a_name_deletes_nothing(
     np.testing.assert_array_equal(read_recording(path).readings, PRESS.readings)
 
 
+@pytest.mark.long
 def test_a_killed_writer_leaves_no_lock(tmp_path: Path) -> None:
     path = tmp_path / "r.nc"
     with elsewhere(HOLDING, str(path)) as child:
@@ -100,6 +102,7 @@ def test_a_killed_writer_leaves_no_lock(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["r.nc"]
 
 
+@pytest.mark.long
 def test_a_link_and_another_path_are_the_same_file(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     (tmp_path / "link.nc").symlink_to(tmp_path / "r.nc")
@@ -109,6 +112,7 @@ def test_a_link_and_another_path_are_the_same_file(tmp_path: Path) -> None:
                 write_recording(PRESS, tmp_path / name)
 
 
+@pytest.mark.long
 def test_a_name_as_long_as_the_disk_takes_has_a_lock(tmp_path: Path) -> None:
     path = tmp_path / f"{'n' * 252}.nc"
     with elsewhere(HOLDING, str(path)), pytest.raises(pp.InvalidInput, match="another process"), sole_writer(path):
@@ -155,6 +159,7 @@ def archive(folder: Path) -> tuple[pp.Skin, Path, Path]:
 
 
 @pytest.mark.parametrize("options", [{"resume": True}, {"overwrite": True}])
+@pytest.mark.long
 def test_a_run_that_is_under_way_is_not_gone_on_with(tmp_path: Path, options: dict[str, bool]) -> None:
     """Another process, and another thread of this one; the first run's store is whole in the end."""
     skin, recording, target = archive(tmp_path)
@@ -182,6 +187,7 @@ def test_a_run_that_is_under_way_is_not_gone_on_with(tmp_path: Path, options: di
     assert read_touch(target).force.shape == (8, 2)
 
 
+@pytest.mark.long
 def test_a_command_is_refused_before_any_work_what_another_writes(tmp_path: Path) -> None:
     pytest.importorskip("typer")
     from command_line import run

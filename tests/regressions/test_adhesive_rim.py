@@ -37,6 +37,7 @@ def _jkr() -> Floats:
         *long_runs((["stress_zz"], False), (["stress_xz", "stress_yz", "stress_zz"], True), (["displacement_z"], True)),
     ],
 )
+@pytest.mark.long
 def test_net_force_of_an_adhesive_contact_is_held(channels: list[str], given: bool) -> None:
     traction = _jkr()
     force = float(traction[-1].sum() * FINE.cell)

@@ -34,6 +34,7 @@ def test_an_offset_larger_than_what_contact_says_to_its_channel_is_found() -> No
 
 @pytest.mark.parametrize("channel", [0, 2])
 @pytest.mark.parametrize(("shape", "size"), [("offset", 0.03), ("offset", 0.1), ("ramp", 0.1)])
+@pytest.mark.long
 def test_drift_that_a_wide_contact_could_take_up_is_found(shape: str, size: float, channel: int) -> None:
     """A wide faint pressure explains an offset of normal stress, and leaves nothing that asks for one."""
     array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
@@ -68,6 +69,7 @@ def _line(nuisance: list[str] | None = None) -> pp.Skin:
     return pp.Skin(PAD, array, nuisance=nuisance)
 
 
+@pytest.mark.long
 def test_intervals_of_readings_that_refute_every_contact_hold_most_forces() -> None:
     """Said of each; the share that is left unexplained is in the intervals. All eight hold, 1.1 of the load wide; with drift in the errors besides they were 1.6 wide."""
     rng, held, widths = np.random.default_rng(5), [], []

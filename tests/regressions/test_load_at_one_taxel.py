@@ -63,6 +63,7 @@ def test_frames_of_a_batch_across_the_edge_are_counted() -> None:
 @pytest.mark.parametrize("shape", [(4, 4), (8, 8)])
 @pytest.mark.parametrize(("kind", "level"), [("at its end", 3000.0), ("stuck", 200.0), ("dead", 0.0)])
 @pytest.mark.filterwarnings("error")
+@pytest.mark.long
 def test_nothing_touches_and_one_reading_is_broken(shape: tuple[int, int], kind: str, level: float) -> None:
     """Of noise that nobody gave, where nothing touches: the reading was left out, the noise taken for nothing, and 1e5 N found in the rest."""
     array = pp.AreaArray(shape=shape, pitch=2e-3, depth=3e-3, channels=["stress_xz", "stress_yz", "stress_zz"])

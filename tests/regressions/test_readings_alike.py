@@ -17,6 +17,7 @@ MOVES = ["displacement_x", "displacement_y", "displacement_z"]
 
 @pytest.mark.parametrize("count", [4, 8, 12])
 @pytest.mark.parametrize(("channels", "value"), [(STRESSES, 1e3), (MOVES, 1e-4)])
+@pytest.mark.long
 def test_readings_without_any_noise_that_are_all_alike_are_offsets(
     channels: list[str], value: float, count: int
 ) -> None:

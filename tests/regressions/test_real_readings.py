@@ -95,6 +95,7 @@ def test_an_offset_that_was_not_allowed_is_not_sought() -> None:
 
 @pytest.mark.parametrize("channels", [("stress_zz",), ("stress_xz", "stress_zz"), ("displacement_x", "displacement_z")])
 @pytest.mark.parametrize("given", [False, True])
+@pytest.mark.long
 def test_a_pull_is_a_pull(channels: tuple[str, ...], given: bool) -> None:
     """Displacements under a pull gave a push of 6.6 times the force, noise given or not."""
     skin, readings, _ = line(channels, given=given)
@@ -113,6 +114,7 @@ def test_a_pull_is_a_pull(channels: tuple[str, ...], given: bool) -> None:
 
 
 @pytest.mark.parametrize("given", [False, True])
+@pytest.mark.long
 def test_a_railed_converter_is_left_out(given: bool) -> None:
     """One taxel at ten times the peak was "no contact" in 8 of 8."""
     for skin, readings, top in (area((8, 8), given=given), area((3, 3), given=given), line(given=given)):
@@ -181,6 +183,7 @@ def test_ceilings_and_steps() -> None:
     assert (rounded.step == 1.0).all()
 
 
+@pytest.mark.long
 def test_axes_that_were_exchanged_are_noticed() -> None:
     skin, readings, _ = area((8, 8), ("stress_xz", "stress_yz", "stress_zz"))
     right, wrong = skin.reconstruct(readings), skin.reconstruct(np.swapaxes(readings, 1, 2))
@@ -235,6 +238,7 @@ def test_nuisances_are_what_they_are_called() -> None:
         ("stress_zz", "gain", True),
     ],
 )
+@pytest.mark.long
 def test_what_is_not_known_exactly_is_in_the_error_bars(channel: str, name: str, wide: bool) -> None:
     array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=[channel])
     contact = pp.solutions.hertz_line(half_width=3e-3, force=10.0)
@@ -251,6 +255,7 @@ def test_what_is_not_known_exactly_is_in_the_error_bars(channel: str, name: str,
         )  # 10 % of 10 N/m: 3.9 between two deviations on each side, up to twice that by the constants
 
 
+@pytest.mark.long
 def test_a_modulus_off_by_a_fifth_is_within_the_interval_where_it_was_named() -> None:
     array = pp.AreaArray(
         shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["displacement_x", "displacement_y", "displacement_z"]

@@ -41,6 +41,7 @@ def test_errors_grow_with_what_is_left_over_the_noise_that_was_given() -> None:
     np.testing.assert_allclose(as_given.std, same.std)  # noise as it was given changes nothing
 
 
+@pytest.mark.long
 def test_gains_that_leave_too_little_for_a_misfit_widen_the_shear_force() -> None:
     """Gains spread by 9 % with noise of 0.1 % given: what is left is 1.8 times that noise, and the shear force lay outside."""
     frame = make_frame("gains", 100, seed=90417)
@@ -62,6 +63,7 @@ def test_a_peak_at_the_outermost_taxel_is_said() -> None:
     assert not any("at the edge" in note for note in skin.reconstruct(noisy).notes)
 
 
+@pytest.mark.long
 def test_no_contact_that_noise_explains_ill_says_so() -> None:
     """A stuck taxel on a shallow line hides three balls: "no contact" alone was all that was said of 4 N/m."""
     frame = make_frame("stuck", 7, seed=35791)

@@ -44,6 +44,7 @@ def _press(
         ((5, 4), 0.98, THREE, 0.1),
     ],
 )
+@pytest.mark.long
 def test_a_small_indenter_is_contact_and_its_force_is_held(
     shape: tuple[int, int], depth: float, channels: list[str], radius: float
 ) -> None:
@@ -59,6 +60,7 @@ def test_a_small_indenter_is_contact_and_its_force_is_held(
 
 @pytest.mark.parametrize("place", [(0.5, 0.5), (-1.4, 1.6), (0.2, 1.3)])
 @pytest.mark.parametrize("noise", [0.03, 0.05])
+@pytest.mark.long
 def test_a_contact_that_one_taxel_alone_feels_is_within_the_error_of_none(
     place: tuple[float, float], noise: float
 ) -> None:
@@ -142,6 +144,7 @@ def test_most_small_contacts_are_held(channels: list[str]) -> None:
     ("shape", "depth", "place", "radius"),
     [((8, 8), 0.82, (-0.5, 0.2), 0.9), *long_runs(((8, 8), 0.77, (0.4, 1.1), 0.6), ((4, 4), 0.87, (0.3, -0.2), 0.6))],
 )
+@pytest.mark.long
 def test_a_stream_does_not_learn_that_there_is_no_noise(
     shape: tuple[int, int], depth: float, place: tuple[float, float], radius: float
 ) -> None:
@@ -169,6 +172,7 @@ def test_student_noise_is_what_student_noise_is() -> None:
 
 @pytest.mark.parametrize("radius", [2e-3, 3e-3, 4e-3])
 @pytest.mark.parametrize("seed", [0, 1, 4])
+@pytest.mark.long
 def test_a_ball_in_the_middle_of_four_taxels(radius: float, seed: int) -> None:
     """Its place is told to a fiftieth of a cell: of discs a third of a cell off none fitted, and 1 N was read as 0.55 N (0.4 to 0.63) without a word."""
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)

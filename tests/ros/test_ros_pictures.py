@@ -105,6 +105,7 @@ def topic() -> Topic:
 
 
 @pytest.mark.parametrize("encoding", ["mono8", "png"])
+@pytest.mark.long
 def test_a_press_is_told_with_the_stamp_of_its_picture(topic: Topic, tmp_path: Path, encoding: str) -> None:
     touches = topic.begin(tmp_path)
     for i, picture in enumerate(filmed()[3:]):

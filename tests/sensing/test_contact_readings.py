@@ -54,6 +54,7 @@ def off(found: Any, true: Any) -> float:
 
 @pytest.mark.parametrize("name", AREA)
 @pytest.mark.parametrize("depth", [0.25, 0.4, 1.5])
+@pytest.mark.long
 def test_area_contacts_of_any_size_read_what_their_closed_form_says(name: str, depth: float) -> None:
     for channels in CHANNELS:
         array = pp.AreaArray(shape=(6, 7), pitch=1.0, depth=depth, channels=channels)
@@ -65,6 +66,7 @@ def test_area_contacts_of_any_size_read_what_their_closed_form_says(name: str, d
 
 @pytest.mark.parametrize("name", LINE)
 @pytest.mark.parametrize("depth", [0.05, 0.4, 2.0])
+@pytest.mark.long
 def test_line_contacts_of_any_size_read_what_their_closed_form_says(name: str, depth: float) -> None:
     for channels in (["stress_xz", "stress_zz"], ["strain_xx", "strain_zz"], ["displacement_x", "displacement_z"]):
         array = pp.LineArray(count=21, pitch=1.0, depth=depth, channels=channels)
@@ -106,6 +108,7 @@ def test_a_contact_beyond_the_surface_presses_all_the_same() -> None:
 
 @pytest.mark.parametrize("kind", ["area", "scattered", "aperture"])
 @pytest.mark.parametrize("pad", [PAD, LAYERS], ids=["half-space", "layers"])
+@pytest.mark.long
 def test_readings_are_those_of_fine_cells(pad: Any, kind: str) -> None:
     """A patch, which fine cells hold exactly where they end with it."""
     patch = solutions.patch(half_widths=(0.3, 0.45), traction=1e3).shifted(0.2, -0.1)

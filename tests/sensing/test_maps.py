@@ -42,6 +42,7 @@ def test_a_pad_of_ones_own_serves_as_the_one_that_it_copies() -> None:
         np.testing.assert_allclose(a.interval(0.95, "force"), b.interval(0.95, "force"), rtol=0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_tracker_of_such_a_pad() -> None:
     usual = pp.Skin(LAYER, ARRAY, surface=default_surface([ARRAY]))
     readings = usual.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=1.5))

@@ -83,6 +83,7 @@ def test_a_ball_at_the_corner_is_found_within_its_error() -> None:
     ("middle", "radius", "stuck", "direction", "peak"),
     [((-2e-3, 1e-3), 1.7e-3, 0.75, 1.0, 2e5), *long_runs(((6.5e-3, 4.5e-3), 1.7e-3, 0.8, 0.7, 1.5e5))],
 )
+@pytest.mark.long
 def test_what_sticks_is_not_said_to_slip_where_pressure_is_not_told_from_shear(
     middle: tuple[float, float], radius: float, stuck: float, direction: float, peak: float
 ) -> None:

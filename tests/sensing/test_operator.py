@@ -126,6 +126,7 @@ def test_dense_is_the_same_operator(layout: str, boundary: str, rng: np.random.G
     width=st.floats(0, 1),
     nu=st.floats(0, 0.5),
 )
+@pytest.mark.long
 def test_adjoint_property(count: int, ratio: int, depth: float, width: float, nu: float) -> None:
     pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=nu)
     array = pp.LineArray(count=count, pitch=1.0, depth=depth, channels=LINE_CHANNELS, aperture=width)
@@ -138,6 +139,7 @@ def test_adjoint_property(count: int, ratio: int, depth: float, width: float, nu
     [c for c in CASES if "scattered" not in c[0] and "kinds" not in c[0] and "masked" not in c[0]],
 )
 @pytest.mark.parametrize("pad", ["half-space 0.37", "skin on soft", "soft base"])
+@pytest.mark.long
 def test_mirror(layout: str, boundary: str, pad: str, rng: np.random.Generator) -> None:
     """Mirrored traction gives the mirrored reading, on even and odd grids."""
     op = laid_out(layout, boundary, pad)
@@ -402,6 +404,7 @@ def test_a_surface_taxel_on_the_edge_of_a_strip_feels_half_of_it():
 
 
 @pytest.mark.parametrize("depth", [0.0, 1e-9])
+@pytest.mark.long
 def test_the_centre_of_an_even_press_on_surface_taxels_stays_in_the_middle(depth):
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     skin = pp.Skin(pad, pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=depth, channels=["stress_zz"], noise=50.0))

@@ -108,6 +108,7 @@ def test_degrees_of_freedom_at_size(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         (lambda: pp.Skin(LAYERS, skin_of().planes[0], surface=pp.LineGrid(count=20, spacing=1e-3)), "surface differs"),
     ],
 )
+@pytest.mark.long
 def test_another_skin_is_refused(saved: Path, other: Any, word: str) -> None:
     skin = other()
     with pytest.raises(pp.errors.InvalidInput, match=word):

@@ -133,6 +133,7 @@ def test_bad_descriptions(make: Any, word: str) -> None:
         make()
 
 
+@pytest.mark.long
 def test_a_batch_is_its_frames() -> None:
     skin = pp.Skin(PAD, area(noise=300.0))
     contact = solutions.hertz_point(contact_radius=2e-3, force=0.5).sliding(0.2)

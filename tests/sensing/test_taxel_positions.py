@@ -24,6 +24,7 @@ ROWS = {
 
 
 @pytest.mark.parametrize("case", ROWS)
+@pytest.mark.long
 def test_a_press_on_a_single_row_of_taxels_is_read(case: str) -> None:
     skin = pp.Skin(PAD, ROWS[case])
     along = ROWS[case].points[3][::-1] - ROWS[case].points[2][::-1]
@@ -193,6 +194,7 @@ def test_a_recording_that_says_another_pitch_or_depth_is_not_read_with_this_skin
         pp.reconstruct_recording(skin, recording, tmp_path / "touch.nc")
 
 
+@pytest.mark.long
 def test_a_single_row_of_surface_taxels_and_its_pad_are_served(tmp_path: Path) -> None:
     from palpate.pads import half_space_error
 

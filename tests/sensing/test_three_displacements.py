@@ -46,6 +46,7 @@ def test_contact_over_four_markers_is_not_taken_for_broken_markers() -> None:
     assert not any("shift" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_pressure_that_nothing_feels_is_not_added_for_noise_in_shear() -> None:
     """Friction that is known let wide even pressure in, 44 % of the force, under which noise in shear is allowed."""
     force, radius, friction = 2.4, 2.5e-3, 0.4

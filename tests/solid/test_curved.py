@@ -107,6 +107,7 @@ def test_a_flat_pad_in_a_mesh_chart_is_flat() -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.49, 0.499])
+@pytest.mark.long
 def test_a_sphere_of_curved_elements_is_lames(ratio: float) -> None:
     """u_r = A r + B / r^2 on a rigid core under pressure: curved elements leave a tenth of what flat facets do."""
     angle = np.tan(np.linspace(-np.pi / 4, np.pi / 4, 5))
@@ -141,6 +142,7 @@ def test_a_sphere_of_curved_elements_is_lames(ratio: float) -> None:
     assert stress == pytest.approx(-(3.0 * bulk * slope - 4.0 * shear * core / 0.75**3), rel=1e-2)
 
 
+@pytest.mark.long
 def test_reactions_read_the_stress_that_makes_them() -> None:
     """On the core of a dome, whose facets differ in size and shape: a wave three thicknesses long, at places anywhere on it."""
     tip = pp.SolidPad.dome(6e-3, 3e-3, element=1e-3, **MATERIAL)
@@ -161,6 +163,7 @@ def test_reactions_read_the_stress_that_makes_them() -> None:
     np.testing.assert_allclose(found, stress(points), atol=0.02)
 
 
+@pytest.mark.long
 def test_a_bend_of_a_large_radius_is_a_box() -> None:
     box = pp.SolidPad.box(8e-3, 6e-3, 2e-3, element=1e-3, **MATERIAL)
     array = pp.AreaArray(shape=(3, 4), pitch=1.5e-3, depth="base", channels=STRESS)
@@ -170,6 +173,7 @@ def test_a_bend_of_a_large_radius_is_a_box() -> None:
         np.testing.assert_allclose(pp.Skin(bend, array).operator.dense(), flat, atol=2e-3 * np.abs(flat).max())
 
 
+@pytest.mark.long
 def test_the_core_bears_what_presses(dome: pp.SolidPad) -> None:
     """Patch equilibrium: the sum of the nodal reactions at the core is the net force of the cells, as a vector, and turns as it does."""
     solid = dome.solid
@@ -187,6 +191,7 @@ def test_the_core_bears_what_presses(dome: pp.SolidPad) -> None:
     np.testing.assert_allclose(moment, grid.total_moment(traction), atol=5e-3 * np.abs(force).max() * 10e-3)
 
 
+@pytest.mark.long
 def test_reciprocity_and_adjoint_of_a_dome() -> None:
     dome = pp.SolidPad.dome(10e-3, 4e-3, element=4e-3, **MATERIAL)
     names = ["displacement_x", "displacement_y", "displacement_z"]
@@ -206,6 +211,7 @@ def test_reciprocity_and_adjoint_of_a_dome() -> None:
             assert there == pytest.approx(back, rel=1e-2, abs=1e-2 * np.abs(dense).max())
 
 
+@pytest.mark.long
 def test_a_dome_is_alike_all_round(dome: pp.SolidPad) -> None:
     """Turned by a right angle about z, readings turn with the press."""
     array = pp.AreaArray(shape=(5, 5), pitch=2.5e-3, depth="base", channels=STRESS)
@@ -221,6 +227,7 @@ def test_a_dome_is_alike_all_round(dome: pp.SolidPad) -> None:
 # -- a ball on the side ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_ball_on_the_side_of_a_dome(skin: pp.Skin, touch: pp.Touch) -> None:
     grid = skin.pad.grid(shape=(80, 80), spacing=0.1e-3, center=(5e-3, 0.0))  # type: ignore[attr-defined]
     fine = pp.Skin(skin.pad, skin.planes, surface=grid).sample(
@@ -240,6 +247,7 @@ def test_a_ball_on_the_side_of_a_dome(skin: pp.Skin, touch: pp.Touch) -> None:
         assert np.linalg.norm(np.asarray(other.force) - true) < 0.35 * np.linalg.norm(true)
 
 
+@pytest.mark.long
 def test_a_tracker_on_a_dome(skin: pp.Skin) -> None:
     ball = pp.solutions.hertz_point(contact_radius=2e-3, force=1.0).sliding(0.2).shifted(5e-3, 0.0)
     readings, rng = skin.sense(ball), np.random.default_rng(0)
@@ -249,6 +257,7 @@ def test_a_tracker_on_a_dome(skin: pp.Skin) -> None:
     np.testing.assert_allclose(found.force, [-0.31, 0.0, 0.966], atol=0.12)
 
 
+@pytest.mark.long
 def test_readings_along_the_pad() -> None:
     """A camera sees displacement in its own axes: it is the same vector."""
     make = {"element": 3e-3, **MATERIAL}
@@ -266,6 +275,7 @@ def test_readings_along_the_pad() -> None:
 # -- meshes, files, pictures -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_dome_from_a_file(tmp_path: Path, skin: pp.Skin, touch: pp.Touch) -> None:
     """Flat hexahedra in millimetres: the cap of a sphere is recognised, and reads as the dome of curved elements does."""
     from palpate.solid.shapes import disc, laid_on
@@ -317,6 +327,7 @@ def test_a_bent_mesh_is_seen_from_above(tmp_path: Path) -> None:
     np.testing.assert_allclose(grid.total_force(traction), [0.0, 0.0, 1000.0 * covered], atol=5e-3 * 1000.0 * covered)
 
 
+@pytest.mark.long
 def test_written_and_read(tmp_path: Path, touch: pp.Touch) -> None:
     write_touch(touch, tmp_path / "touch.nc")
     data = read_touch(tmp_path / "touch.nc")
@@ -393,6 +404,7 @@ def test_what_is_no_dome_is_refused(dome: pp.SolidPad) -> None:
         pp.Skin(dome, pp.AreaArray(shape=(12, 12), pitch=3e-3, depth="base", channels=STRESS))
 
 
+@pytest.mark.long
 def test_pressure_alone_is_found_on_a_dome(dome: pp.SolidPad) -> None:
     """One channel tells one component along the normal; its net force has three, and errors for each."""
     array = pp.AreaArray(shape=(5, 5), pitch=2.4e-3, depth="base", channels=["stress_zz"], noise=60.0)

@@ -88,6 +88,7 @@ def test_what_the_base_pushes_back_with_is_the_load(pad: pp.SolidPad) -> None:
     np.testing.assert_allclose(force, traction.sum(axis=(1, 2)) * 1e-6, rtol=0.015)
 
 
+@pytest.mark.long
 def test_reciprocity(pad: pp.SolidPad) -> None:
     """Displacement at b along i by a load at a along j is that at a along j by a load at b along i."""
     h = 0.5e-3
@@ -110,6 +111,7 @@ def test_adjoint(pad: pp.SolidPad) -> None:
     assert (operator.forward(t)[0] * r).sum() == pytest.approx((operator.adjoint([r]) * t).sum(), rel=1e-9)
 
 
+@pytest.mark.long
 def test_far_from_the_sides_it_is_the_layer() -> None:
     pad = pp.SolidPad.box(14e-3, 14e-3, 2e-3, element=1e-3, **MATERIAL)
     grid = 1e-3 * np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
@@ -118,6 +120,7 @@ def test_far_from_the_sides_it_is_the_layer() -> None:
     assert np.abs(found - layer).max() < 0.05 * np.abs(layer).max()
 
 
+@pytest.mark.long
 def test_force_near_a_side() -> None:
     """Half a thickness from a free side the endless layer is far off, the solid pad is not; the readings are of a finer mesh.
 

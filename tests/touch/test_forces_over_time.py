@@ -140,6 +140,7 @@ def test_a_csv_opens_in_any_program(touch: pp.Touch, tmp_path: Path) -> None:
     assert read_touch(tmp_path / "touch.nc").attrs["friction"] == 0.5
 
 
+@pytest.mark.long
 def test_raw_counts_are_noticed_and_zeroed(folder: Path, press: tuple[pp.Skin, Any], tmp_path: Path) -> None:
     skin, _ = press
     raw = pp.reconstruct_recording(skin, folder / "raw.csv", tmp_path / "a.csv", method="tikhonov")
@@ -161,6 +162,7 @@ def test_raw_counts_are_noticed_and_zeroed(folder: Path, press: tuple[pp.Skin, A
     assert float(read_touch(one.path).time[0]) == pytest.approx(11 / 50)
 
 
+@pytest.mark.long
 def test_offsets_that_noise_explains_are_noticed_because_they_stay(tmp_path: Path) -> None:
     """Offsets of either sign, twice as large as the press: "no contact" by themselves in every frame, but noise would change."""
     (tmp_path / "skin.toml").write_text(SKIN)
@@ -380,6 +382,7 @@ def test_the_unit_of_an_axis_suits_the_band_where_numbers_are_next_to_nothing() 
     assert "slip_margin [Pa]" in table_words(table) or "slip margin [Pa]" in table_words(table)
 
 
+@pytest.mark.long
 def test_a_run_says_of_all_its_frames_what_its_pieces_said_of_theirs(tmp_path: Path) -> None:
     """Counts of pieces add up; of the one frame that is shown, a note that holds for all says no count."""
     from palpate.recordings import read_touch
@@ -401,6 +404,7 @@ def test_a_run_says_of_all_its_frames_what_its_pieces_said_of_theirs(tmp_path: P
     assert "of 2 frames" not in kept
 
 
+@pytest.mark.long
 def test_numbers_of_many_frames_wait_in_a_file_and_are_the_same(
     folder: Path, press: tuple[pp.Skin, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -475,6 +479,7 @@ def overprinted(figure: Any) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("many", [1, 3, 40])
 @pytest.mark.parametrize("mine", [False, True])
+@pytest.mark.long
 def test_names_of_events_lie_on_no_other_text(many: int, mine: bool) -> None:
     """However many events there are, and however close."""
     from matplotlib.figure import Figure

@@ -306,6 +306,7 @@ def test_numbers_of_a_frame_that_is_not_explained_are_not_told() -> None:
     assert row.endswith("unexplained")
 
 
+@pytest.mark.long
 def test_a_standard_deviation_is_half_the_interval_that_no_floor_cuts() -> None:
     skin = pp.Skin(
         pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5),

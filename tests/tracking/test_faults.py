@@ -76,6 +76,7 @@ def check(touch: pp.Touch) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, *long_runs(2, 3, 4, 5)])
 @pytest.mark.parametrize("baseline", [0, 6])
+@pytest.mark.long
 def test_zero_frames_before_a_contact_that_grows(seed: int, baseline: int) -> None:
     """10 x 10 normal stresses at 2 mm in 8 mm of glued gel: the normal matrix was not positive definite in one of three."""
     skin = _glued()
@@ -101,6 +102,7 @@ def _glued() -> pp.Skin:
     return _KEPT[0]
 
 
+@pytest.mark.long
 def test_readings_without_noise(skin: pp.Skin, pressed: Any) -> None:
     tracker = skin.track()
     for _ in range(3):
@@ -109,6 +111,7 @@ def test_readings_without_noise(skin: pp.Skin, pressed: Any) -> None:
 
 
 @pytest.mark.parametrize("back", [1.0, 1e-3])
+@pytest.mark.long
 def test_a_clock_that_restarts(skin: pp.Skin, pressed: Any, back: float) -> None:
     """Each frame after the restart is answered as itself, on the zero that was captured before."""
     rng = np.random.default_rng(0)
@@ -128,6 +131,7 @@ def test_a_clock_that_restarts(skin: pp.Skin, pressed: Any, back: float) -> None
     assert "1 restarts" in str(tracker.health)
 
 
+@pytest.mark.long
 def test_two_frames_of_one_time_are_two_answers(skin: pp.Skin, pressed: Any) -> None:
     tracker = skin.track()
     rng = np.random.default_rng(0)
@@ -138,6 +142,7 @@ def test_two_frames_of_one_time_are_two_answers(skin: pp.Skin, pressed: Any) -> 
     assert tracker.health.late == 1
 
 
+@pytest.mark.long
 def test_frames_without_readings_are_unknown(skin: pp.Skin, pressed: Any) -> None:
     """Not 0 N, no contact that ended; and the first good frame is answered again."""
     rng = np.random.default_rng(0)
@@ -158,6 +163,7 @@ def test_frames_without_readings_are_unknown(skin: pp.Skin, pressed: Any) -> Non
 
 
 @pytest.mark.parametrize("part", [0.1, *long_runs(0.02, 0.3)])
+@pytest.mark.long
 def test_some_missing_taxels_are_left_out_of_that_frame(skin: pp.Skin, pressed: Any, part: float) -> None:
     """Other taxels in every frame, while the force changes: nothing is taken from the frame before.
 
@@ -177,6 +183,7 @@ def test_some_missing_taxels_are_left_out_of_that_frame(skin: pp.Skin, pressed: 
         assert touch.force[2] == pytest.approx(force, abs=0.08)
 
 
+@pytest.mark.long
 def test_a_sensor_that_freezes_says_so(skin: pp.Skin, pressed: Any) -> None:
     rng = np.random.default_rng(0)
     tracker = skin.track()
@@ -206,6 +213,7 @@ def test_missing_frames_while_the_zero_is_captured_do_not_count(skin: pp.Skin, p
     assert touch.force[2] == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.long
 def test_what_is_refused_leaves_the_tracker_as_it_was(skin: pp.Skin, pressed: Any) -> None:
     rng = np.random.default_rng(0)
     one, other = skin.track(), skin.track()
@@ -224,6 +232,7 @@ def test_what_is_refused_leaves_the_tracker_as_it_was(skin: pp.Skin, pressed: An
     assert other.health.frames == 6
 
 
+@pytest.mark.long
 def test_a_numerical_failure_is_a_status(skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from palpate.tracking.iteration import Iteration
 
@@ -242,6 +251,7 @@ def test_a_numerical_failure_is_a_status(skin: pp.Skin, pressed: Any, monkeypatc
     assert tracker.step(frames[2]).force[2] == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.long
 def test_creep_is_remembered_through_gaps() -> None:
     """A frame without readings and a clock that restarts do not disturb a creeping pad's memory."""
     soft = pp.Viscoelastic(PAD, [(0.3, 0.5)])

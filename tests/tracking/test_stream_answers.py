@@ -52,6 +52,7 @@ def followed(tracker: Any, frames: Any, rate: float = 100.0) -> tuple[list[pp.To
         (GEL, pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=0.3e-3, channels=DISPLACED), 1e-6),
     ],
 )
+@pytest.mark.long
 def test_readings_that_are_exactly_zero_after_a_press_are_no_contact(pad: Any, array: Any, noise: float) -> None:
     """A sensor that writes 0 where it feels nothing tells no noise; taxels whose gains differ by a fifth leave offsets and rates of drift behind."""
     skin, rng = pp.Skin(pad, array), np.random.default_rng(0)
@@ -82,6 +83,7 @@ def test_contact_begins_above_noise_that_taxels_share() -> None:
     assert [(e.kind, e.began) for e in events if e.kind == "contact"] == [("contact", True), ("contact", False)]
 
 
+@pytest.mark.long
 def test_an_even_press_that_grows_slowly_is_within_the_interval_of_no_contact() -> None:
     """Wider than the array and slower than the zero follows, it looks like drift: that is said, and the interval has room for it."""
     skin, rng = pp.Skin(PAD, PRESSED), np.random.default_rng(0)
@@ -99,6 +101,7 @@ def test_an_even_press_that_grows_slowly_is_within_the_interval_of_no_contact() 
     assert touch.touching or any("since it was taken" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_an_even_press_wider_than_the_array_is_load_with_a_zero_just_taken() -> None:
     skin, rng = pp.Skin(PAD, PRESSED), np.random.default_rng(0)
     full = np.asarray(skin.sense(solutions.hertz_point(contact_radius=60e-3, force=100.0)))
@@ -142,6 +145,7 @@ def test_an_overload_raises_the_alarm_of_excess_force_and_no_slip() -> None:
 
 
 @pytest.mark.parametrize("top", [False, True])
+@pytest.mark.long
 def test_a_patch_that_freezes_after_a_press_is_no_load(top: bool) -> None:
     """3 x 3 taxels stay at the values of the press, or at the largest of them, bit by bit, for 0.3 s."""
     skin, rng = pp.Skin(PAD, PRESSED), np.random.default_rng(0)
@@ -252,6 +256,7 @@ def test_a_frame_that_a_single_solve_does_not_explain_is_unexplained_when_it_is_
     assert monitor.going_on() == ("unexplained",)
 
 
+@pytest.mark.long
 def test_what_came_before_does_not_change_the_answer() -> None:
     """After garbage, a pull and another contact, the interval meets that of a tracker that saw none of it."""
     skin = pp.Skin(PAD, TAXELS)

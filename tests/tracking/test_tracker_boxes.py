@@ -28,6 +28,7 @@ def disc(shape: tuple[int, ...], radius: int, y: int, x: int) -> Index:
 
 @pytest.mark.parametrize("broken", [0, 3, 400])
 @pytest.mark.parametrize("two", [False, True])
+@pytest.mark.long
 def test_a_box_is_made_of_its_sides(two: bool, broken: int) -> None:
     planes = [array((20, 24)), array((20, 24), 1e-3)] if two else [array((20, 24))]
     products = grams(*planes)
@@ -61,6 +62,7 @@ def test_the_box_before_serves_what_is_asked_of_it() -> None:
 
 
 @pytest.mark.parametrize("case", ["few readings", "missing taxels", "far apart"])
+@pytest.mark.long
 def test_others_are_made_cell_by_cell(case: str) -> None:
     mask = np.ones((20, 20), dtype=bool)
     mask[3, 4] = False

@@ -51,6 +51,7 @@ def longest_wait(made) -> float:  # type: ignore[no-untyped-def]
     return longest / (last - begun)
 
 
+@pytest.mark.long
 def test_the_inverse_beside_a_stream_lets_the_stream_run() -> None:
     # the best of some: the machine may be busy with other things
     assert min(longest_wait(inverse_beside) for _ in range(5)) < 0.5 * min(longest_wait(inverse) for _ in range(5))

@@ -89,6 +89,7 @@ def pressed(skin: pp.Skin, force: float) -> Any:
     return force * np.asarray(skin.sense(skin.sample(press)))
 
 
+@pytest.mark.long
 def test_error_bars_need_no_columns(skin: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
     """What two products with the operator say is what the columns say."""
     from palpate.tracking.region import NormalEquations

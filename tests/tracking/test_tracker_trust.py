@@ -103,6 +103,7 @@ def test_taxels_that_die_while_pressed_are_left_out_in_that_frame_and_taken_up_a
     assert not touch.outliers.any()  # type: ignore[union-attr]
 
 
+@pytest.mark.long
 def test_garbage_frames_leave_nothing_behind(skin: pp.Skin, pressed: Any) -> None:
     stream = Stream(skin, pressed)
     for _ in range(10):
@@ -137,6 +138,7 @@ def test_a_pull_is_a_pull(skin: pp.Skin, pressed: Any, friction: float | None, b
     assert stream.monitor.going_on() == ("contact",)
 
 
+@pytest.mark.long
 def test_error_bars_of_a_pull_are_made_anew_beside_the_stream_where_there_is_a_budget(
     skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +201,7 @@ def test_common_drift_is_told_from_contact_by_taxels_away_from_it(
     assert np.mean(covered) > 0.9
 
 
+@pytest.mark.long
 def test_a_contact_over_the_whole_array_is_not_taken_for_drift(skin: pp.Skin) -> None:
     """Nothing tells it from an offset but that it came at once; while it is held the interval widens."""
     grid = skin.surface
@@ -247,6 +250,7 @@ def test_frames_at_the_end_of_their_range_say_so(skin: pp.Skin, pressed: Any) ->
         assert any("end of their range" in n for n in touch.notes)
 
 
+@pytest.mark.long
 def test_a_contact_that_never_ends_is_questioned_and_a_new_zero_ends_it(skin: pp.Skin, pressed: Any) -> None:
     stream = Stream(skin, pressed)
     stream.step(pressed)
@@ -258,6 +262,7 @@ def test_a_contact_that_never_ends_is_questioned_and_a_new_zero_ends_it(skin: pp
     assert [status(stream.step(pressed)) for _ in range(6)] == [Status.CAPTURING_ZERO] * 5 + [Status.NO_CONTACT]
 
 
+@pytest.mark.long
 def test_one_channel_is_zeroed_alone(skin: pp.Skin, pressed: Any) -> None:
     stream = Stream(skin, pressed, rezero=None)
     offset = np.array([2.0, 0.0, 5.0])[:, None, None] * stream.size
@@ -295,6 +300,7 @@ def test_a_frame_that_is_the_zero_but_for_rounding_is_no_contact(skin: pp.Skin) 
     assert status(touches[-1]) is Status.NO_CONTACT
 
 
+@pytest.mark.long
 def test_a_surface_that_is_pulled_everywhere_after_contact_is_answered(skin: pp.Skin, pressed: Any) -> None:
     stream = Stream(skin, pressed)
     for _ in range(5):
@@ -329,6 +335,7 @@ def test_fit_is_a_probability_where_nothing_touches(skin: pp.Skin, pressed: Any)
     assert np.mean(found < 0.5) > 0.2
 
 
+@pytest.mark.long
 def test_what_a_wrong_model_leaves_is_not_taken_for_drift(pressed: Any, skin: pp.Skin) -> None:
     """Taxels of 1 mm for 1.5 mm, shear free: offsets ran away and took a fifth of the force with them."""
     other = np.asarray(pp.Skin(PAD, pp.AreaArray(shape=(10, 10), pitch=1e-3, depth=1e-3, channels=THREE)).sense(BALL))

@@ -47,6 +47,7 @@ def bounds(touch: pp.Touch) -> tuple[float, float]:
     return float(low[-1]), float(high[-1])
 
 
+@pytest.mark.long
 def test_what_is_stated_of_the_pad_and_the_taxels_widens_a_trackers_intervals_as_a_batchs() -> None:
     """Force from strain is proportional to the modulus; from stress it does not depend on it, but on gains."""
     press = solutions.hertz_line(half_width=3e-3, force=10.0)
@@ -156,6 +157,7 @@ def without_time(skin: pp.Skin, pressed: Any) -> tuple[float, float]:
 
 @pytest.mark.parametrize("seed", [0, *long_runs(1, 2, 3)])
 @pytest.mark.parametrize(("part", "waited"), [(0.3, 0.5), (0.1, 0.5), (0.15, 0.0), (0.05, 0.0)])
+@pytest.mark.long
 def test_a_tracker_that_never_has_time_says_how_far_off_it_may_be(
     skin: pp.Skin, pressed: Any, monkeypatch: pytest.MonkeyPatch, part: float, waited: float, seed: int
 ) -> None:
@@ -168,10 +170,12 @@ def test_a_tracker_that_never_has_time_says_how_far_off_it_may_be(
     assert width < (0.5 if waited else 2.0)
 
 
+@pytest.mark.long
 def test_a_tracker_that_never_has_time_beside_a_real_thread(skin: pp.Skin, pressed: Any) -> None:
     assert without_time(skin, pressed)[0] > 0.9
 
 
+@pytest.mark.long
 def test_a_tracker_without_time_lets_go_of_what_has_left(skin: pp.Skin, pressed: Any) -> None:
     """Unfinished frames are never weighed: a hole in the readings and a drift of 1 % a second became 290 N after a minute."""
     slope = 0.01 * float(np.abs(pressed).max()) * np.array([0.3, 0.3, 1.0])[:, None, None]

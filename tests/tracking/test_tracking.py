@@ -112,6 +112,7 @@ def test_tracker_agrees_with_the_batch(skin: pp.Skin, story: Any, followed: Any)
     assert health.approximate == 0
 
 
+@pytest.mark.long
 def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
     """On its own cells a tight tolerance gives the minimiser that the exact solver finds."""
     from palpate.inverse import Cone, minimise
@@ -136,6 +137,7 @@ def test_tracker_solves_its_problem_exactly(skin: pp.Skin, story: Any) -> None:
     assert np.abs(found - exact).max() < 1e-4 * exact.max()
 
 
+@pytest.mark.long
 def test_tracker_is_as_right_as_the_truth_allows(skin: pp.Skin, story: Any, followed: Any) -> None:
     inside = []
     for frame, touch in zip(story[0], followed[0]):
@@ -148,6 +150,7 @@ def test_tracker_is_as_right_as_the_truth_allows(skin: pp.Skin, story: Any, foll
     assert np.mean(inside) > 0.8
 
 
+@pytest.mark.long
 def test_noise_is_learned_from_the_baseline(skin: pp.Skin) -> None:
     tracker = skin.track(baseline=40)
     rng = np.random.default_rng(0)
@@ -186,6 +189,7 @@ def test_drift_is_followed_only_without_contact() -> None:
 
 
 @pytest.mark.parametrize("how", ["nan", "offset", *long_runs("stuck", "saturated")])
+@pytest.mark.long
 def test_bad_taxels_are_noticed_and_left_out(skin: pp.Skin, how: str) -> None:
     rng = np.random.default_rng(2)
     tracker = skin.track(friction=MU, baseline=20)
@@ -266,6 +270,7 @@ def test_a_glitch_is_not_a_contact(skin: pp.Skin) -> None:
         assert not tracker.step(reading).touching
 
 
+@pytest.mark.long
 def test_late_and_uneven_frames(skin: pp.Skin, story: Any) -> None:
     frames, readings = story
     tracker = skin.track(friction=MU, baseline=15)
@@ -281,6 +286,7 @@ def test_late_and_uneven_frames(skin: pp.Skin, story: Any) -> None:
         tracker.step(readings[82], math.nan)
 
 
+@pytest.mark.long
 def test_creep_is_taken_out_frame_by_frame() -> None:
     soft = pp.Viscoelastic(PAD, [(0.3, 0.5)])
     array = pp.AreaArray(
@@ -332,6 +338,7 @@ def test_memory_is_bounded_and_reset_forgets(skin: pp.Skin, story: Any) -> None:
     assert sizes[2] < sizes[1] + 200_000
 
 
+@pytest.mark.long
 def test_single_precision_and_several_planes() -> None:
     planes = [pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=d, channels=["stress_zz"]) for d in (1e-3, 2e-3)]
     skin = pp.Skin(PAD, planes)
@@ -391,6 +398,7 @@ def slipping(skin: pp.Skin) -> list[simulation.Frame]:
 
 
 @pytest.mark.parametrize("given", [*long_runs(MU), None])
+@pytest.mark.long
 def test_slip_is_announced_before_it_happens(
     skin: pp.Skin, slipping: list[simulation.Frame], given: float | None
 ) -> None:
@@ -419,6 +427,7 @@ def test_slip_is_announced_before_it_happens(
         assert monitor.learned == pytest.approx(MU, rel=0.12)
 
 
+@pytest.mark.long
 def test_excess_is_announced_with_its_certainty(skin: pp.Skin) -> None:
     tracker, rng = skin.track(baseline=10), np.random.default_rng(0)
     monitor = GraspMonitor(max_force=0.8, max_pressure=1e9)
@@ -463,6 +472,7 @@ def test_error_bars_are_right_from_the_first_frame(skin: pp.Skin) -> None:
         np.testing.assert_allclose(touch.noise_std, same.noise_std, rtol=0.4)
 
 
+@pytest.mark.long
 def test_a_given_zero_is_in_the_units_of_the_readings() -> None:
     """Also where the noise is given, by which readings are weighed."""
     skin = pp.Skin(PAD, replace(ARRAY, noise=[50.0, 50.0, 200.0]))
@@ -495,6 +505,7 @@ def test_correlated_noise_and_a_taxel_left_out() -> None:
     assert touch.force[2] == pytest.approx(float(same.force[2]), abs=0.01)
 
 
+@pytest.mark.long
 def test_a_new_contact_takes_nothing_over_from_the_last(skin: pp.Skin) -> None:
     rng = np.random.default_rng(0)
     left, right = (skin.sense(BALL.shifted(x, 0.0)) for x in (-3e-3, 3e-3))

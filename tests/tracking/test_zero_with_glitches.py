@@ -19,6 +19,7 @@ def skin() -> pp.Skin:
 
 @pytest.mark.parametrize("frames", [5, 9])
 @pytest.mark.parametrize("what", ["constant", "spike", "touch", "missing", "nothing"])
+@pytest.mark.long
 def test_a_frame_unlike_the_others_is_no_zero(skin: pp.Skin, what: str, frames: int) -> None:
     rng = np.random.default_rng(frames)
     pressed = np.asarray(skin.sense(PRESS))

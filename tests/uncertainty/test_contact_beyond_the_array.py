@@ -26,6 +26,7 @@ def _half_off(side: int, shear: float, seed: int) -> tuple[pp.Skin, Floats, Floa
 
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("shear", [0.0, -0.4])
+@pytest.mark.long
 def test_the_interval_of_a_punch_half_off_a_line_reaches_to_all_of_it(side: int, shear: float) -> None:
     skin, readings, true = _half_off(side, shear, seed=2)
     touch = skin.reconstruct(readings)

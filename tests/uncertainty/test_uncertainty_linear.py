@@ -62,6 +62,7 @@ def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() ->
     assert not any("Young's modulus" in n for n in (*touch.assumed, *blind.assumed))
 
 
+@pytest.mark.long
 def test_a_modulus_that_nothing_is_said_of_is_known_to_15_percent_and_a_scale_to_2() -> None:
     silent = pp.Skin(PAD, IN_PLANE, nuisance=[])
     readings = pulled(silent)
@@ -128,6 +129,7 @@ def test_gains_by_random_signs_are_as_large_as_one_by_one(monkeypatch: pytest.Mo
     assert float(np.median(found.traction / each.traction)) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_frames_one_by_one_and_together_and_from_a_file_owe_the_same(tmp_path: Path) -> None:
     skin = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.1, gain=0.02))
     frames = np.stack([pulled(skin), -0.5 * pulled(skin), 0.0 * pulled(skin)])
@@ -157,6 +159,7 @@ def test_without_a_decomposition_it_owes_the_same(monkeypatch: pytest.MonkeyPatc
     assert np.allclose(free.moment, dense.moment, rtol=1e-2)
 
 
+@pytest.mark.long
 def test_an_offset_beside_push_and_pull_is_within_the_interval() -> None:
     """What pushes and pulls in different places goes to the linear method, which takes an offset for traction all over."""
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
