@@ -40,7 +40,7 @@ def test_with_every_part_it_is_the_automatic_method() -> None:
     whole = skin.reconstruct(sample.readings, method=Ablated(), components=["z"])
     plain = skin.reconstruct(sample.readings, components=["z"])
     assert np.array_equal(whole.values, plain.values)
-    assert np.array_equal(whole.std, plain.std)
+    assert np.array_equal(whole.std(), plain.std())
 
 
 def test_parts_that_are_left_out_are_missed() -> None:

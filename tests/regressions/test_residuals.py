@@ -32,13 +32,13 @@ def test_errors_grow_with_what_is_left_over_the_noise_that_was_given() -> None:
     for seed in (2, 3, 4):
         noise = np.random.default_rng(seed).standard_normal(clean.shape)
         louder, plain = (skin.reconstruct(clean + 2.0 * given * noise, method=m) for m in (Ablated(), as_it_is))
-        ratio = float(np.median(np.asarray(louder.std)[-1][5:-5, 5:-5] / np.asarray(plain.std)[-1][5:-5, 5:-5]))
+        ratio = float(np.median(np.asarray(louder.std())[-1][5:-5, 5:-5] / np.asarray(plain.std())[-1][5:-5, 5:-5]))
         assert 1.2 < ratio < 2.1  # noise is one part of the errors; how far models are apart is the other
         low, high = louder.interval(0.95, "force")
         assert low[2] < float(skin.reconstruct(clean).force[2]) < high[2]
     as_given = skin.reconstruct(clean + given * noise)
     same = skin.reconstruct(clean + given * noise)
-    np.testing.assert_allclose(as_given.std, same.std)  # noise as it was given changes nothing
+    np.testing.assert_allclose(as_given.std(), same.std())  # noise as it was given changes nothing
 
 
 @pytest.mark.long

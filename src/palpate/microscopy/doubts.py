@@ -77,7 +77,11 @@ def doubts(
     large, small = max(principal[:2], key=abs), min(principal[:2], key=abs)
     sure = abs(large) > QUESTIONED * own(moment)
     noise = field.noise or (None if done.touch.noise_std is None else float(np.mean(done.touch.noise_std)))
-    shown = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"])
+    # with wrong axes no traction explains the field, so its energy may be uncertain although the field is far above noise
+    signal = math.sqrt(float(np.nanmean(np.square(field.displacement))))
+    shown = numbers["strain_energy"].value > QUESTIONED * own(numbers["strain_energy"]) or signal > QUESTIONED * (
+        noise or math.inf
+    )
     axes = suspected(field, done.skin.pad, depth=done.skin.planes[0].depth, noise=noise) if shown and noise else ""
     if axes:
         said.append(f"the field spreads its traction far over the gel, as no cell does, and {AXES[axes]}")

@@ -32,7 +32,8 @@ __all__ = ["GAP", "STEPS", "interior"]
 GAP = 1e-8
 #: Most steps; 15 to 20 are usual.
 STEPS = 40
-#: The iteration fails if the residual has not decreased by the factor SMALLER in PATIENCE steps.
+#: The iteration fails if neither residual nor gap has decreased by the factor SMALLER in PATIENCE steps. From a start that
+#: is far too large the gap falls with the objective, so that their ratio stays.
 SMALLER, PATIENCE = 0.99, 8
 #: Distance of the start from the boundary, as a fraction of the largest pressure and of the largest gradient; and the
 #: fraction of the way to the boundary that a step may go.
@@ -66,7 +67,7 @@ def interior(
     x[-1] += INSIDE * max(float(x[-1].max()), largest / float(hessian.diagonal().max()))
     s = kind.slack(cone, gradient)
     s[-1] += INSIDE * float(np.abs(gradient).max()) + 1e-12 * largest
-    best, least, since = x, np.inf, 0
+    best, least, narrowest, since = x, np.inf, np.inf, 0
     # Factors from products may diverge: reject overflow.
     with np.errstate(all="ignore"):
         for _ in range(STEPS):
@@ -80,7 +81,8 @@ def interior(
             if left < SMALLER * least:
                 best, least, since = x, left, 0
             else:
-                since += 1
+                since = 0 if gap < SMALLER * narrowest else since + 1
+            narrowest = min(narrowest, gap)
             if left <= goal or since > PATIENCE:
                 break
             scaling = kind(x, s)

@@ -13,6 +13,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
@@ -86,8 +87,11 @@ def rough(
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:
-    """Probability that noise leaves a residual as regular as this explanation's; 1 if the residual is small. If low,
-    contact of one sign is the wrong model.
+    """Probability that noise alone would leave a residual as regular as that of explanation ``h``. If it is low, a
+    contact of one sign (all pushing or all pulling) is the wrong model.
+
+    A small residual is not tested, and the probability is 1: one below the fraction ``policy.explanations.structured``
+    of the readings or, if the noise is given, below ``policy.detection.unexplained`` times the noise.
     """
     policy = estimator.policy
     white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
@@ -104,8 +108,7 @@ def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags
     return misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
 
 
-def exceeded(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
+def exceeded(h: Explanation, observed: Flags, policy: Policy) -> bool:
     """Whether the residual is far above the given noise. It is then treated as noise, and the fit test fails."""
-    policy = estimator.policy
     misfit = h.rough.left * math.sqrt(h.rough.free / max(float(observed.sum()), 1.0))
     return misfit > policy.detection.unexplained

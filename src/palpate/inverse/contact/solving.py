@@ -92,7 +92,7 @@ class _Solving:
         if not h.sign:
             pass
         elif estimator.noise_known:
-            if exceeded(estimator, h, self.data, self.frame.usable):
+            if exceeded(h, self.frame.usable, self.policy):
                 known = coarse = max(h.rough.left, least)
         elif h.present.any() or ((self.follows or not self.frame.usable.all()) and h.rough.left > 0):
             # A linear model takes the edges of filled-in regions for noise.

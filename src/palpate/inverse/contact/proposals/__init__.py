@@ -21,7 +21,7 @@ from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.search import Search
-from palpate.inverse.contact.rough import rough_fit
+from palpate.inverse.contact.rough import exceeded, rough_fit
 from palpate.inverse.contact.score import best_of, rivals_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
@@ -48,10 +48,11 @@ def explanation_of(
     signs: Sequence[int],
     noise: float | None = None,
 ) -> Explanation:
-    """The best explanation of a frame, with its rivals.
+    """Find the best explanation of a frame. The alternatives are stored in it as `Explanation.rivals`.
 
-    ``terms`` are the nuisances to consider; ``signs`` are the signs of contact to consider (`Explanation.sign`);
-    ``noise`` is stored as `Explanation.noise`.
+    ``data`` (reading,) are the readings, and ``observed`` (reading,) marks those in use. ``terms`` are the
+    nuisances to consider; ``signs`` are the signs of contact to consider (`Explanation.sign`); ``noise`` is stored as
+    `Explanation.noise`.
     """
     readings, policy = estimator.readings, estimator.policy
     white = readings.white((data / readings.std)[observed], observed)
@@ -66,15 +67,29 @@ def explanation_of(
         search.add(propose(search))
         proposal = propose.__module__.rpartition(".")[2]
         trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, policy)
-    best = best_of(search.tried, policy)
+    tried = _within_noise(search)
+    best = best_of(tried, policy)
     trace.chosen("best of these", best, terms)
-    free = next((h for h in search.tried if h.sign == 0), None)
+    free = next((h for h in tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
         # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
-        others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
+        others = (h for h in rivals_of(best, tried, policy) if worth_of(h, policy) > worth_of(free, policy))
         best = next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
-    best = replace(best, rivals=rivals_of(best, search.tried, policy))
+    best = replace(best, rivals=rivals_of(best, tried, policy))
     return best if noise is None else replace(best, noise=noise)
+
+
+def _within_noise(search: Search) -> list[Explanation]:
+    """The explanations tried, without those whose nuisances leave far more than the given noise, if contact alone does
+    not.
+    """
+    prepared, tried = search.estimator, search.tried
+    if not prepared.noise_known:
+        return tried
+    far = [exceeded(h, search.observed, prepared.policy) for h in tried]
+    if all(e for h, e in zip(tried, far) if h.sign and not h.present.any()):
+        return tried
+    return [h for h, e in zip(tried, far) if not (e and h.present.any())]
 
 
 def _in_order(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
