@@ -60,7 +60,9 @@ class Model:
 
 
 class _About:
-    """The prepared matrices, compared by identity, so that each skin compiles once."""
+    """The static part of a `Model`: its prepared matrices. JAX compares static parts; these are equal only if they are
+    the same object, so that a function is compiled once per skin, and not again at every call.
+    """
 
     def __init__(self, matrices: differentiable.Matrices) -> None:
         self.matrices = matrices

@@ -215,7 +215,9 @@ def _top(*images: Floats) -> float:
 
 
 def _misses(touch: Shown, field: Floats) -> Floats:
-    """Return the magnitude of a field over the components that were estimated."""
+    """Return the magnitude (*surface) of ``field`` (component, *surface), an error or a standard deviation [Pa], from
+    the components that were estimated.
+    """
     sought = [touch.surface.components.index(c) for c in touch.components]
     return np.asarray(np.sqrt((field[sought] ** 2).sum(axis=0)))
 

@@ -1,4 +1,4 @@
-"""Figures of the library's own measurements."""
+"""Figures of benchmark results: errors by `palpate bench accuracy`, and wrong frames by `palpate bench trust`."""
 
 from __future__ import annotations
 

@@ -18,8 +18,9 @@ PATIENCE = 5.0
 class Latest:
     """The newest picture of a live source.
 
-    Until `start`, pictures are returned one by one, so that none of the reference is skipped. Afterwards a thread
-    reads them as they arrive or, for a file (``pace``), at their recorded times.
+    Until `start` is called, `pictures` returns every picture in turn, so that no picture of the gel at rest (the
+    reference) is skipped. Afterwards it returns only the newest: a thread reads pictures as they arrive or, with
+    ``pace`` (for a file), at their recorded times.
 
     Attributes
     ----------

@@ -26,12 +26,13 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help=_HELP)]
 
 
 def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool, option: str = "--force") -> None:
-    """Raise an error before any work if an output cannot or must not be written: if it is an input, an existing
-    result, or in a folder that does not exist.
+    """Raise `InvalidInput`, before any work, if the output ``path`` cannot or must not be written: if it is one of
+    ``inputs``, if it exists and ``force`` is false, or if its folder does not exist.
 
     An input is recognised under any name (through a link, another path, or in other case), and so is a file inside an
-    input folder. A file that another process is writing is refused too, and other processes cannot write the files
-    that passed this check (`sole_writers`).
+    input folder. ``option`` is the option that the message names for replacing a file. Inside ``with sole_writers()``
+    this function also locks ``path`` until the ``with`` ends: it raises an error if another process is writing the
+    file, and other processes cannot write it meanwhile.
     """
     from palpate.recordings.files import is_store
     from palpate.recordings.locks import sole_writer

@@ -1,7 +1,7 @@
 """Methods for comparison: each solves for the whole map by the same call, and excludes pulling pressure.
 
-In: nothing of its own.
-Out: the five classes of `palpate.inverse.comparison`, under one public name.
+In: nothing; this package has no code of its own.
+Out: the five classes of `palpate.inverse.comparison`, which users import from here.
 Open first: `../inverse/comparison/whole_map.py`.
 """
 

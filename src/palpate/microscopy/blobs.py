@@ -145,8 +145,12 @@ def painted(places: Floats, variance: Floats, x: Floats, y: Floats, side: float)
 def profiled(
     places: Floats, variance: Floats, profiles: npt.NDArray[np.intp], side: float
 ) -> tuple[Floats, Floats, Floats, npt.NDArray[np.intp]]:
-    """Replace blobs by small Gaussians that form their profiles (indices of `PROFILES`) with the same force and second
-    moments. Return the places, the variances, the fraction of the force, and the index of the blob of each.
+    """Replace each blob by small Gaussians that together have its profile, its force and its second moments.
+
+    ``places`` (blob, 2) [m], ``variance`` (blob,) [m^2] and ``profiles`` (blob,), indices of `PROFILES`, describe the
+    blobs; ``side`` [m] is that of a vector's square. Gaussian blobs, and blobs narrower than `NARROW` times ``side``,
+    stay one Gaussian. Return for each Gaussian its place, its variance, its fraction of the blob's force, and the index
+    of its blob.
 
     The Gaussians lie on a sunflower spiral, which fills a disc evenly (H. Vogel, Math. Biosci. 44, 1979, 179-189).
     """

@@ -276,7 +276,7 @@ def _table(path: Path, body: list[tuple[int, str]], head: _Head) -> Recording:
 
 
 class _Spooled:
-    """Frames in a temporary file, in the same binary form as in memory."""
+    """Readings of all frames in a temporary file, as float64; indexing by a slice of frames reads only those."""
 
     def __init__(self, held: Any, shape: tuple[int, ...]) -> None:
         self._held, self._shape, self._size = held, shape, 8 * int(np.prod(shape))
@@ -288,7 +288,9 @@ class _Spooled:
 
 
 def _spooled(path: Path, held: Any) -> OpenRecording:
-    """A table too long for memory: read once, line by line, into the file ``held``."""
+    """Open a table that is too long to be kept in memory: read it once, line by line, and write its readings to the
+    temporary file ``held``, from which frames are then read as they are needed.
+    """
     head = _Head(path)
     columns: _Columns | None = None
     times: list[float] = []

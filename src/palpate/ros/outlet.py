@@ -47,7 +47,7 @@ LATENCY_FRAMES = 2000
 
 
 class Outlet:
-    """A sink of a `palpate.live.Session` that publishes.
+    """A sink of a `palpate.live.Session` that publishes each result on the topics in `TOPICS`.
 
     Parameters
     ----------

@@ -148,7 +148,9 @@ class _Flat:
         return self.integral(traction)
 
     def total_moment(self, traction: Any) -> Any:
-        """Moment about the origin, (..., 3) on an area and (..., 1) on a line; see `palpate.Touch.moment`."""
+        """Moment of ``traction`` (..., component, *surface) [Pa] about the origin: (..., 3) [N m] about x, y and z on
+        an area, (..., 1) [N] about y on a line; see `palpate.Touch.moment`.
+        """
         xp, tail = namespace(traction), (slice(None),) * self.dimensions
         parts = [traction[(..., i, *tail)] for i in range(len(self.components))]
         x = from_numpy(self.axes[-1], traction)

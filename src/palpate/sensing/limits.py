@@ -77,9 +77,11 @@ def of_readings(array: _Ranged) -> tuple[Floats, Floats] | None:
 
 
 def check_creep(pad: Viscoelastic, planes: Sequence[_Ranged]) -> Pad:
-    """The elastic pad of a creeping one; raise an error if the arrays have limits.
+    """Return the elastic part of a pad that creeps. Raise `InvalidInput` if one of ``planes`` has finite limits for a
+    channel whose readings creep.
 
-    Creep is subtracted from the readings first, and the rest of a saturated reading has no meaning.
+    Creep is subtracted from the readings before they are solved. After that, a saturated reading no longer equals its
+    limit, and nothing is known about its true value.
     """
     for array in planes:
         for i, channel in enumerate(array.channels):

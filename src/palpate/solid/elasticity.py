@@ -192,9 +192,11 @@ class Solid:
 
 
 class LocalFields:
-    """Fields at points per unit of the unknowns of the element there, arrays (point, local, axis): `palpate.elastic.channels.Fields`.
+    """Displacement, strain and stress at points in a solid, as `palpate.elastic.channels.Fields`.
 
-    Components are along ``axes`` (point, component, axis) of each point; unknowns are along those of the mesh.
+    Each method returns an array (point, local, axis): the field at a point, per unit of displacement of the function
+    ``local`` of the element there along ``axis`` of the mesh. Field components such as "xz" are along the ``axes``
+    (point, component, axis) that belong to the point.
     """
 
     def __init__(

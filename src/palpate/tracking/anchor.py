@@ -47,8 +47,9 @@ def beyond(difference: Floats, std: float) -> float:
 
 
 class Anchor:
-    """The last single solve of this contact. Tractions are (component, cell) of the surface; only ``columns`` are
-    sought.
+    """Keeps the last single solve of this contact and corrects the tracker's traction of later frames (`carried`).
+
+    Tractions are (component, cell of the surface) [Pa]; ``columns`` are the indices of the components that are sought.
 
     Examples
     --------

@@ -5,8 +5,10 @@ taxels at both ends:
 
     (A'A)(i + e, j + e) = (A'A)(i, j) + first(i + e) first(j + e)' - last(i) last(j)',
 
-where first(i) and last(i) are the responses of the first and the last row of taxels to a cell. So full products are
-only needed along three sides of the box: a tenth of the work, and less for larger arrays.
+where (A'A)(i, j) is the block (component, component) of the cells i and j, e is a step by one cell along an axis, and
+first(i) and last(i) are the responses (component, reading) of the first and the last row of taxels along that axis to
+a load on cell i. So full products are only needed along three sides of the box: a tenth of the work, and less for
+larger arrays.
 """
 
 from __future__ import annotations

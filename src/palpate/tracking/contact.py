@@ -1,7 +1,9 @@
-"""Contact in one frame of a stream: pushing contact on all readings except outliers, or traction of either sign; and whether it fits.
+"""Solve for the contact in one frame of a stream, and judge whether it fits the readings.
 
-A frame that fits like the ones before costs one solution. If the misfit is unusual, and at regular intervals, the tracker checks the alternatives in that frame: cells without pressure that need
-some, wrong readings, a zero that has jumped, traction that pulls.
+The contact pushes and is solved from all readings except outliers, or its traction has either sign. A frame that fits
+like the ones before costs one solution. If the misfit is unusual, and at regular intervals, the tracker checks whether
+something else explains that frame better: pressure on more cells, wrong readings, a zero that has jumped, or traction
+that pulls.
 """
 
 from __future__ import annotations
@@ -130,7 +132,7 @@ class Contact:
 
     @property
     def cells(self) -> Index | None:
-        """Cells of the traction, None without contact."""
+        """Flat indices of the surface cells for which `traction` is given; None without contact."""
         region = self._solution.region
         return self._pulling.cells if not self.pushing else None if region is None else region.cells
 

@@ -246,7 +246,11 @@ class ErrorBars:
         return _Prepared(std, Normal(level, cells, later, linear, gram / std**2), white, shared, crossed)
 
     def _crossed(self, columns: Floats, unused: Flags) -> Floats:
-        """A'B (channel, component, cell of the surface), in double precision because differences of squares follow."""
+        """A'B (channel, component, cell of the surface): products of the response A to each cell with the offset
+        ``columns`` B, over the readings that are not ``unused``.
+
+        In double precision, because these products are later subtracted from others of nearly the same size.
+        """
         key, kept, estimator = unused.tobytes(), self._of_offsets, self._estimator
         if kept is None or kept[0] != key:
             std = estimator.readings.std

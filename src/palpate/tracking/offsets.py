@@ -8,15 +8,16 @@ that is learned from the correction in each frame (T. R. Benedict and G. W. Bord
 
     (s^2 + B V B')^-1 = s^-2 (1 - B K B'),    K = (s^2 V^-1 + B'B)^-1,
 
-so that the contact is solved with the present uncertainty of the offsets. The information of a frame about the offsets
-is the part of the readings that no contact on those cells explains, W'y with
+so that the contact is solved with the present uncertainty of the offsets. Only the part of the readings y that no
+traction on the cells in contact explains tells about the offsets. It is W'y with
 
     W = B - A X,    X = (A'A + penalty / n)^-1 A'B,    var(W'y) = s^2 B'W.
 
-The penalty applies to the contact, which is the same in n frames, so that its shrinkage of shear does not accumulate
-as an offset. A contact that covers the array gives no information, and V grows. An inexact model (depth, modulus) adds
-a residual d that is the same in each frame of one contact. d is a state of its own: an offset that appears together
-with a contact is assigned to d rather than to c.
+A contact stays the same for about n frames (`SAME` in `palpate.tracking.errors`), so that each of them has only an n-th
+of its penalty. With the whole penalty in each frame, the shear that the penalty removes from the contact would be
+taken for an offset, and this offset would grow from frame to frame. A contact that covers the array gives no
+information, and V grows. An inexact model (depth, modulus) adds a residual d that is the same in each frame of one
+contact. d is a state of its own: an offset that appears together with a contact is assigned to d rather than to c.
 """
 
 from __future__ import annotations
@@ -70,7 +71,9 @@ NOTABLE = 0.02
 
 
 class Marginal(NamedTuple):
-    """Quantities that marginalise offsets: the gain K (channel, channel), and the sums B'W'W y of whitened readings over those in use."""
+    """Quantities that marginalise offsets: the gain K (channel, channel), and the sums (channel,) of the products of B
+    with the readings in use, both whitened.
+    """
 
     gain: Floats
     sums: Floats
@@ -143,11 +146,11 @@ class Offsets:
         return self._both[:k, :k]
 
     def state(self) -> tuple[Floats, ...]:
-        """The state, for `restore`."""
+        """Mean of c, mean of d, the covariance of both and the rate of drift, for `restore`."""
         return self.mean, self._model, self._both, self.rate
 
     def restore(self, state: tuple[Floats, ...]) -> None:
-        """Return to an earlier state."""
+        """Set offsets, model error, covariance and rate back to ``state``, a value that `state` returned earlier."""
         self.mean, self._model, self._both, self.rate = state
 
     def scale(self, noise: float | None, y: Floats) -> float:

@@ -1,8 +1,9 @@
 """Compare a tracker's result with a single solve of the same frame.
 
 The tracker's result may depend on earlier frames: offsets, penalty, excluded readings. A single solve of the same
-readings, with the same zero and its noise, does not. It takes as long as many frames, so it is rare: when contact
-begins, when the load has changed, and from time to time.
+readings, with the same zero and its noise, does not. A single solve takes as long as the tracker takes for many
+frames. So the tracker compares the two only when a contact begins, when the load has changed by the factor `ANOTHER`,
+some frames after a comparison in which they differed, and otherwise after `AGAIN` frames (`Comparison.due`).
 """
 
 from __future__ import annotations
@@ -110,7 +111,9 @@ class Answer:
         return replace(self, force=self.force - by, low=self.low - by, high=self.high - by)
 
     def without(self, share: float) -> Answer:
-        """The result with an interval that excludes an error of this ``share`` of the load (standard deviation)."""
+        """The result with a narrower interval: the part due to an error of ``share`` times the load (standard
+        deviation) is removed.
+        """
         room = (1.96 * share * self.load) ** 2
         low = self.force - np.sqrt(np.maximum((self.force - self.low) ** 2 - room, 0.0))
         high = self.force + np.sqrt(np.maximum((self.high - self.force) ** 2 - room, 0.0))
@@ -197,11 +200,15 @@ class Comparison:
 
     @staticmethod
     def _reaching(tracked: Answer, alone: Answer) -> float:
-        """The share with which half of a 95 % interval covers the difference between two results, with a small margin."""
+        """The error, as a fraction of the load (standard deviation), for which half of a 95 % interval just exceeds the
+        largest difference between two results in a force component.
+        """
         gap = float(np.abs(tracked.force - alone.force).max())
         return gap / (REACH * max(tracked.load, 1e-300))
 
     def words(self, tracked: Answer, alone: Answer, unit: str) -> str:
-        """The note when the tracker restarts."""
+        """The note for the user when the tracker restarts a contact: the last component of both forces, with intervals
+        and ``unit``.
+        """
         both = (f"{a.force[-1]:.3g} ({a.low[-1]:.3g} to {a.high[-1]:.3g}) {unit}" for a in (tracked, alone))
         return f"{BEGUN} {', by itself '.join(both)}: it is begun anew"

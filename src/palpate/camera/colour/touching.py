@@ -222,8 +222,10 @@ class ColourTouches:
     def _with_errors(
         self, touch: Touch, skin: Skin, errors: Floats, near: npt.NDArray[np.bool_], noise: float
     ) -> Touch:
-        """Add the common errors of the depth to the intervals: the traction due to each cause, by regularised least
-        squares.
+        """Widen the intervals of ``touch`` by depth errors common to all pixels: ``errors`` (cause, reading) [m].
+
+        Each is converted to pressure on the loaded cells by least squares, together with a plane for offset and tilt
+        of the depth, and regularised by ``noise`` [m]. ``near`` (row, column) marks the readings in use.
         """
         values = to_numpy(touch.values)
         pressure = values[-1]

@@ -92,7 +92,9 @@ def symbol_of_penalty(penalty: Penalty, places: npt.NDArray[np.intp], size: Sequ
 
 
 def times(spectrum: Any, waves: Any) -> Any:
-    """Spectra (to, from, *k) times transforms (n, from, *k)."""
+    """At every wavevector k, multiply n vectors ``waves`` (n, from, *k) by the matrix ``spectrum`` (to, from, *k);
+    returns (n, to, *k).
+    """
     out = np.empty((len(waves), *spectrum.shape[:1], *waves.shape[2:]), dtype=waves.dtype)
     room = np.empty_like(waves[:, 0])
     for i, row in enumerate(spectrum):

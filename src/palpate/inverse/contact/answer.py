@@ -134,7 +134,12 @@ def combined(
 def _nothing(
     prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
 ) -> Frame:
-    """A result without contact. ``alone`` are readings (reading,) that are left out but may still come from a contact."""
+    """Result of a frame without contact; its errors are those of the largest contact that would not be detected.
+
+    ``data`` (reading,) are the readings, ``scale`` is the noise in units of their standard deviations, and ``outliers``
+    marks the readings that are left out. Of these, ``alone`` has the values that may still come from a contact (a small
+    one directly above a shallow taxel), and 0 elsewhere; the errors take them into account.
+    """
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
     # Use the readings themselves: without contact the whole residual is noise.

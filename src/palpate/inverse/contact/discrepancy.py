@@ -139,8 +139,11 @@ def _with_shares(
 
 
 def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None) -> Frame:
-    """Solve a frame with ``factor`` times the prepared noise. The problem is linear, so divide the readings instead
-    and scale the result.
+    """Solve a frame as if its noise were ``factor`` times the noise that ``estimator`` was prepared for.
+
+    Traction and errors are proportional to readings and noise. So instead of preparing an estimator anew, divide the
+    readings, their limits and the zero by ``factor``, solve with the prepared noise, and multiply the result by
+    ``factor``.
     """
     scaled = copy.copy(estimator)
     if estimator.given_ends is not None:

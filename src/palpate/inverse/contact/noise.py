@@ -53,8 +53,11 @@ class ChannelNoise:
         return np.asarray(data * (1.0 + policy.work.trace * np.random.default_rng(1).standard_normal(len(data))))
 
     def uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
-        """Log likelihood gained by one noise level per channel instead of one common level, for noise alone. Evidence
-        of contact must exceed it.
+        """Log likelihood gained by one noise level per channel instead of one common level, if the readings are noise
+        alone. ``known`` is the common level in units of the readings' standard deviations; None: from the readings.
+
+        A contact is accepted only if its log evidence exceeds this gain (`score.more_than_noise`): channels whose noise
+        is unequal must not look like contact.
         """
         if self.known or self.count == 1:
             return 0.0

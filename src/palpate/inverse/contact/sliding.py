@@ -63,10 +63,11 @@ def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> C
 def in_blocks(
     data: Normal, first: Floats, precisions: Sequence[Sparse], policy: Policy
 ) -> tuple[Normal, Floats, list[Sparse]]:
-    """A large contact, known only by products, in blocks of cells: its normal equations, initial traction and
-    penalties.
+    """Reduce a contact that is too large for a matrix to square blocks of cells: return its normal equations for the
+    blocks, the mean of the initial traction ``first`` in each block, and the penalties ``precisions`` for the blocks.
 
-    A step between blocks of b cells has b times the energy of the gradient that it represents.
+    ``precisions`` penalise differences between neighbouring cells. An even gradient across blocks of b cells a side
+    becomes steps between the blocks, whose penalty is b times as large; so the penalties are divided by b.
     """
     matrix = data.matrix
     if not isinstance(matrix, Applied):

@@ -35,8 +35,11 @@ Flags = npt.NDArray[np.bool_]
 
 
 def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
-    """Standard deviations of the nuisances. If the edge is loaded all round, an offset of a fraction of the readings
-    may be hidden, and counts too.
+    """Standard deviations (nuisance,) of the sizes of the nuisances `Prepared.terms`; 0 for those not present.
+
+    If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
+    reading shows an offset by itself. Each offset then has at least the standard deviation
+    ``policy.errors.hidden_drift`` times the largest reading.
     """
     policy = estimator.policy
     h = run.explanation

@@ -44,7 +44,12 @@ class Windows:
         self.serves = all(isinstance(a, AreaArray | LineArray) and a.grid == first.grid for a in problem.planes)  # type: ignore[union-attr]
 
     def screened(self, readings: Readings, data: Floats, observed: Flags, policy: Policy) -> Screened:
-        """Broken readings of a frame, and the values that the windows predict for them."""
+        """Find the broken readings of a frame, and predict values for them (0 for the others).
+
+        ``data`` (reading,) are the readings; ``observed`` (reading,) marks those in use. A window around each
+        suspicious taxel is screened; then again with predictions in place of the broken readings, until no more are
+        found, at most ``policy.screening.window_rounds`` times.
+        """
         broken, explained = np.zeros(len(data), dtype=bool), np.zeros(len(data))
         if not self.serves:
             return Screened(broken, explained)

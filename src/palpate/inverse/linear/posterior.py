@@ -280,7 +280,9 @@ class Source:
         return self._everywhere(np.clip(part, 0.0, 1.0).reshape(shape), fill=math.nan)
 
     def _cells(self, nodes: Floats, powers: Floats, rest: Floats) -> Floats:
-        """Variance (frame, component sought, *surface or 1s)."""
+        """Variance of the traction in every cell, (frame, component sought, *surface), from the three arrays of
+        `Spectrum.cells`. If it is the same in all cells, the axes of the surface have length 1.
+        """
         flat, left = powers.reshape(len(nodes), -1), rest.ravel()
         parts = []
         for part, size, weights in self._weights(nodes):

@@ -83,8 +83,9 @@ class Spectrum(Protocol):
         ...
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """Return the powers for every cell: eigenvalues (m,), powers (m, component sought, *surface or 1s), rest (component
-        sought, *surface or 1s).
+        """Return what the variance of the traction in every cell is computed from: eigenvalues (m,), the power of a
+        cell in each eigenvector (m, component sought, *surface), and the rest, outside all eigenvectors (component
+        sought, *surface). If all cells are alike, the axes of the surface have length 1.
         """
         ...
 

@@ -1,4 +1,4 @@
-"""The linear system behind the founding paper's division, solved directly."""
+"""Solve exactly the linear system that the founding paper solves approximately, by division (`Division`)."""
 
 from __future__ import annotations
 

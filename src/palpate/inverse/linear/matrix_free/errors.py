@@ -1,5 +1,7 @@
-"""Error bars of frames solved without a decomposition, as in `palpate.inverse.linear.posterior`, from solutions and
-samples.
+"""Error bars of frames that are solved by iteration, where no decomposition of the problem is available.
+
+They are the same quantities as in `palpate.inverse.linear.posterior`, but estimated from additional solutions and from
+random samples of the posterior.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ __all__ = ["SampledSource"]
 
 @dataclass(frozen=True)
 class SampledSource(Source):
-    """Errors of some frames from solutions and samples."""
+    """Computes the errors of some frames from solutions and random samples (`SampledVariances`)."""
 
     variances: SampledVariances
 

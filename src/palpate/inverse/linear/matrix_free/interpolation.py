@@ -1,4 +1,4 @@
-"""Interpolation of curves between computed values."""
+"""Interpolate a function of one variable, such as log lambda, from its values and slopes at a few places."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ REACH = 1.5
 
 
 def between(x: Floats, places: Floats, values: Floats, slopes: Floats) -> Floats:
-    """Cubic Hermite interpolation between ``places`` in any order. Beyond them the curve continues linearly for
-    `REACH` and is then constant.
+    """Values at ``x`` of a curve with the given ``values`` and ``slopes`` at ``places`` (in any order), by cubic
+    Hermite interpolation. Beyond the outermost places the curve continues linearly for `REACH` and is then constant.
     """
     places, kept = np.unique(places, return_index=True)
     values, slopes = values[kept], slopes[kept]

@@ -132,11 +132,13 @@ class Balanced:
 
 
 class BalancedInverse:
-    """`Balanced` at given parameters, as a function of rows and the index of each row's frame.
+    """The approximate inverse `Balanced` at the ``parameter`` lambda of each frame. Call it with ``rows`` v (row, n)
+    and ``which``, the index of the frame of each row.
 
     With A = M + lambda, the smooth approximation S and Q = Z (Z^T A Z)^{-1} Z^T, it is Q + (1 - Q A) S (1 - A Q),
-    which is symmetric. Rows with Z^T v = 0 remain so, and for them it is (1 - Q A) S + Q, a third of the work (J.
-    Tang, R. Nabben, C. Vuik, Y. Erlangga, J. Sci. Comput. 39, 2009, 340-370: "A-DEF2").
+    which is symmetric. If conjugate gradients start from `begin`, their residuals v keep Z^T v = 0. For those,
+    (1 - Q A) S + Q gives the same with a third of the work; `within` applies it (J. Tang, R. Nabben, C. Vuik, Y.
+    Erlangga, J. Sci. Comput. 39, 2009, 340-370: "A-DEF2").
     """
 
     def __init__(self, of: Balanced, parameter: Floats, smooth: Inverse) -> None:
