@@ -67,21 +67,20 @@ def explanation_of(
         search.add(propose(search))
         proposal = propose.__module__.rpartition(".")[2]
         trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, policy)
-    tried = _within_noise(search)
-    best = best_of(tried, policy)
+    best = best_of(_within_noise(search), policy)
     trace.chosen("best of these", best, terms)
-    free = next((h for h in tried if h.sign == 0), None)
+    free = next((h for h in search.tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
         # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
-        others = (h for h in rivals_of(best, tried, policy) if worth_of(h, policy) > worth_of(free, policy))
+        others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
         best = next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
-    best = replace(best, rivals=rivals_of(best, tried, policy))
+    best = replace(best, rivals=rivals_of(best, search.tried, policy))
     return best if noise is None else replace(best, noise=noise)
 
 
 def _within_noise(search: Search) -> list[Explanation]:
-    """The explanations tried, without those whose nuisances leave far more than the given noise, if contact alone does
-    not.
+    """The explanations that may be best: none whose nuisances leave far more than the given noise, if contact alone does
+    not. As rivals they stay, because a broken reading that is not found yet adds to what is left.
     """
     prepared, tried = search.estimator, search.tried
     if not prepared.noise_known:
