@@ -14,9 +14,9 @@ import numpy as np
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.arrays import Array
+from palpate.sensing.arrays import AreaArray, Array
 
-__all__ = ["NUISANCES", "Nuisance", "check_nuisance", "nuisances"]
+__all__ = ["NUISANCES", "Nuisance", "check_nuisance", "nuisances", "rows_and_columns"]
 
 #: Kinds of nuisance by their short names.
 NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
@@ -31,7 +31,7 @@ class Nuisance:
     Attributes
     ----------
     kind : str
-        One of `NUISANCES`.
+        One of `NUISANCES`, or "row" (`rows_and_columns`).
     label : str
         Such as "offset of stress_zz".
     unit : str
@@ -99,5 +99,31 @@ def nuisances(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
         if "rotation" in kinds and array.dimensions == 2 and {"displacement_x", "displacement_y"} <= set(names):
             parts = {names.index("displacement_x"): -middle[:, 1], names.index("displacement_y"): middle[:, 0]}
             found.append(Nuisance("rotation", "rotation about z" + where, "rad", column(parts)))
+        start += sizes[number]
+    return found
+
+
+def rows_and_columns(planes: Sequence[Array]) -> list[Nuisance]:
+    """Offset of each row and each column of every channel of stress or strain, which share a cable or a converter.
+
+    None for a channel of displacement, whose readings come from an image, and for arrays without rows.
+    """
+    sizes = [int(a.valid.sum()) * len(a.channels) for a in planes]
+    total, start = sum(sizes), 0
+    found = []
+    for number, array in enumerate(planes):
+        where = f" in plane {number}" if len(planes) > 1 else ""
+        n = int(array.valid.sum())
+        if isinstance(array, AreaArray) and min(array.shape) > 1:
+            places = np.nonzero(array.valid)
+            for i, channel in enumerate(array.channels):
+                kind = find_channel(channel).kind
+                if kind.absolute:
+                    continue
+                for name, place in zip(("row", "column"), places):
+                    for k in np.unique(place):
+                        rows = np.zeros(total)
+                        rows[start + i * n : start + (i + 1) * n] = place == k
+                        found.append(Nuisance("row", f"offset of {channel} in {name} {k}{where}", kind.unit, rows))
         start += sizes[number]
     return found

@@ -44,7 +44,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
 from palpate.sensing.limits import ends_of
-from palpate.sensing.nuisance import nuisances
+from palpate.sensing.nuisance import nuisances, rows_and_columns
 
 __all__ = ["Prepared"]
 
@@ -137,6 +137,8 @@ class Prepared(ABC):
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
             self.terms += [t for t in nuisances(operator.planes_of, ("ramp",)) if not problem.zeroed or t.unit == "m/m"]
+            if not problem.zeroed and self.taxels <= self.policy.explanations.many_taxels:
+                self.terms += rows_and_columns(operator.planes_of)
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
         self.ring = ring_of(self.outside)

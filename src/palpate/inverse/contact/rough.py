@@ -18,7 +18,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
 
-__all__ = ["exceeded", "rough", "rough_fit"]
+__all__ = ["exceeded", "rough", "rough_fit", "steps_of"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -84,6 +84,31 @@ def rough(
         change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0])
         deviation = deviations_of(told) * (max(left, floor) / known)
     return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change, deviation)
+
+
+def steps_of(
+    estimator: Prepared, h: Explanation, data: Floats, observed: Flags
+) -> tuple[Floats, Floats]:
+    """Size (nuisance,) of each nuisance if it alone is solved together with the contact of ``h``, on its face, and the
+    log likelihood that it gains.
+    """
+    readings, floor = estimator.readings, estimator.least_noise(data)
+    clean = h.sign * (data - estimator.shifts @ h.sizes)
+    known = max(h.rough.left, floor, 1.0 if estimator.noise_known else 0.0)
+    noise = readings.std * known
+    found = estimator.evidence(estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known)
+    weight = found.parameter / found.scale**2
+    _, explained, model = solved(
+        estimator, found.traction, clean / noise, noise, observed, weight, h.rough.traction, keep_face=True
+    )
+    rows = readings.white((estimator.shifts / noise[:, None])[observed], observed)
+    left = readings.white(((clean - explained) / noise)[observed], observed)
+    power = np.maximum((rows**2).sum(axis=0), 1e-300)
+    told = np.maximum(np.diag(told_of(model, rows)), UNTOLD * power)
+    step = rows.T @ left / told
+    free = max(h.rough.free - 1.0, 1.0)
+    after = np.maximum(1.0 - step**2 * told / max(float((left**2).sum()), 1e-300), 1e-12)
+    return np.asarray(h.sign * step), np.asarray(-0.5 * free * np.log(after))
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:

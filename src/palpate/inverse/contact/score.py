@@ -60,7 +60,7 @@ def gain_of(free: float, total: float, left: float, floor: float = 0.0) -> float
 
 def worth_of(h: Explanation, policy: Policy) -> float:
     """Gain of an explanation minus the penalty for its nuisances and its sign."""
-    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1))
+    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1)) - h.choice
 
 
 def is_compact(h: Explanation, policy: Policy) -> bool:

@@ -19,7 +19,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
+from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps, rows
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import exceeded, rough_fit
 from palpate.inverse.contact.score import best_of, rivals_of, worth_of
@@ -35,6 +35,7 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
     pull.propose,
     offsets.propose,
     ramps.propose,
+    rows.propose,
     both.propose,
 )
 
