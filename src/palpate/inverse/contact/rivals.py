@@ -12,7 +12,7 @@ from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.score import rival_odds, share_of
+from palpate.inverse.contact.score import rival_odds, share_of, worth_of
 from palpate.inverse.contact.solving import solve
 from palpate.inverse.fit import POOR_FIT
 
@@ -44,9 +44,11 @@ def with_rivals(
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             if other.fit > policy.fit.accepted and other.contact:
                 return other
-    elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
+    elif frame.sign == h.sign and run.members:
         for rival in rivals[:1]:
-            if rival.sign != h.sign:
+            # `score.best_of` asks a rival for more than its worth: what falls short of that is likely all the same.
+            doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
+            if rival.sign != h.sign or not doubted:
                 continue
             # Upper bound: assume that the alternative fits perfectly.
             if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
