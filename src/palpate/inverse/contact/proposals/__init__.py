@@ -34,8 +34,8 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
     push.propose,
     pull.propose,
     offsets.propose,
-    ramps.propose,
     rows.propose,
+    ramps.propose,
     both.propose,
 )
 

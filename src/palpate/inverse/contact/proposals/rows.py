@@ -18,30 +18,37 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """Yield the best contact of one sign with the row or column that reduces its residual most, then with another.
-
-    Every row and column is a candidate, so that each one found must also gain the log of their number.
+    """Yield contact with the row or column that reduces its residual most, then with another; first beside the best
+    explanation so far, then beside contact alone, because offsets may have taken the place of a row.
     """
-    estimator, policy = search.estimator, search.estimator.policy
-    rows = np.array([term.kind == "row" for term in search.terms], dtype=bool)
-    if not rows.any():
+    policy = search.estimator.policy
+    signed = [h for h in search.tried if h.sign]
+    if not any(term.kind == "row" for term in search.terms) or not signed:
         return
+    best = max(signed, key=lambda h: worth_of(h, policy))
+    yield from _beside(search, best)
+    if best.present.any():
+        yield from _beside(search, next(h for h in signed if h.sign == best.sign and not h.present.any()))
+
+
+def _beside(search: Search, h: Explanation) -> Iterator[Explanation]:
+    """Yield an explanation with one more row or column at a time, as long as it is worth more. All are candidates, so
+    that each must also gain the log of their number.
+    """
+    policy = search.estimator.policy
+    rows = np.array([term.kind == "row" for term in search.terms], dtype=bool)
     choice = math.log(rows.sum())
     for _ in range(policy.explanations.rows):
-        best = max((h for h in search.tried if h.sign), key=lambda h: worth_of(h, policy))
-        steps, gains = steps_of(estimator, best, search.data, search.observed)
-        gains = np.where(rows & ~best.present, gains, -math.inf)
-        likeliest = int(np.argmax(gains))
-        if not gains[likeliest] > policy.explanations.per_nuisance + choice:
+        steps, gains = steps_of(search.estimator, h, search.data, search.observed)
+        likeliest = int(np.argmax(np.where(rows & ~h.present, gains, -math.inf)))
+        if h.present[likeliest] or not gains[likeliest] > policy.explanations.per_nuisance + choice:
             return
-        sought = best.present.copy()
-        sought[likeliest] = True
-        start = best.sizes.copy()
-        start[likeliest] = steps[likeliest]
-        found = with_nuisances(search, best.sign, start, sought)
-        if found is None or not (found.present & rows).any():
+        sought, start = h.present.copy(), h.sizes.copy()
+        sought[likeliest], start[likeliest] = True, steps[likeliest]
+        found = with_nuisances(search, h.sign, start, sought)
+        if found is None or not found.present[likeliest]:
             return
-        found = replace(found, choice=choice * float((found.present & rows).sum()))
-        yield found
-        if not worth_of(found, policy) > worth_of(best, policy):
+        before, h = h, replace(found, choice=choice * float((found.present & rows).sum()))
+        yield h
+        if not worth_of(h, policy) > worth_of(before, policy):
             return
