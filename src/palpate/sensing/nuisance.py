@@ -38,12 +38,15 @@ class Nuisance:
         Unit of its size c: that of the channel for an offset; per metre for a ramp; rad for a rotation.
     rows : array (reading,)
         Readings for a size of 1, in the order of the operator's rows (plane, channel, working taxel).
+    group : str
+        Nuisances of one cause have the same: a row of all channels on one cable. Empty: none.
     """
 
     kind: str
     label: str
     unit: str
     rows: Floats
+    group: str = ""
 
 
 def check_nuisance(kinds: Sequence[str] | str | None) -> tuple[str, ...] | None:
@@ -124,6 +127,7 @@ def rows_and_columns(planes: Sequence[Array]) -> list[Nuisance]:
                     for k in np.unique(place):
                         rows = np.zeros(total)
                         rows[start + i * n : start + (i + 1) * n] = place == k
-                        found.append(Nuisance("row", f"offset of {channel} in {name} {k}{where}", kind.unit, rows))
+                        at = f"{name} {k}{where}"
+                        found.append(Nuisance("row", f"offset of {channel} in {at}", kind.unit, rows, at))
         start += sizes[number]
     return found

@@ -5,6 +5,7 @@ residual.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -87,10 +88,10 @@ def rough(
 
 
 def steps_of(
-    estimator: Prepared, h: Explanation, data: Floats, observed: Flags
-) -> tuple[Floats, Floats]:
-    """Size (nuisance,) of each nuisance if it alone is solved together with the contact of ``h``, on its face, and the
-    log likelihood that it gains.
+    estimator: Prepared, h: Explanation, data: Floats, observed: Flags, groups: Sequence[Sequence[int]]
+) -> list[tuple[Floats, float]]:
+    """Sizes of the nuisances of each group if it alone is solved together with the contact of ``h``, on its face, and
+    the log likelihood that it gains.
     """
     readings, floor = estimator.readings, estimator.least_noise(data)
     clean = h.sign * (data - estimator.shifts @ h.sizes)
@@ -103,12 +104,14 @@ def steps_of(
     )
     rows = readings.white((estimator.shifts / noise[:, None])[observed], observed)
     left = readings.white(((clean - explained) / noise)[observed], observed)
-    power = np.maximum((rows**2).sum(axis=0), 1e-300)
-    told = np.maximum(np.diag(told_of(model, rows)), UNTOLD * power)
-    step = rows.T @ left / told
-    free = max(h.rough.free - 1.0, 1.0)
-    after = np.maximum(1.0 - step**2 * told / max(float((left**2).sum()), 1e-300), 1e-12)
-    return np.asarray(h.sign * step), np.asarray(-0.5 * free * np.log(after))
+    told, pull = told_of(model, rows), rows.T @ left
+    out = []
+    for group in groups:
+        step = np.linalg.lstsq(told[np.ix_(group, group)], pull[group], rcond=UNTOLD)[0]
+        free = max(h.rough.free - len(group), 1.0)
+        after = 1.0 - float(step @ pull[group]) / max(float(left @ left), 1e-300)
+        out.append((np.asarray(h.sign * step), -0.5 * free * math.log(max(after, 1e-12))))
+    return out
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:

@@ -32,23 +32,30 @@ def propose(search: Search) -> Iterator[Explanation]:
 
 
 def _beside(search: Search, h: Explanation) -> Iterator[Explanation]:
-    """Yield an explanation with one more row or column at a time, as long as it is worth more. All are candidates, so
-    that each must also gain the log of their number.
+    """Yield an explanation with one more row or column at a time, of one channel or of all, as long as it is worth
+    more. All are candidates, so that each must also gain the log of their number.
     """
     policy = search.estimator.policy
-    rows = np.array([term.kind == "row" for term in search.terms], dtype=bool)
-    choice = math.log(rows.sum())
+    each = [[i] for i, term in enumerate(search.terms) if term.kind == "row"]
+    names = dict.fromkeys(search.terms[i].group for (i,) in each)
+    together = [[i for (i,) in each if search.terms[i].group == name] for name in names]
+    groups = each + [g for g in together if len(g) > 1]
+    choice = math.log(len(groups))
     for _ in range(policy.explanations.rows):
-        steps, gains = steps_of(search.estimator, h, search.data, search.observed)
-        likeliest = int(np.argmax(np.where(rows & ~h.present, gains, -math.inf)))
-        if h.present[likeliest] or not gains[likeliest] > policy.explanations.per_nuisance + choice:
+        steps = steps_of(search.estimator, h, search.data, search.observed, groups)
+        worth = [
+            -math.inf if h.present[g].any() else gain - policy.explanations.per_nuisance * len(g)
+            for g, (_, gain) in zip(groups, steps)
+        ]
+        best = int(np.argmax(worth))
+        if not worth[best] > choice:
             return
         sought, start = h.present.copy(), h.sizes.copy()
-        sought[likeliest], start[likeliest] = True, steps[likeliest]
+        sought[groups[best]], start[groups[best]] = True, steps[best][0]
         found = with_nuisances(search, h.sign, start, sought)
-        if found is None or not found.present[likeliest]:
+        if found is None or not found.present[groups[best]].any():
             return
-        before, h = h, replace(found, choice=choice * float((found.present & rows).sum()))
+        before, h = h, replace(found, choice=h.choice + choice)
         yield h
         if not worth_of(h, policy) > worth_of(before, policy):
             return
