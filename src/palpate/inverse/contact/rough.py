@@ -97,7 +97,9 @@ def steps_of(
     clean = h.sign * (data - estimator.shifts @ h.sizes)
     known = max(h.rough.left, floor, 1.0 if estimator.noise_known else 0.0)
     noise = readings.std * known
-    found = estimator.evidence(estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known)
+    found = estimator.evidence(
+        estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known
+    )
     weight = found.parameter / found.scale**2
     _, explained, model = solved(
         estimator, found.traction, clean / noise, noise, observed, weight, h.rough.traction, keep_face=True
