@@ -34,3 +34,17 @@ def test_a_ramp_beside_an_offset_has_the_same_error_on_a_small_sensor(length: fl
     size, std = (length * value for value in found["ramp of stress_zz along x"])
     assert size == pytest.approx(0.25 * peak / 6e-3, rel=0.01)
     assert std == pytest.approx(2200.0, rel=0.1)
+
+
+@pytest.mark.parametrize("nuisance", ["auto", ["offset", "ramp"]])
+def test_a_drift_is_found_whether_it_is_named_or_not(nuisance: str | list[str]) -> None:
+    """Named, ramps were sought from zero alone, and 0.63 N was read of 0.5."""
+    skin = pp.Skin(PAD, _array(8, 2e-3, "stress_zz"), uncertainty=EXACT, nuisance=nuisance)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=3e-3, force=0.5)))
+    rng, x = np.random.default_rng(2), np.linspace(-1.0, 1.0, 8)
+    level, along_x, along_y = float(np.abs(clean).max()) * rng.uniform(-0.2, 0.2, 3)
+    noise = 10.0 * rng.standard_normal(clean.shape)
+    touch = skin.reconstruct(clean + noise + level + along_x * x + along_y * x[:, None])
+    low, high = touch.interval(0.95, "force")
+    assert touch.force[2] == pytest.approx(0.5, rel=0.02)
+    assert high[2] - low[2] < 0.03
