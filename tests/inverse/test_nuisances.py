@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.inverse.contact import prepared
+from palpate.sensing.arrays import Array
+from palpate.sensing.nuisance import Nuisance, nuisances
 from palpate.sensing.uncertainty import EXACT
 
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
@@ -57,3 +62,30 @@ def test_a_drift_is_found_whether_it_is_named_or_not(nuisance: str | list[str]) 
     low, high = touch.interval(0.95, "force")
     assert touch.force[2] == pytest.approx(0.5, rel=0.02)
     assert high[2] - low[2] < 0.03
+
+
+def _with_bows(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
+    """`nuisances`, and where ramps are sought, a drift of each channel that is quadratic along x."""
+    found = nuisances(planes, kinds)
+    for ramp in [n for n in found if n.kind == "ramp" and n.label.endswith("along x")]:
+        square = np.where(ramp.rows != 0, ramp.rows**2, 0.0)
+        rows = np.where(ramp.rows != 0, square - square[ramp.rows != 0].mean(), 0.0)
+        found.append(Nuisance("ramp", ramp.label.replace("ramp", "bow"), f"{ramp.unit}2", rows))
+    return found
+
+
+@pytest.mark.parametrize("force", [0.1, 0.0])
+def test_a_pattern_of_ones_own_is_found(force: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that CONTRIBUTING.md asks of a new pattern of a kind that exists; without it 0.39 N are read of 0.1."""
+    array = _array(8, 1e-3, "stress_xz", "stress_yz", "stress_zz", noise=20.0)
+    ball = np.asarray(pp.Skin(PAD, array).sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=0.1)))
+    peak = float(np.abs(ball).max())
+    noise = 20.0 * np.random.default_rng(0).standard_normal(ball.shape)
+    readings = ball * force / 0.1 + noise + 0.2 * peak * np.linspace(-1.0, 1.0, 8) ** 2
+    plain = pp.Skin(PAD, array, uncertainty=EXACT, nuisance=["offset", "ramp"]).reconstruct(readings)
+    monkeypatch.setattr(prepared, "nuisances", _with_bows)
+    touch = pp.Skin(PAD, array, uncertainty=EXACT, nuisance=["offset", "ramp"]).reconstruct(readings)
+    assert touch.force[2] == pytest.approx(force, abs=0.002)
+    assert plain.force[2] != pytest.approx(force, abs=0.01)
+    size = _sizes(touch)["bow of stress_zz along x"][0]
+    assert size == pytest.approx(0.2 * peak / 3.5e-3**2, rel=0.03)

@@ -44,15 +44,12 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
 from palpate.sensing.limits import ends_of
-from palpate.sensing.nuisance import nuisances
+from palpate.sensing.nuisance import LATER, USUAL, nuisances
 
 __all__ = ["Prepared"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
-
-#: Nuisances assumed if the user names none.
-DEFAULT_NUISANCES = ("offset", "rotation")
 
 
 class Prepared(ABC):
@@ -127,16 +124,16 @@ class Prepared(ABC):
         #: Whether the linear model can fit any readings, noise included. It then gives no information on noise or
         #: offsets.
         self.ambiguous = problem.ambiguous
-        kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
+        kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else USUAL
         self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
         if problem.zeroed:
             # The zero removed the offsets of stress and strain, but an image may still have moved.
             self.terms = [t for t in self.terms if t.kind == "rotation" or t.unit == "m"]
-        #: Number of nuisances tried with noise alone. A ramp that the user did not name is only tried together with
-        #: contact, if offsets are not enough.
+        #: Number of terms, from the first, that may also stand with noise alone. Ramps that the user did not name come
+        #: after them: they are sought beside contact only, if the outermost taxels show one.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
-            self.terms += [t for t in nuisances(operator.planes_of, ("ramp",)) if not problem.zeroed or t.unit == "m/m"]
+            self.terms += [t for t in nuisances(operator.planes_of, LATER) if not problem.zeroed or t.unit == "m/m"]
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
         self.ring = ring_of(self.outside)

@@ -11,6 +11,7 @@ from palpate.inverse.contact.proposals.levels import edge_drift
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.score import likelier_signs
+from palpate.sensing.nuisance import LATER
 
 __all__ = ["propose"]
 
@@ -18,7 +19,7 @@ __all__ = ["propose"]
 def propose(search: Search) -> Iterator[Explanation]:
     """Yield contact with offsets and ramps, if the outermost taxels show a significant ramp."""
     estimator, observed = search.estimator, search.observed
-    ramps = np.array([term.kind == "ramp" for term in search.terms], dtype=bool)
+    ramps = np.array([term.kind in LATER for term in search.terms], dtype=bool)
     if not ramps.any():
         return
     readings = estimator.readings
