@@ -51,6 +51,11 @@ class Nuisance:
     unit: str
     rows: Floats
 
+    @property
+    def of_image(self) -> bool:
+        """Whether it moves a picture: a zero does not tell that the camera stayed where it was."""
+        return self.kind == "rotation" or self.unit.startswith("m")
+
 
 def check_nuisance(kinds: Sequence[str] | str | None) -> tuple[str, ...] | None:
     """The kinds in order, or None if the readings decide; raises `InvalidInput` for unknown kinds."""

@@ -128,12 +128,12 @@ class Prepared(ABC):
         self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
         if problem.zeroed:
             # The zero removed the offsets of stress and strain, but an image may still have moved.
-            self.terms = [t for t in self.terms if t.kind == "rotation" or t.unit == "m"]
+            self.terms = [t for t in self.terms if t.of_image]
         #: Number of terms, from the first, that may also stand with noise alone. Ramps that the user did not name come
         #: after them: they are sought beside contact only, if the outermost taxels show one.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
-            self.terms += [t for t in nuisances(operator.planes_of, LATER) if not problem.zeroed or t.unit == "m/m"]
+            self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
         self.ring = ring_of(self.outside)

@@ -118,8 +118,8 @@ def traced() -> Iterator[Trace]:
     >>> with traced() as trace:
     ...     touch = skin.reconstruct(readings + 1000.0)
     >>> best = max(trace.tried, key=lambda tried: tried.worth)
-    >>> best.proposal, best.explanation[:29], best.price
-    ('offsets', 'push, offset of stress_zz 100', 3.0)
+    >>> best.proposal, best.explanation.split()[:4], best.price
+    ('offsets', ['push,', 'offset', 'of', 'stress_zz'], 3.0)
     """
     trace = Trace()
     token = _traces.set((*_traces.get(), trace))
