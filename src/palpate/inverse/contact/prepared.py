@@ -53,7 +53,7 @@ Index = npt.NDArray[np.intp]
 
 
 class Prepared(ABC):
-    """A problem, prepared once.
+    """A problem, prepared once. (`palpate.inverse.Prepared` is another: the interface of every prepared method.)
 
     The surface is the middle part of the operator's grid. Cells outside the surface explain a contact across the edge
     of the array and are not part of the result. ``parameter`` is the weight of the penalty (None: chosen by evidence),
