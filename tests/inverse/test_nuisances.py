@@ -29,6 +29,7 @@ def _sizes(touch: pp.Touch) -> dict[str, tuple[float, float]]:
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0])
+@pytest.mark.long
 def test_a_ramp_beside_an_offset_has_the_same_error_on_a_small_sensor(length: float) -> None:
     """On an array of 12 um the ramp had 1/200 of its standard deviation: Pa/m was compared with Pa."""
     skin = pp.Skin(PAD, _array(7, 2e-3 * length, "stress_zz"), uncertainty=EXACT)
@@ -51,6 +52,7 @@ def test_drift_at_rest_is_no_contact_on_a_small_sensor(length: float) -> None:
 
 
 @pytest.mark.parametrize("nuisance", ["auto", ["offset", "ramp"]])
+@pytest.mark.long
 def test_a_drift_is_found_whether_it_is_named_or_not(nuisance: str | list[str]) -> None:
     """Named, ramps were sought from zero alone, and 0.63 N was read of 0.5."""
     skin = pp.Skin(PAD, _array(8, 2e-3, "stress_zz"), uncertainty=EXACT, nuisance=nuisance)
@@ -64,6 +66,7 @@ def test_a_drift_is_found_whether_it_is_named_or_not(nuisance: str | list[str]) 
     assert high[2] - low[2] < 0.03
 
 
+@pytest.mark.long
 def test_a_tilt_that_is_named_is_sought_though_a_zero_was_measured() -> None:
     """A camera tilts after the zero too; without the ramps 0.11 N (0.01 to 0.19) were read."""
     channels = ["displacement_x", "displacement_y", "displacement_z"]
@@ -88,6 +91,7 @@ def _with_bows(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
 
 
 @pytest.mark.parametrize("force", [0.1, 0.0])
+@pytest.mark.long
 def test_a_pattern_of_ones_own_is_found(force: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """All that CONTRIBUTING.md asks of a new pattern of a kind that exists; without it 0.39 N are read of 0.1."""
     array = _array(8, 1e-3, "stress_xz", "stress_yz", "stress_zz", noise=20.0)
