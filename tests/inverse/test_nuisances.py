@@ -80,6 +80,20 @@ def test_a_tilt_that_is_named_is_sought_though_a_zero_was_measured() -> None:
     assert _sizes(touch)["ramp of displacement_z along x"][0] == pytest.approx(tilt / 3.5e-3, rel=0.02)
 
 
+@pytest.mark.long
+def test_a_drift_that_is_named_is_sought_though_a_zero_was_measured() -> None:
+    """Who names it means one after the zero; it was ignored without a word, and 1.2 N were read of 0.5."""
+    skin = pp.Skin(PAD, _array(8, 2e-3, "stress_zz"), nuisance=["offset", "ramp"])
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=3e-3, force=0.5)))
+    rng, peak = np.random.default_rng(0), float(np.abs(clean).max())
+    readings = clean + 10.0 * rng.standard_normal(clean.shape) + 0.1 * peak * np.linspace(0.0, 2.0, 8)
+    touch = skin.reconstruct(readings, zero=10.0 * rng.standard_normal((20, *clean.shape)))
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 0.51
+    assert 0.5 < high[2] < 0.7
+    assert _sizes(touch)["ramp of stress_zz along x"][0] == pytest.approx(0.2 * peak / 14e-3, rel=0.3)
+
+
 def _with_bows(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
     """`nuisances`, and where ramps are sought, a drift of each channel that is quadratic along x."""
     found = nuisances(planes, kinds)
