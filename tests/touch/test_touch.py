@@ -190,7 +190,7 @@ def test_notes_are_those_of_the_frames() -> None:
     notes = "\n".join(touch.notes)
     # noise explains one of the two frames without contact, and the other ill
     assert "no contact in 1 of 4 frames: noise alone explains the readings" in notes
-    assert "no contact found in 1 of 4 frames, but noise seldom reads like this" in notes
+    assert "no contact found in 1 of 4 frames, but noise rarely gives such readings" in notes
     assert "only pushes does not explain the readings in 1 of 4 frames" in notes
     assert not any("no contact" in n for n in touch.frame(0).notes)
     assert any(n.startswith("no contact: ") for n in touch.frame(1).notes)
