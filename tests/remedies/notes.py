@@ -398,7 +398,7 @@ NOTES = [
         lambda: cell(U()),
     ),
     of_cell(
-        "Where the picture cannot have moved, say drift=False (--still)",
+        "If the picture cannot have moved, pass drift=False (--still)",
         lambda: cell(U(), noise=None, drift=True, method="tikhonov"),
         lambda: cell(U(), noise=None, drift=False, method="tikhonov"),
     ),
@@ -408,7 +408,7 @@ NOTES = [
         lambda: cell(U(), method="tikhonov"),
     ),
     of_cell(
-        '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin, says how well',
+        'to change this: --youngs-modulus "8 kPa +- 20 %", or so in the file of --skin',
         lambda: cell(U(), pp.HalfSpace(youngs_modulus=9.6e3, poissons_ratio=0.48)),
         lambda: cell(
             U(),
