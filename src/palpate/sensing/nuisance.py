@@ -16,10 +16,16 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array
 
-__all__ = ["NUISANCES", "Nuisance", "check_nuisance", "nuisances"]
+__all__ = ["DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "check_nuisance", "nuisances"]
 
 #: Kinds of nuisance by their short names.
 NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
+#: Kinds that the contact method seeks in every frame if the user names none, with contact and with noise alone.
+USUAL = ("offset", "rotation")
+#: Kinds that it seeks beside contact only, if the outermost taxels show one.
+LATER = ("ramp",)
+#: Kinds whose sizes the outermost taxels tell. What contact leaves is tested for them.
+DRIFTS = ("offset", "ramp")
 
 _SHIFT = {"displacement_x": "shift along x", "displacement_y": "shift along y", "displacement_z": "shift along z"}
 
@@ -31,7 +37,7 @@ class Nuisance:
     Attributes
     ----------
     kind : str
-        One of `NUISANCES`.
+        One of `NUISANCES`: how it is sought.
     label : str
         Such as "offset of stress_zz".
     unit : str
@@ -44,6 +50,11 @@ class Nuisance:
     label: str
     unit: str
     rows: Floats
+
+    @property
+    def of_image(self) -> bool:
+        """Whether it moves a picture: a zero does not tell that the camera stayed where it was."""
+        return self.kind == "rotation" or self.unit.startswith("m")
 
 
 def check_nuisance(kinds: Sequence[str] | str | None) -> tuple[str, ...] | None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.answer import combined, framed
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
@@ -42,6 +43,7 @@ def with_rivals(
         for rival in rivals[: 1 if anything else policy.explanations.followed]:
             # The chosen explanation fails the fit test, or could fit anything: take the first alternative that passes.
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
+            trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
             if other.fit > policy.fit.accepted and other.contact:
                 return other
     elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
@@ -56,6 +58,7 @@ def with_rivals(
             weight = (
                 share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if other.fit > policy.fit.accepted else 0.0
             )
+            trace.chosen(f"rival with the weight {weight:.2g}", rival, estimator.terms)
             if other.contact and weight > policy.explanations.least_weight:
                 return (
                     other

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of
+from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.policy import Policy
@@ -80,9 +80,11 @@ def rough(
         left_over = readings.white(((data - explained) / noise)[observed], observed)
         # few readings follow a wide contact at any offset, and leave no freedom: small steps find offsets before that
         few = observed.sum() <= policy.detection.few_readings
+        unit = unit_of(rows)
+        rows = rows / unit
         told = rows.T @ rows if few else told_of(model, rows)
-        change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0])
-        deviation = deviations_of(told) * (max(left, floor) / known)
+        change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0]) / unit
+        deviation = deviations_of(told) / unit * (max(left, floor) / known)
     return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change, deviation)
 
 

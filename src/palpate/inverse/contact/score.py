@@ -41,6 +41,7 @@ __all__ = [
     "same",
     "share_of",
     "shares_by_evidence",
+    "simplest_of",
     "weights_by_evidence",
     "worth_of",
 ]
@@ -72,7 +73,8 @@ def is_compact(h: Explanation, policy: Policy) -> bool:
     return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
 
 
-def _simplest(tried: Sequence[Explanation], policy: Policy) -> Explanation:
+def simplest_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
+    """Contact alone, without nuisances: of a push and a pull the one that is worth more."""
     return max((h for h in tried if h.sign != 0 and not h.present.any()), key=lambda h: worth_of(h, policy))
 
 
@@ -83,7 +85,7 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
     All are credible if the contact loads the edge or fits most readings freely, because its residual is then small in
     any case.
     """
-    rules, rough = policy.explanations, _simplest(tried, policy).rough
+    rules, rough = policy.explanations, simplest_of(tried, policy).rough
     if rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained):
         return list(tried)
     return [h for h in tried if not h.present.any() or h.rough.left <= rough.left]
@@ -93,7 +95,7 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best explanation. One with nuisances or another sign must beat the simplest by the evidence required for
     contact itself.
     """
-    simple = _simplest(tried, policy)
+    simple = simplest_of(tried, policy)
     best = max(_credible(tried, policy), key=lambda h: worth_of(h, policy))
     return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple
 

@@ -66,9 +66,10 @@ def explanation_of(
         before = list(search.tried)
         search.add(propose(search))
         proposal = propose.__module__.rpartition(".")[2]
-        trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, policy)
-    best = best_of(_within_noise(search), policy)
-    trace.chosen("best of these", best, terms)
+        trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, total, policy)
+    credible = _within_noise(search)
+    best = best_of(credible, policy)
+    trace.best(best, credible, terms, policy)
     free = next((h for h in search.tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
         # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
