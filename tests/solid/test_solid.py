@@ -145,6 +145,33 @@ def test_a_tracker_on_a_solid_pad(pad: pp.SolidPad) -> None:
     assert float(skin.track().step(readings).force[2]) == pytest.approx(1.0, rel=0.1)
 
 
+@pytest.mark.parametrize("kind", ["box", "dome"])
+def test_mirrored_places_share_a_solve(kind: str) -> None:
+    """The maps are those of one solve for each reading, in channels of every symmetry."""
+    pad = (
+        pp.SolidPad.box(4e-3, 6e-3, 2e-3, element=1e-3, **MATERIAL)
+        if kind == "box"
+        else pp.SolidPad.dome(8e-3, 3e-3, element=3e-3, **MATERIAL)
+    )
+    channels = [*DISPLACEMENT, "stress_xy", "stress_yz", "rotation_z"]
+    array = pp.AreaArray(shape=(3, 4), pitch=0.8e-3, depth=0.4e-3, channels=channels)
+    again = replace(pad)
+    found = pp.Skin(pad, array).operator.dense()
+    assert len(pad._kept) == 4 * len(channels)
+    again.__dict__["_mirrors"] = (None, None)
+    expected = pp.Skin(again, array).operator.dense()
+    assert len(again._kept) == 12 * len(channels)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_pad_that_is_not_symmetric_shares_none(pad: pp.SolidPad) -> None:
+    points = pad.vertices.copy()
+    points[:, 0] += 0.05e-3 * (points[:, 0] > 3.5e-3)
+    longer = replace(pad, vertices=points)
+    assert longer._mirrors[0] is None
+    assert longer._mirrors[1] is not None
+
+
 def test_saved_and_loaded(pad: pp.SolidPad, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     array = pp.AreaArray(shape=(2, 2), pitch=1e-3, depth=1e-3, channels=["stress_zz"])
     before = pp.Skin(pad, array).operator.dense()
