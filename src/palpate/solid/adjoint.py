@@ -124,11 +124,16 @@ def _loads(pad: Any, array: Array, some: list[Key]) -> tuple[Floats, Floats | No
     nodes = list(itertools.product(zip(*rules[0]), zip(*rules[1]), around, around, around))
     weights = np.array([math.prod(w for _, w in node) for node in nodes])
     moved = np.array([[b + e, a + d, f] for (a, _), (b, _), (d, _), (e, _), (f, _) in nodes])
-    for name in dict.fromkeys(str(k[3]) for k in some):
-        columns = np.array([i for i, k in enumerate(some) if k[3] == name])
-        middles = np.array([some[i][:3] for i in columns])
-        flush = name in ON_BASE and middles[0, 2] > pad.thickness * (1.0 - FLAT)
-        if flush and moved_base is not None:  # pressure and shear on the base: from its reactions
+    places = np.array([k[:3] for k in some])
+    deep = places[:, 2] > pad.thickness * (1.0 - FLAT)
+    glued = deep & solid.is_held(pad._at(*places.T)[0].T) if pad._flush and deep.any() else np.zeros_like(deep)
+    groups = dict.fromkeys((str(k[3]), bool(g) and str(k[3]) in ON_BASE) for k, g in zip(some, glued))
+    for name, on_base in groups:
+        columns = np.array(
+            [i for i, k in enumerate(some) if k[3] == name and (bool(glued[i]) and name in ON_BASE) is on_base]
+        )
+        middles = places[columns]
+        if moved_base is not None and on_base:  # pressure and shear on the base: from its reactions
             spots = list(itertools.product(zip(*rules[0]), zip(*rules[1])))
             parts = np.array([v * w for (_, v), (_, w) in spots])
             steps = np.array([[b, a] for (a, _), (b, _) in spots])

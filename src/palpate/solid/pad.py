@@ -41,6 +41,8 @@ Index = npt.NDArray[np.intp]
 LARGEST_RATIO = 0.4999
 #: A sensing element outside the mesh by more than this part of an element is beside the pad: flat facets miss curved surfaces by 0.02.
 OUTSIDE = 0.1
+#: Pads that are wider or deeper [m] are meshes in millimetres without scale=1e-3: one of 2 mm would be 2 m deep.
+WIDEST, DEEPEST = 10.0, 0.5
 #: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
 #: contact is small, and the error of cells as wide as a contact would be explained by pressure at the sides (a ball that reads 1.6 N of 1 N then reads 1.0 N).
 CELLS, HALVED = 48, 24
@@ -153,9 +155,10 @@ class SolidPad:
                 "SolidPad.box)."
             )
         width = float(np.ptp(points, axis=0).max())
-        if width > 10.0:
+        deep = float(np.ptp(points[:, 2]))
+        if width > WIDEST or deep > DEEPEST:
             raise InvalidInput(
-                f"the pad is {width:g} m wide. Lengths are in metres: of a mesh in millimetres give scale=1e-3."
+                f"the pad is {width:g} m wide and {deep:g} m deep. Lengths are in metres: of a mesh in millimetres give scale=1e-3."
             )
         if self.chart is not None:
             return
@@ -473,16 +476,39 @@ class SolidPad:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """The `accuracy`, used if a skin states no uncertainty.
+        """The `accuracy`, used if a skin states no uncertainty; if it is not known and the mesh is coarse (`notes`), an
+        assumed one.
 
         Examples
         --------
         >>> import palpate as pp
-        >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
-        >>> tip.accuracy, tip.uncertainty.gain
-        (None, None)
+        >>> fine, coarse = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (0.5e-3, 1e-3))
+        >>> fine.uncertainty.gain, round(coarse.uncertainty.gain, 2)
+        (None, 0.1)
         """
-        return Uncertainty(gain=self.accuracy)
+        return Uncertainty(gain=self._assumed if self.accuracy is None else self.accuracy)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What results on this pad note: a mesh that is coarse, and whose `accuracy` is not known.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
+        >>> pad.notes[0][:44]
+        'the mesh has 2 elements through the thicknes'
+        """
+        if self.accuracy is not None or self._assumed is None:
+            return ()
+        return (
+            f"the mesh has {accuracy.through(self):.2g} elements through the thickness: its readings may be {100 * self._assumed:.0f} % off, stress inside more. "
+            "Make the pad of smaller ones (element=), or have its error measured (SolidPad.compared_with)",
+        )
+
+    @cached_property
+    def _assumed(self) -> float | None:
+        return accuracy.assumed(self)
 
     def save(self, path: str | Path) -> None:
         """Save the maps computed so far for sensors in this pad, and its `accuracy`, for `load` in another run.
@@ -567,6 +593,7 @@ class SolidPad:
         kinds = (MeshHex2, MeshTet2) if self.curved else (MeshHex, MeshTet)
         kind = kinds[0] if self.elements.shape[1] == 8 else kinds[1]
         mesh = kind(np.ascontiguousarray(self.vertices.T), np.ascontiguousarray(self.elements.T.astype(np.int64)))
+        making.check_mesh(mesh, self.base)
         return Solid(mesh, self.youngs_modulus, self.poissons_ratio, self._facets(mesh, self.base))
 
     @staticmethod
