@@ -346,9 +346,10 @@ def cell_forces(
     - contractility: sum of the parts of t dA that point to the force centre, the point nearest to all lines of force (X. Trepat's and pyTFM's);
     - torque about the cell's middle and net force, which a cell that is wholly in view keeps at zero.
 
-    Errors are standard deviations over the samples. To that of the energy and of sums of sizes |t| is added, in quadrature, the difference between the mean
-    of the samples and that of the estimate: what the readings do not resolve. The energy itself lies in the middle of both: regularisation makes that of
-    the estimate small, and the samples hold all that the prior thinks possible.
+    With "adhesions", value and error of each number come from the samples, widened by what cells of known truth have shown to be missing from them
+    (`palpate.microscopy.spread`); energy and largest traction have intervals on a log scale. With "tikhonov", errors are standard deviations over the
+    samples. For the energy and sums of sizes |t| the difference between the mean of the samples and the estimate is added in quadrature, which is what the
+    readings do not resolve; the energy is the mean of both, because regularisation makes that of the estimate too small.
 
     Raises
     ------
