@@ -220,6 +220,17 @@ def test_masks(tmp_path: Path) -> None:
         read_mask(tmp_path / "a.roi")
 
 
+@pytest.mark.parametrize("method", ["adhesions", "tikhonov"])
+def test_intervals_of_sizes_do_not_go_below_zero(method: str) -> None:
+    u = np.zeros((2, 12, 12))
+    u[0, 5:7, 3:5], u[0, 5:7, 7:9] = 40e-9, -40e-9
+    u += 2e-9 * np.random.default_rng(3).standard_normal(u.shape)
+    field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6)
+    forces = cell_forces(field, GEL, mask=[[30, 60], [160, 60], [160, 130], [30, 130]], method=method, draws=8)
+    for key in ("force_inside", "force_outside", "background", "traction_rms", "traction_peak"):
+        assert 0 <= forces[key].interval[0] <= forces[key].value <= forces[key].interval[1]
+
+
 def test_quantities_are_written_as_they_are_known() -> None:
     for value, std, text in (
         (1.234e-13, 2e-15, "123.4 +- 2.0 fJ"),

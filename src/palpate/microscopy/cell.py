@@ -34,6 +34,8 @@ __all__ = ["CellForces", "Quantity", "cell_forces"]
 METHODS = ("adhesions", "tikhonov")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
+#: Sizes, whose intervals end at zero.
+NOT_NEGATIVE = {"force_inside", "force_outside", "background", "traction_rms", "traction_peak"}
 
 
 @dataclass(frozen=True)
@@ -589,6 +591,9 @@ def _numbers(
         if key.startswith("strain_energy"):
             value = 0.5 * (value + float(samples.mean()))
         quantities[key] = Quantity(label, unit, value, math.sqrt(variance), expected, why)
+    for key in NOT_NEGATIVE & quantities.keys():
+        low, high = quantities[key].interval
+        quantities[key] = replace(quantities[key], ends=(max(low, 0.0), high))
     if masked:
         quantities["area"] = Quantity("area of the cell", "m^2", float(inside.sum() * cell), 0.0)
     symmetric = -0.5 * (moments[..., 0] + moments[..., 0].T)
