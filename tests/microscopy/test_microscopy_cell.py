@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -218,6 +219,28 @@ def test_masks(tmp_path: Path) -> None:
     (tmp_path / "a.roi").write_bytes(b"Iout")
     with pytest.raises(InvalidInput, match="XY Coordinates"):
         read_mask(tmp_path / "a.roi")
+
+
+def test_a_field_that_does_not_move_and_noise_that_is_none_are_refused() -> None:
+    u = np.zeros((2, 12, 12))
+    field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6)
+    with pytest.raises(InvalidInput, match="all vectors of the field are equal"):
+        cell_forces(field, GEL)
+    u[0, 3, 3] = 1e-8
+    for noise in (math.nan, 0.0, -1e-9):
+        with pytest.raises(InvalidInput, match="noise must be a positive"):
+            cell_forces(replace(field, displacement=u), GEL, noise=noise)
+
+
+def test_an_error_of_zero_is_not_known() -> None:
+    u = np.zeros((2, 12, 12))
+    std = np.full_like(u, 2e-9)
+    std[0, :2] = 0.0
+    field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6, std=std)
+    assert field.noise == pytest.approx(2e-9)
+    assert "24 of 144 vectors state an error of zero" in " ".join(field.notes)
+    assert replace(field, displacement=u + 1e-9).notes == field.notes
+    assert Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6, std=0.0 * u).noise is None
 
 
 @pytest.mark.parametrize("method", ["adhesions", "tikhonov"])

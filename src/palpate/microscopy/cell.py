@@ -24,6 +24,7 @@ from palpate.microscopy.normal import normal_of, without_sideways
 from palpate.microscopy.spread import read
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.touch import Touch
+from palpate.units import is_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -356,7 +357,7 @@ def cell_forces(
     Raises
     ------
     InvalidInput
-        An empty mask, one of another size, or one that holds no vector.
+        An empty mask, one of another size, or one that holds no vector; vectors that are all equal; noise that is no positive number.
 
     Examples
     --------
@@ -381,6 +382,14 @@ def cell_forces(
         raise InvalidInput(f"draws must be at least 8; got {draws!r}.")
     if method not in METHODS:
         raise InvalidInput(f"method must be {' or '.join(map(repr, METHODS))}; got {method!r}.")
+    if noise is not None and not (is_number(noise) and noise > 0):
+        raise InvalidInput(
+            f"noise must be a positive standard deviation [m]; got {noise!r}. Leave it out if it is unknown."
+        )
+    if field.normal is None and not np.ptp(field.displacement[:, field.valid], axis=1).any():
+        raise InvalidInput(
+            "all vectors of the field are equal: nothing moved, or these are no displacements. Check which fields are u and v (name=, --name)."
+        )
     corners = None if mask is None else read_mask(mask, pixel=field.pixel)
     if size is None and picture is not None:
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
