@@ -526,7 +526,16 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None, *, zero_kno
         expected = SHEAR_SHARE * math.sqrt(float(np.nanmean(normal**2))) if name in ("fx", "fy") else 0.0
         out[name] = ForceMap.fit(
             Process(
-                flat, values, std, usual_scale(flat), physics, press, seconds, run, zero_known=zero_known, expected=expected
+                flat,
+                values,
+                std,
+                usual_scale(flat),
+                physics,
+                press,
+                seconds,
+                run,
+                zero_known=zero_known,
+                expected=expected,
             )
         )
     return out

@@ -32,8 +32,8 @@ RUN, RUNS_OF_PRIOR = 0.08, 1.0
 #: Prior error of a value beyond the intervals of the models, relative to the typical value, for each unit of `distance`
 #: from the labels. Readings below STRONG of the largest have no direction.
 NOVEL, STRONG = 2.0, 0.2
-#: The prior counts as one press at the usual distance between presses, and at this distance at most.
-FARTHEST_PRIOR = 0.3
+#: The prior counts as one press at this distance.
+FIRST_DISTANCE = 0.3
 #: Logarithm of an amplitude that vanishes beside all others.
 NO_TERM = -80.0
 #: Number of labels as which the assumption counts that all readings of a sensor have the same magnitude: few presses do
@@ -130,17 +130,14 @@ class ForceMap:
         p = self.process
         labels, more = Scaled.of(p.readings, p.scale), self.left_out**2 - self.left_out_std**2
         strong = labels.size > STRONG * float(labels.size.max())
-        squares, charges = [], []
+        slope, weight = FIRST_DISTANCE**4 * NOVEL**2, FIRST_DISTANCE**4
         for press in np.unique(p.press[strong]):
             at, other = strong & (p.press == press), p.press != press
             if other.any():
-                squares.append(float((distance(labels[other], labels[at]) ** 2).mean()))
-                charges.append(float(more[at].mean() / ((p.unit * labels.size[at]) ** 2).mean()))
-        far, charge = np.array(squares), np.array(charges)
-        first = min(float((far**2).mean()), FARTHEST_PRIOR**4) if squares else FARTHEST_PRIOR**4
-        slope = first * NOVEL**2 + float(far @ charge)
-        # labels that all have one direction show nothing
-        return float(np.sqrt(max(slope, 0.0) / (first + float(far @ far)))) if first > 0.0 else NOVEL
+                square = float((distance(labels[other], labels[at]) ** 2).mean())
+                slope += square * float(more[at].mean() / ((p.unit * labels.size[at]) ** 2).mean())
+                weight += square**2
+        return float(np.sqrt(max(slope, 0.0) / weight))
 
     @property
     def run_share(self) -> float:
