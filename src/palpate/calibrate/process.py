@@ -34,8 +34,7 @@ __all__ = ["MEMBERS", "Fitted", "Process"]
 
 #: Hyperparameters: log of the prior median, and prior standard deviation of the log. Amplitudes are fractions of the
 #: mean square of the quantity. Values are conventions; only the lengths, the time, the share, the power and the bend were
-#: adjusted, towards what 100 to 300 labels of published sensors show (powers: four barometers 0.7 to 1.7, Hall-effect skin
-#: 0.6 to 0.9, magnetometers 1.2 to 1.3).
+#: adjusted, towards what labels of published sensors show (barometers, a Hall-effect skin, magnetometers).
 PRIORS = {
     "physics": (np.log(0.5), 1.5),
     "linear": (np.log(0.2), 1.5),
