@@ -92,13 +92,13 @@ def with_rims(
 
 
 def _without_cone(estimator: Prepared) -> Prepared:
-    """A copy of the estimator whose traction may have either sign. It seeks no discs: they have one sign, and no rim."""
+    """A copy of the estimator whose traction may have either sign."""
     policy = estimator.policy
     free = copy.copy(estimator)
     free.cone = Cone(estimator.cone.components, tension=True)
     free.policy = replace(
         policy,
-        parts=replace(policy.parts, trim=False, compact=False),
+        parts=replace(policy.parts, trim=False),
         grid=replace(policy.grid, unknowns=policy.rims.unknowns),
     )
     free.posterior = copy.copy(estimator.posterior)
