@@ -216,12 +216,14 @@ class Columns:
             self.count = n + k
             if self._gram is not None:
                 before, added = self.rows[: c * n], more.reshape(c * k, -1)
-                gram = np.empty((c * (n + k),) * 2)
-                gram[: c * n, : c * n] = self._gram
-                gram[c * n :, : c * n] = cross = added @ before.T
-                gram[: c * n, c * n :] = cross.T
-                gram[c * n :, c * n :] = added @ added.T
-                self._gram = gram
+                if c * (n + k) > len(self._gram):
+                    gram = np.empty((int(ROOM * c * (n + k)),) * 2)
+                    gram[: c * n, : c * n] = self._gram[: c * n, : c * n]
+                    self._gram = gram
+                old, both = slice(0, c * n), slice(c * n, c * (n + k))
+                self._gram[both, old] = cross = added @ before.T
+                self._gram[old, both] = cross.T
+                self._gram[both, both] = added @ added.T
             self.place[new] = np.arange(n, n + k)
         return np.asarray(self.place[cells])
 
