@@ -149,6 +149,18 @@ def _channel_offsets(draft: _Draft) -> None:
     draft.readings = draft.readings + draft.peak * parts.reshape(-1, *(1,) * len(draft.sensor.shape))
 
 
+def _row_offset(draft: _Draft) -> None:
+    part = float(draft.rng.uniform(0.1, 0.3) * draft.rng.choice([-1, 1]))
+    axis = int(draft.rng.integers(2))
+    k, channel = int(draft.rng.integers(draft.sensor.shape[axis])), int(draft.rng.integers(len(draft.readings)))
+    all_channels = bool(draft.rng.random() < 0.5)
+    where = "all channels" if all_channels else draft.sensor.channels[channel]
+    draft.say(f"{('row', 'column')[axis]} {k} of {where} off by {100 * part:.0f} % of the peak")
+    change = np.zeros(draft.readings.shape)
+    change[(slice(None) if all_channels else channel, *((slice(None),) * axis), k)] = part * draft.peak
+    draft.readings = draft.readings + change
+
+
 def _ramp(draft: _Draft) -> None:
     peak = draft.peak
     for i in range(len(draft.readings)):
@@ -373,6 +385,10 @@ def _several(sensor: Sensor) -> bool:
     return len(sensor.channels) > 1
 
 
+def _wired_in_rows(sensor: Sensor) -> bool:
+    return len(sensor.shape) == 2 and sensor.sensing != "displacement"
+
+
 def _square(sensor: Sensor) -> bool:
     return len(sensor.shape) == 2 and sensor.shape[0] == sensor.shape[1] and sensor.shears == "xy"
 
@@ -397,6 +413,7 @@ _TABLE: Sequence[Row] = (
     Row("adhesion", "a rim about each contact pulls with 20 to 60 % of the peak", load="adhesion"),
     Row("offset", "all readings off by 10 to 30 % of the largest", change=_offset),
     Row("channel offsets", "each channel off by 5 to 30 %", suits=_several, change=_channel_offsets),
+    Row("row offset", "a row or column off by 10 to 30 %", suits=_wired_in_rows, change=_row_offset),
     Row("ramp", "a linear drift across the array, 5 to 30 % at either end", change=_ramp),
     Row("clipped", "readings end at 60 % of the largest", change=_clipped),
     Row("clipped named", "readings end at 60 % of the largest, and the array says so", change=_clipped_named),
