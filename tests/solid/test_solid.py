@@ -375,7 +375,7 @@ def test_the_error_of_the_mesh_travels_with_the_pad(tmp_path: Path) -> None:
     depth = "base"
     channels = ["stress_zz"]
     """
-    for more, expected in (('responses = "gel.npz"', known.accuracy), ('accuracy = "3 %"', 0.03), ("", None)):
+    for more, expected in (('responses = "gel.npz"', known.accuracy), ('accuracy = "3 %"', 0.03), ("", pytest.approx(0.1))):
         words = {"modulus": MATERIAL["youngs_modulus"], "ratio": MATERIAL["poissons_ratio"], "more": more}
         (tmp_path / "skin.toml").write_text(text.format(**words))
         skin = pp.Skin.from_file(tmp_path / "skin.toml")
