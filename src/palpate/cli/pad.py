@@ -34,7 +34,7 @@ def pad(
         Path, typer.Option(help="Picture of the response per wavelength to write (.png, .pdf or .svg).")
     ] = Path("palpate-pad.png"),
     size: Annotated[
-        str | None, typer.Option(help='Length and width of the gel, where it ends: "25.25 mm x 20.75 mm".')
+        str | None, typer.Option(help='Length and width of a gel with sides: "25.25 mm x 20.75 mm".')
     ] = None,
     force: Force = False,
 ) -> None:

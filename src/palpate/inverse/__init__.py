@@ -13,6 +13,7 @@ from palpate.inverse.comparison.total_variation import TotalVariation
 from palpate.inverse.constrained.cone import Cone, Solution, minimise
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.methods import Adaptive, Automatic, Constrained, Local
+from palpate.inverse.contact.trace import Trace, Tried, traced
 from palpate.inverse.estimate import Errors, Estimate, Stated
 from palpate.inverse.linear.methods import Hilgers, Tikhonov, Truncated, Wiener
 from palpate.inverse.linear.parameter import RULES, choose_parameter
@@ -61,6 +62,8 @@ __all__ = [
     "Stated",
     "Tikhonov",
     "TotalVariation",
+    "Trace",
+    "Tried",
     "Truncated",
     "Wiener",
     "choose_parameter",
@@ -72,4 +75,5 @@ __all__ = [
     "observability",
     "observable_components",
     "register",
+    "traced",
 ]

@@ -27,6 +27,7 @@ __all__ = [
     "taken_of_each",
     "told_by_each",
     "told_of",
+    "unit_of",
     "variance_of",
     "variance_of_sums",
 ]
@@ -63,6 +64,13 @@ def told_of(model: ContactModel, rows: Floats) -> Floats:
     unknown), beside the contact on its face.
     """
     return np.asarray(rows.T @ rows - covariance_of(model.solution, rows.T @ model.data.matrix))
+
+
+def unit_of(rows: Floats) -> Floats:
+    """Length of each column of ``rows`` (reading, unknown). Of rows / unit all unknowns have one unit, as `UNTOLD`
+    needs: an offset in Pa and a ramp in Pa/m differ by the length of the array squared, 1e-9 where it is 50 um.
+    """
+    return np.maximum(np.sqrt((rows**2).sum(axis=0)), 1e-300)
 
 
 def deviations_of(precision: Floats) -> Floats:

@@ -20,7 +20,7 @@ from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.contact.gathered import gathered
-from palpate.inverse.contact.overload import in_range
+from palpate.inverse.contact.overload import solve_within_range
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.estimate import Estimate, batch_of, frames_of
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -39,7 +39,7 @@ class ConstrainedEstimator(Prepared):
         frames = []
         for f in frames_of(readings, self.operator):
             with few_threads(self.widest, len(self.readings.std)), self.rounds:
-                frames.append(in_range(self, f, rng))
+                frames.append(solve_within_range(self, f, rng))
                 if math.prod(batch) > 1:
                     frames[-1] = replace(frames[-1], errors=frames[-1].known)
 

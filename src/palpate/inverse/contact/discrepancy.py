@@ -24,6 +24,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.answer import hidden, unexplained
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.policy import Fit, Policy
@@ -32,14 +33,14 @@ from palpate.inverse.contact.search import search
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 
-__all__ = ["explained", "posterior"]
+__all__ = ["posterior", "solve_with_model_error"]
 
 
 #: Fields of the errors and of a frame that do not grow with the readings.
 _FIXED = ("center", "outside_center", "variance_reduction")
 
 
-def explained(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
     """The result of one frame with the smallest discrepancy that makes it fit; see the module."""
     policy = estimator.policy
     zeroed = estimator.problem.zeroed
@@ -113,6 +114,7 @@ def _with_shares(
     best: tuple[float, Frame] | None = None
     while share is not None:
         factor = math.hypot(1.0, share * ratio)
+        trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
         found = _at_noise(level, readings, factor, rng)
         left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
         if found.contact:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from palpate._arrays import from_numpy, to_numpy
 from palpate.errors import InvalidInput, Unsupported
 from palpate.inverse.constrained.cone import Cone
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.local import LocalEstimator
@@ -234,6 +235,7 @@ class AutomaticEstimator:
                 pulls &= ~answered
         if not pulls.any():
             return replace(found, method=method)
+        trace.step("contact that only pushes does not fit: the linear method answers")
         if pulls.all():
             return replace(self._pulling().solve(readings), pushed=found.pushed, method=np.full(batch, Tikhonov.name))
         where = np.flatnonzero(pulls)

@@ -9,15 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.discrepancy import explained
+from palpate.inverse.contact import trace
+from palpate.inverse.contact.discrepancy import solve_with_model_error
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import ends_of_range
 from palpate.inverse.contact.prepared import Prepared
 
-__all__ = ["in_range"]
+__all__ = ["solve_within_range"]
 
 
-def in_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
     """The result of one frame that may have saturated readings.
 
     A saturated reading is censored: it constrains the contact only if the contact predicts less. If many readings are
@@ -28,7 +29,7 @@ def in_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Gen
     data = estimator.readings.flat(estimator.operator.observed(readings))
     ends = ends_of_range(estimator, readings, data)
     if ends is None or not ends.any:
-        return explained(estimator, readings, rng)
+        return solve_with_model_error(estimator, readings, rng)
     # At rest, coarsely rounded readings are often equal. So saturation counts only far from zero.
     far = (
         np.abs(data) > policy.screening.deviations * estimator.readings.std
@@ -39,9 +40,12 @@ def in_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Gen
     count = np.bincount(estimator.noise.index)
     part = float((np.bincount(estimator.noise.index, at_end, len(count)) / count).max())
     if part < policy.screening.open_end:
-        return explained(estimator, readings, rng)
-    least = explained(estimator.as_they_are(), readings, rng)
-    found = least if at_end.all() else explained(estimator, readings, rng)
+        return solve_with_model_error(estimator, readings, rng)
+    trace.step(
+        f"{part:.0%} of a channel at its end of range: solved as they are, for a lower bound, and again without them"
+    )
+    least = solve_with_model_error(estimator.as_they_are(), readings, rng)
+    found = least if at_end.all() else solve_with_model_error(estimator, readings, rng)
     push, force = float(np.nansum(least.traction[-1])), estimator.operator.surface.cell
     sign = -1.0 if push < 0 else 1.0
     if not (found.contact and sign * float(np.nansum(found.traction[-1])) >= abs(push)):

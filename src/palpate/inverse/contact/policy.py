@@ -129,6 +129,7 @@ class Explanations:
     nuisance_rounds: int = number(
         12, "rounds of nuisances and contact in turn: they settle in three, in ten where hard to tell apart"
     )
+    rows: int = number(3, "rows and columns of a channel with an offset of their own, one after another")
     per_nuisance: float = number(3.0, "gain that each nuisance, or another sign than pushing, must bring")
     largest_nuisance: float = number(
         0.4, "part of the largest reading of its kind that one is at most: sensors are zeroed"
@@ -350,6 +351,9 @@ class Discs:
     )
     most: float = number(0.67, "weight of all at most: a disc is never all that is possible")
     worse: float = number(2.0, "discs that leave so many times the noise, and what fields leave, are none")
+    refined: float = number(
+        6.0, "places between cells leave so many times less at most: 5 of 89 searches, of a contact of half a cell"
+    )
     cells: int = number(4000, "cells that places are sought among")
     places: int = number(200, "places that discs of the third radius do best at, where all radii are tried")
     best: int = number(24, "the best discs, about which places between cells are tried")

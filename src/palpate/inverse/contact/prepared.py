@@ -44,19 +44,16 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
 from palpate.sensing.limits import ends_of
-from palpate.sensing.nuisance import nuisances
+from palpate.sensing.nuisance import DRIFTS, LATER, USUAL, Nuisance, nuisances, rows_and_columns
 
 __all__ = ["Prepared"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
-#: Nuisances assumed if the user names none.
-DEFAULT_NUISANCES = ("offset", "rotation")
-
 
 class Prepared(ABC):
-    """A problem, prepared once.
+    """A problem, prepared once. (`palpate.inverse.Prepared` is another: the interface of every prepared method.)
 
     The surface is the middle part of the operator's grid. Cells outside the surface explain a contact across the edge
     of the array and are not part of the result. ``parameter`` is the weight of the penalty (None: chosen by evidence),
@@ -127,16 +124,19 @@ class Prepared(ABC):
         #: Whether the linear model can fit any readings, noise included. It then gives no information on noise or
         #: offsets.
         self.ambiguous = problem.ambiguous
-        kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else DEFAULT_NUISANCES
+        kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else USUAL
         self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
-        if problem.zeroed:
-            # The zero removed the offsets of stress and strain, but an image may still have moved.
-            self.terms = [t for t in self.terms if t.kind == "rotation" or t.unit == "m"]
-        #: Number of nuisances tried with noise alone. A ramp that the user did not name is only tried together with
-        #: contact, if offsets are not enough.
+        if problem.zeroed and problem.nuisance is None:
+            # The zero removed the offsets of stress and strain, but an image may still have moved. Who names a drift
+            # means one after the zero.
+            self.terms = [t for t in self.terms if t.of_image]
+        #: Number of terms, from the first, that may also stand with noise alone. Ramps that the user did not name come
+        #: after them: they are sought beside contact only, if the outermost taxels show one.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
-            self.terms += [t for t in nuisances(operator.planes_of, ("ramp",)) if not problem.zeroed or t.unit == "m/m"]
+            self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]
+            if not problem.zeroed and self.taxels <= self.policy.explanations.many_taxels:
+                self.terms += rows_and_columns(operator.planes_of)
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
         self.ring = ring_of(self.outside)
@@ -223,6 +223,11 @@ class Prepared(ABC):
         """Readings (reading, term) that each nuisance of size one adds."""
         n = len(self.readings.std)
         return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
+
+    @cached_property
+    def drifts(self) -> list[Nuisance]:
+        """Offset and ramp of every channel."""
+        return nuisances(self.operator.planes_of, DRIFTS)
 
     @cached_property
     def even_press(self) -> Floats:

@@ -35,12 +35,14 @@ __all__ = [
     "is_compact",
     "least_to_beat",
     "likelier_signs",
+    "louder",
     "more_than_noise",
     "rival_odds",
     "rivals_of",
     "same",
     "share_of",
     "shares_by_evidence",
+    "simplest_of",
     "weights_by_evidence",
     "worth_of",
 ]
@@ -60,7 +62,7 @@ def gain_of(free: float, total: float, left: float, floor: float = 0.0) -> float
 
 def worth_of(h: Explanation, policy: Policy) -> float:
     """Gain of an explanation minus the penalty for its nuisances and its sign."""
-    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1))
+    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1)) - h.choice
 
 
 def is_compact(h: Explanation, policy: Policy) -> bool:
@@ -72,7 +74,8 @@ def is_compact(h: Explanation, policy: Policy) -> bool:
     return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
 
 
-def _simplest(tried: Sequence[Explanation], policy: Policy) -> Explanation:
+def simplest_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
+    """Contact alone, without nuisances: of a push and a pull the one that is worth more."""
     return max((h for h in tried if h.sign != 0 and not h.present.any()), key=lambda h: worth_of(h, policy))
 
 
@@ -83,7 +86,7 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
     All are credible if the contact loads the edge or fits most readings freely, because its residual is then small in
     any case.
     """
-    rules, rough = policy.explanations, _simplest(tried, policy).rough
+    rules, rough = policy.explanations, simplest_of(tried, policy).rough
     if rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained):
         return list(tried)
     return [h for h in tried if not h.present.any() or h.rough.left <= rough.left]
@@ -93,7 +96,7 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best explanation. One with nuisances or another sign must beat the simplest by the evidence required for
     contact itself.
     """
-    simple = _simplest(tried, policy)
+    simple = simplest_of(tried, policy)
     best = max(_credible(tried, policy), key=lambda h: worth_of(h, policy))
     return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple
 
@@ -167,6 +170,16 @@ def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float,
     solutions.
     """
     return worth_of(rival, policy) - worth_of(h, policy) + math.log(max(rival_fit, 1e-300) / fit)
+
+
+def louder(before: float, after: float, readings: int, policy: Policy) -> float:
+    """Log likelihood that an explanation gains by leaving ``after`` of the given noise in place of ``before``.
+
+    The given noise may be wrong, which its prior counts as so many readings: (m + n)/2 log((m + n a^2)/(m + n b^2)). Without it a factor of two
+    between true and given noise would outweigh any evidence of an offset.
+    """
+    prior = policy.fit.prior_weight
+    return 0.5 * (prior + readings) * math.log((prior + readings * before**2) / (prior + readings * after**2))
 
 
 def gain_without_cone(readings: float, push: tuple[float, float], free: tuple[float, float]) -> float:

@@ -38,6 +38,10 @@ def search(prepared: Prepared, readings: Sequence[Floats], rng: np.random.Genera
     noise_alone = explained_by_noise(prepared, filled, usable)
     small = None if noise_alone is None else contact_in_few_cells(prepared, filled, usable)
     noise_alone = noise_alone if small is None else None
+    if small is not None:
+        trace.decided(
+            "noise would explain it, but contact in a few cells gains", small.gain, policy.detection.few_cells
+        )
     h = noise_alone or explanation_of(
         prepared, filled, usable, prepared.terms, signs=prepared.signs, noise=None if small is None else small.left
     )
@@ -55,7 +59,10 @@ def search(prepared: Prepared, readings: Sequence[Floats], rng: np.random.Genera
             return unexplained(prepared, observed.data, ~counted.usable, chance)
     run = solve(prepared, h, counted)
     frame = framed(prepared, run, observed, rng)
-    trace.chosen("solved", run.explanation, prepared.terms)
+    trace.chosen("solved", run.explanation, prepared.terms, contact=bool(run.members))
     trace.decided("misfit probability", frame.fit, policy.fit.doubted)
-    frame = with_rims(prepared, run, frame, observed, rng) or frame
+    rimmed = with_rims(prepared, run, frame, observed, rng)
+    if rimmed is not None:
+        trace.step(f"contact with pull around it takes its place: misfit probability {rimmed.fit:.3g}")
+        frame = rimmed
     return with_rivals(prepared, run, frame, observed, rng)

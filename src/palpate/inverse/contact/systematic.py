@@ -21,13 +21,13 @@ from palpate.inverse.constrained.variances import (
     seen_of,
     shared_errors,
     told_of,
+    unit_of,
     variance_of_sums,
 )
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.grids import block_means
-from palpate.sensing.nuisance import nuisances
 
 __all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "state"]
 
@@ -50,7 +50,8 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
     if run.members and h.present.any():
         rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
-        deviation[h.present] = deviations_of(told_of(run.members[0], rows))
+        unit = unit_of(rows)
+        deviation[h.present] = deviations_of(told_of(run.members[0], rows / unit)) / unit
     if run.members and h.rough.ring > policy.explanations.ring:
         reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
         offsets = np.array([t.kind == "offset" for t in estimator.terms])
@@ -79,11 +80,12 @@ def change_of_nuisances(
     rows = estimator.readings.white(columns, observed)
     misfit = estimator.readings.white((data / noise)[observed], observed)
     misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
+    unit = unit_of(rows)
+    rows = rows / unit
     precision = told_of(model, rows)
     step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=UNTOLD)[0]
-    deviation = 1.0 / np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
-    least = policy.explanations.nuisance * deviations_of(precision) if sure else 0.5 * deviation
-    out[h.present] = np.where(np.abs(step) > least, step, 0.0)
+    least = policy.explanations.nuisance * deviations_of(precision) if sure else 0.5
+    out[h.present] = np.where(np.abs(step) > least, step / unit, 0.0)
     return out
 
 
@@ -149,7 +151,7 @@ def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, devi
     if not policy.parts.nuisances or estimator.problem.nuisance is not None or not estimator.far or not part > 0.0:
         return
     accounted = {t.label for t, d in zip(estimator.terms, deviation) if d > 0}
-    terms = [t for t in nuisances(estimator.operator.planes_of, ("offset", "ramp")) if t.label not in accounted]
+    terms = [t for t in estimator.drifts if t.label not in accounted]
     if not terms:
         return
     rows = np.stack([t.rows for t in terms], axis=1)

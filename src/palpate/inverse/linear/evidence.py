@@ -17,7 +17,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, refined, tikhonov
 from palpate.inverse.linear.regularised import Decomposition
 
-__all__ = ["LinearEvidence", "linear_evidence", "log_evidence"]
+__all__ = ["LinearEvidence", "linear_evidence", "log_evidence", "of_unit_size"]
 
 #: Combinations of patterns below this fraction of the largest eigenvalue are rounding errors of the normal matrix.
 MIN_EIGENVALUE = 1e-10
@@ -75,10 +75,14 @@ def linear_evidence(
     coefficients = np.asarray(spectrum.project(rows) if projected is None else projected) / unit
     certain = linear.noise_known or known is not None
     if patterns is not None and len(patterns):
+        # An offset in Pa and a ramp in Pa/m are compared as patterns of one size.
+        size, patterns = of_unit_size(patterns)
         best, variance, total, logdet, base, count = _with_patterns(
             values, coefficients, patterns, parameter, certain, spectrum.tried
         )
         free, sizes = _without(values, coefficients, patterns, best)
+        own = 2.0 * float(np.log(size).sum())
+        logdet, base, sizes = logdet + own, base + own, sizes / size
         left = total[1]
         everything = total[0]
     else:
@@ -111,6 +115,13 @@ def linear_evidence(
         return np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
 
     return LinearEvidence(gain, best, scale, traction, logdet, left * unit**2, count, sizes * unit)
+
+
+def of_unit_size(patterns: Floats) -> tuple[Floats, Floats]:
+    """Norms of the patterns (pattern, coefficient), and patterns of norm 1; those without effect stay."""
+    size = np.sqrt((patterns**2).sum(axis=1))
+    size = np.where(size > 0.0, size, 1.0)
+    return size, patterns / size[:, None]
 
 
 def log_evidence(objective: float, logdet: float, count: float, noise: float | None) -> float:

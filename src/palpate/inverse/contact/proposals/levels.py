@@ -11,7 +11,7 @@ from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.arrays import Array, ScatteredArray
-from palpate.sensing.nuisance import Nuisance
+from palpate.sensing.nuisance import DRIFTS, Nuisance
 
 __all__ = ["edge_drift", "edge_levels", "in_range", "lowest_levels", "outermost_of", "reach", "touched"]
 
@@ -76,7 +76,7 @@ def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequen
         else:
             edge = outermost_of(points, isinstance(array, ScatteredArray))
         edge &= observed[place]
-        of = [j for j, t in enumerate(terms) if t.kind in ("offset", "ramp") and t.rows[place].any()]
+        of = [j for j, t in enumerate(terms) if t.kind in DRIFTS and t.rows[place].any()]
         if edge.sum() < len(of):
             continue
         rows = np.stack([terms[j].rows[place][edge] for j in of], axis=1)

@@ -11,23 +11,25 @@ from palpate.inverse.contact.proposals.levels import edge_drift
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.score import likelier_signs
+from palpate.sensing.nuisance import LATER
 
 __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
     """Yield contact with offsets and ramps, if the outermost taxels show a significant ramp."""
-    usual, estimator, observed = search.usual, search.estimator, search.observed
-    if usual.all():
+    estimator, observed = search.estimator, search.observed
+    ramps = np.array([term.kind in LATER for term in search.terms], dtype=bool)
+    if not ramps.any():
         return
     readings = estimator.readings
     columns = np.stack([term.rows for term in search.terms], axis=1)
     unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
     level = max(max(search.tried, key=lambda h: h.rough.gain).rough.left, estimator.least_noise(search.data))
     tilted = edge_drift(estimator, search.data, observed, search.terms)
-    if not (np.abs(tilted) * unit > estimator.policy.explanations.nuisance * level)[~usual].any():
+    if not (np.abs(tilted) * unit > estimator.policy.explanations.nuisance * level)[ramps].any():
         return
     for sign in likelier_signs(search.tried, search.hopeless):
-        found = with_nuisances(search, sign, tilted, np.ones_like(usual))
+        found = with_nuisances(search, sign, tilted, np.array([term.kind != "row" for term in search.terms]))
         if found is not None:
             yield found

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.evidence import LinearEvidence
+from palpate.inverse.linear.evidence import LinearEvidence, of_unit_size
 from palpate.inverse.linear.matrix_free.rules import Corrected
 from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.parameter import pick
@@ -166,10 +166,12 @@ class FrameAtSize:
         sizes: Floats = np.zeros(0)
         base, fewer = 0.0, 0
         if patterns is not None and len(patterns):
+            norms, patterns = of_unit_size(patterns)
             gram = patterns @ patterns.T
             sizes = np.linalg.lstsq(gram, patterns @ row, rcond=1e-10)[0]
-            row = row - sizes @ patterns
-            base, fewer = float(np.linalg.slogdet(gram)[1]), len(patterns)
+            row, sizes = row - sizes @ patterns, sizes / norms
+            base = float(np.linalg.slogdet(gram)[1] + 2.0 * np.log(norms).sum())
+            fewer = len(patterns)
         size = float(row @ row)
         if size <= 0.0:
             flat = np.zeros((len(system.columns), *system.operator.surface.shape))
