@@ -92,3 +92,17 @@ def test_a_wide_press_that_noise_explains_is_no_shift() -> None:
     assert touch.force[2] == pytest.approx(1.0, rel=0.1)
     assert touch.fit > 0.1
     assert any("shift along z cannot be separated from contact" in note for note in touch.notes)
+
+
+def test_an_offset_of_one_row_is_no_contact() -> None:
+    """A ball of 1 N beside -30 % of the peak on the last row: 0.28 to 1.54 N at a fit of 0.005, where rows had no offset of their own."""
+    rng = np.random.default_rng(5)
+    radius, place = rng.uniform(1.5e-3, 3e-3), rng.uniform(-2.5e-3, 2.5e-3, 2)
+    clean = np.asarray(SKIN.sense(pp.solutions.hertz_point(contact_radius=radius, force=1.0).shifted(*place)))
+    readings = clean + 0.01 * clean.max() * rng.standard_normal(clean.shape)
+    readings[..., 7, :] -= 0.3 * clean.max()
+    touch = SKIN.reconstruct(readings)
+    low, high = touch.interval(0.95, "force")
+    assert 0.85 < low[2] < 1.0 < high[2] < 1.15
+    assert touch.fit > 0.05
+    assert any("offset of stress_zz in row 7" in note for note in touch.notes)

@@ -14,9 +14,9 @@ import numpy as np
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.arrays import Array
+from palpate.sensing.arrays import AreaArray, Array
 
-__all__ = ["DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "check_nuisance", "nuisances"]
+__all__ = ["DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "check_nuisance", "nuisances", "rows_and_columns"]
 
 #: Kinds of nuisance by their short names.
 NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
@@ -37,19 +37,22 @@ class Nuisance:
     Attributes
     ----------
     kind : str
-        One of `NUISANCES`: how it is sought.
+        How it is sought: one of `NUISANCES`, or "row" (`rows_and_columns`).
     label : str
         Such as "offset of stress_zz".
     unit : str
         Unit of its size c: that of the channel for an offset; per metre for a ramp; rad for a rotation.
     rows : array (reading,)
         Readings for a size of 1, in the order of the operator's rows (plane, channel, working taxel).
+    group : str
+        Nuisances of one cause have the same: a row of all channels on one cable. Empty: none.
     """
 
     kind: str
     label: str
     unit: str
     rows: Floats
+    group: str = ""
 
     @property
     def of_image(self) -> bool:
@@ -110,5 +113,32 @@ def nuisances(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
         if "rotation" in kinds and array.dimensions == 2 and {"displacement_x", "displacement_y"} <= set(names):
             parts = {names.index("displacement_x"): -middle[:, 1], names.index("displacement_y"): middle[:, 0]}
             found.append(Nuisance("rotation", "rotation about z" + where, "rad", column(parts)))
+        start += sizes[number]
+    return found
+
+
+def rows_and_columns(planes: Sequence[Array]) -> list[Nuisance]:
+    """Offset of each row and each column of every channel of stress or strain, which share a cable or a converter.
+
+    None for a channel of displacement, whose readings come from an image, and for arrays without rows.
+    """
+    sizes = [int(a.valid.sum()) * len(a.channels) for a in planes]
+    total, start = sum(sizes), 0
+    found = []
+    for number, array in enumerate(planes):
+        where = f" in plane {number}" if len(planes) > 1 else ""
+        n = int(array.valid.sum())
+        if isinstance(array, AreaArray) and min(array.shape) > 1:
+            places = np.nonzero(array.valid)
+            for i, channel in enumerate(array.channels):
+                kind = find_channel(channel).kind
+                if kind.absolute:
+                    continue
+                for name, place in zip(("row", "column"), places):
+                    for k in np.unique(place):
+                        rows = np.zeros(total)
+                        rows[start + i * n : start + (i + 1) * n] = place == k
+                        at = f"{name} {k}{where}"
+                        found.append(Nuisance("row", f"offset of {channel} in {at}", kind.unit, rows, at))
         start += sizes[number]
     return found

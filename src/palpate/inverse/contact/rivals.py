@@ -13,7 +13,7 @@ from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.score import rival_odds, share_of
+from palpate.inverse.contact.score import louder, rival_odds, share_of, worth_of
 from palpate.inverse.contact.solving import solve
 from palpate.inverse.fit import POOR_FIT
 
@@ -44,11 +44,19 @@ def with_rivals(
             # The chosen explanation fails the fit test, or could fit anything: take the first alternative that passes.
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
-            if other.fit > policy.fit.accepted and other.contact:
+            simpler = h.present.any() and not rival.present.any()
+            odds = (
+                worth_of(rival, policy)
+                - worth_of(h, policy)
+                + louder(_noise_of(frame), _noise_of(other), len(run.data), policy)
+            )
+            if other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0):
                 return other
-    elif frame.fit < policy.fit.doubted and frame.sign == h.sign and run.members:
+    elif frame.sign == h.sign and run.members:
         for rival in rivals[:1]:
-            if rival.sign != h.sign:
+            # `score.best_of` asks a rival for more than its worth: what falls short of that is likely all the same.
+            doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
+            if rival.sign != h.sign or not doubted:
                 continue
             # Upper bound: assume that the alternative fits perfectly.
             if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
@@ -66,6 +74,11 @@ def with_rivals(
                     else _mean(estimator, run, second, frame, other, weight, rng)
                 )
     return frame
+
+
+def _noise_of(frame: Frame) -> float:
+    """Root mean square of the residual in units of the given noise."""
+    return frame.residual * float(np.sqrt(np.mean(frame.noise**2)))
 
 
 def _mean(

@@ -5,6 +5,7 @@ residual.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
 
-__all__ = ["exceeded", "rough", "rough_fit"]
+__all__ = ["exceeded", "rough", "rough_fit", "steps_of"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -86,6 +87,35 @@ def rough(
         change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0]) / unit
         deviation = deviations_of(told) / unit * (max(left, floor) / known)
     return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change, deviation)
+
+
+def steps_of(
+    estimator: Prepared, h: Explanation, data: Floats, observed: Flags, groups: Sequence[Sequence[int]]
+) -> list[tuple[Floats, float]]:
+    """Sizes of the nuisances of each group if it alone is solved together with the contact of ``h``, on its face, and
+    the log likelihood that it gains.
+    """
+    readings, floor = estimator.readings, estimator.least_noise(data)
+    clean = h.sign * (data - estimator.shifts @ h.sizes)
+    known = max(h.rough.left, floor, 1.0 if estimator.noise_known else 0.0)
+    noise = readings.std * known
+    found = estimator.evidence(
+        estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known
+    )
+    weight = found.parameter / found.scale**2
+    _, explained, model = solved(
+        estimator, found.traction, clean / noise, noise, observed, weight, h.rough.traction, keep_face=True
+    )
+    rows = readings.white((estimator.shifts / noise[:, None])[observed], observed)
+    left = readings.white(((clean - explained) / noise)[observed], observed)
+    told, pull = told_of(model, rows), rows.T @ left
+    out = []
+    for group in groups:
+        step = np.linalg.lstsq(told[np.ix_(group, group)], pull[group], rcond=UNTOLD)[0]
+        free = max(h.rough.free - len(group), 1.0)
+        after = 1.0 - float(step @ pull[group]) / max(float(left @ left), 1e-300)
+        out.append((np.asarray(h.sign * step), -0.5 * free * math.log(max(after, 1e-12))))
+    return out
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:

@@ -35,6 +35,7 @@ __all__ = [
     "is_compact",
     "least_to_beat",
     "likelier_signs",
+    "louder",
     "more_than_noise",
     "rival_odds",
     "rivals_of",
@@ -61,7 +62,7 @@ def gain_of(free: float, total: float, left: float, floor: float = 0.0) -> float
 
 def worth_of(h: Explanation, policy: Policy) -> float:
     """Gain of an explanation minus the penalty for its nuisances and its sign."""
-    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1))
+    return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1)) - h.choice
 
 
 def is_compact(h: Explanation, policy: Policy) -> bool:
@@ -169,6 +170,16 @@ def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float,
     solutions.
     """
     return worth_of(rival, policy) - worth_of(h, policy) + math.log(max(rival_fit, 1e-300) / fit)
+
+
+def louder(before: float, after: float, readings: int, policy: Policy) -> float:
+    """Log likelihood that an explanation gains by leaving ``after`` of the given noise in place of ``before``.
+
+    The given noise may be wrong, which its prior counts as so many readings: (m + n)/2 log((m + n a^2)/(m + n b^2)). Without it a factor of two
+    between true and given noise would outweigh any evidence of an offset.
+    """
+    prior = policy.fit.prior_weight
+    return 0.5 * (prior + readings) * math.log((prior + readings * before**2) / (prior + readings * after**2))
 
 
 def gain_without_cone(readings: float, push: tuple[float, float], free: tuple[float, float]) -> float:

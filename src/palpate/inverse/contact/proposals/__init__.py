@@ -19,9 +19,9 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps
+from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps, rows
 from palpate.inverse.contact.proposals.search import Search
-from palpate.inverse.contact.rough import exceeded, rough_fit
+from palpate.inverse.contact.rough import rough_fit
 from palpate.inverse.contact.score import best_of, rivals_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
@@ -34,6 +34,7 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
     push.propose,
     pull.propose,
     offsets.propose,
+    rows.propose,
     ramps.propose,
     both.propose,
 )
@@ -67,29 +68,18 @@ def explanation_of(
         search.add(propose(search))
         proposal = propose.__module__.rpartition(".")[2]
         trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, total, policy)
-    credible = _within_noise(search)
-    best = best_of(credible, policy)
-    trace.best(best, credible, terms, policy)
+    best = best_of(search.tried, policy)
+    trace.best(best, search.tried, terms, policy)
     free = next((h for h in search.tried if h.sign == 0), None)
     if free is not None and best.sign != 0:
         # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
         others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
         best = next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
-    best = replace(best, rivals=rivals_of(best, search.tried, policy))
+    rivals = rivals_of(best, search.tried, policy)
+    if estimator.noise_known and best.present.any():
+        rivals = (next(h for h in search.tried if h.sign == best.sign and not h.present.any()), *rivals)
+    best = replace(best, rivals=rivals)
     return best if noise is None else replace(best, noise=noise)
-
-
-def _within_noise(search: Search) -> list[Explanation]:
-    """The explanations that may be best: none whose nuisances leave far more than the given noise, if contact alone does
-    not. As rivals they stay, because a broken reading that is not found yet adds to what is left.
-    """
-    prepared, tried = search.estimator, search.tried
-    if not prepared.noise_known:
-        return tried
-    far = [exceeded(h, search.observed, prepared.policy) for h in tried]
-    if all(e for h, e in zip(tried, far) if h.sign and not h.present.any()):
-        return tried
-    return [h for h, e in zip(tried, far) if not (e and h.present.any())]
 
 
 def _in_order(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:

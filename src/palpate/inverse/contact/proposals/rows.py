@@ -1,0 +1,61 @@
+"""Propose contact with offsets of single rows and columns of a channel, which share a cable or a converter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.proposals.nuisances import with_nuisances
+from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.rough import steps_of
+from palpate.inverse.contact.score import worth_of
+
+__all__ = ["propose"]
+
+
+def propose(search: Search) -> Iterator[Explanation]:
+    """Yield contact with the row or column that reduces its residual most, then with another; first beside the best
+    explanation so far, then beside contact alone, because offsets may have taken the place of a row.
+    """
+    policy = search.estimator.policy
+    signed = [h for h in search.tried if h.sign]
+    if not any(term.kind == "row" for term in search.terms) or not signed:
+        return
+    best = max(signed, key=lambda h: worth_of(h, policy))
+    yield from _beside(search, best)
+    if best.present.any():
+        yield from _beside(search, next(h for h in signed if h.sign == best.sign and not h.present.any()))
+
+
+def _beside(search: Search, h: Explanation) -> Iterator[Explanation]:
+    """Yield an explanation with one more row or column at a time, of one channel or of all, as long as it is worth
+    more. All are candidates, so that each must also gain the log of their number.
+    """
+    policy = search.estimator.policy
+    each = [[i] for i, term in enumerate(search.terms) if term.kind == "row"]
+    names = dict.fromkeys(search.terms[i].group for (i,) in each)
+    together = [[i for (i,) in each if search.terms[i].group == name] for name in names]
+    groups = each + [g for g in together if len(g) > 1]
+    choice = math.log(len(groups))
+    for _ in range(policy.explanations.rows):
+        steps = steps_of(search.estimator, h, search.data, search.observed, groups)
+        worth = [
+            -math.inf if h.present[g].any() else gain - policy.explanations.per_nuisance * len(g)
+            for g, (_, gain) in zip(groups, steps)
+        ]
+        best = int(np.argmax(worth))
+        if not worth[best] > choice:
+            return
+        sought, start = h.present.copy(), h.sizes.copy()
+        sought[groups[best]], start[groups[best]] = True, steps[best][0]
+        found = with_nuisances(search, h.sign, start, sought)
+        if found is None or not found.present[groups[best]].any():
+            return
+        before, h = h, replace(found, choice=h.choice + choice)
+        yield h
+        if not worth_of(h, policy) > worth_of(before, policy):
+            return
