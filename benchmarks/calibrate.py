@@ -6,7 +6,7 @@
 
 Labelled frames are drawn at random from one run (or from half of the presses); the error is that on frames of another run (or of the other presses), never
 on neighbours in time. All methods get the same labels. palpate is told besides what it is told on a bench: the zero where one was recorded (not that of tactileforce presses),
-a guess of the pad, and the times of the labels. The regressions have a constant, readings of variance 1, and: linear and quadratic ridge, its weight by leave-one-out; a Gaussian process with a linear and a
+a guess of the pad, the times of the labels, and the normal force beside the labels of shear. The regressions have a constant, readings of variance 1, and: linear and quadratic ridge, its weight by leave-one-out; a Gaussian process with a linear and a
 squared-exponential kernel, by marginal likelihood. Their 95 % intervals are the leave-one-out error times Student's quantile, and the process's own.
 
 "Best" is the smallest error of the three regressions, each over all draws, which nobody could have picked without the held-out frames.
@@ -33,6 +33,7 @@ import palpate as pp
 from palpate.calibrate import ForceMap, likely_maps
 from palpate.calibrate.forcemap import usual_scale
 from palpate.calibrate.labels import press_numbers
+from palpate.calibrate.prior import SHEAR_SHARE
 from palpate.calibrate.process import Process
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -47,7 +48,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Split:
-    """Readings (frame, reading) and one force (frame,) to learn from and to be tested on; times of the first where it is one stream."""
+    """Readings (frame, reading) and one force (frame,) to learn from and to be tested on; times of the first where it is one stream; the normal force beside shear."""
 
     name: str
     skin: pp.Skin
@@ -58,6 +59,7 @@ class Split:
     held_readings: Array
     held_force: Array
     zero_known: bool = True
+    normal: Array | None = None
 
 
 # -- sets ----------------------------------------------------------------------------------------------------------------
@@ -98,8 +100,9 @@ def melexis(folder: Path, rng: np.random.Generator) -> Iterator[Split]:
     for component, sign, name in ((2, -1.0, "Fz"), (0, 1.0, "Fx"), (1, 1.0, "Fy")):
         force = sign * table[:, 18 + component]
         yield Split(
-            f"melexis {name}", skin, component, readings[:half], force[:half], None, readings[half:], force[half:]
-        )
+            f"melexis {name}", skin, component, readings[:half], force[:half], None, readings[half:], force[half:],
+            normal=None if name == "Fz" else table[:half, 20],
+        )  # fmt: skip
 
 
 def eflesh(folder: Path, rng: np.random.Generator) -> Iterator[Split]:
@@ -217,9 +220,10 @@ def fitted(split: Split) -> ForceMap:
     press = press_numbers(split.time, split.force, np.zeros(n, dtype=np.int64))
     physics = None if likely is None else likely[split.component]
     scale = usual_scale(split.readings)
+    expected = 0.0 if split.normal is None else SHEAR_SHARE * float(np.sqrt(np.mean(split.normal**2)))
     labels = Process(
-        split.readings, split.force, np.zeros(n), scale, physics, press, split.time, zero_known=split.zero_known
-    )
+        split.readings, split.force, np.zeros(n), scale, physics, press, split.time, zero_known=split.zero_known, expected=expected
+    )  # fmt: skip
     return ForceMap.fit(labels)
 
 
@@ -258,7 +262,7 @@ def measured(
                 for size in SIZES:
                     k = rng.permutation(len(split.force))[:size]
                     part = Split(
-                        split.name, split.skin, split.component, split.readings[k], split.force[k], None if split.time is None else split.time[k], at, truth, split.zero_known
+                        split.name, split.skin, split.component, split.readings[k], split.force[k], None if split.time is None else split.time[k], at, truth, split.zero_known, None if split.normal is None else split.normal[k]
                     )  # fmt: skip
                     for method, function in METHODS.items():
                         begun = clock.process_time()

@@ -37,7 +37,7 @@ from palpate.calibrate.labels import (
     stuck_labels,
     weights_of,
 )
-from palpate.calibrate.prior import likely_maps
+from palpate.calibrate.prior import SHEAR_SHARE, likely_maps
 from palpate.calibrate.process import Process
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -522,7 +522,20 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None, *, zero_kno
             earlier = np.zeros(len(p.values), dtype=np.int64) if p.run is None else p.run
             run = np.concatenate([earlier[keep], run + earlier.max() + 1])
         physics = None if likely is None else likely[i]
+        normal = data.known.get("fz", np.zeros(1))
+        expected = SHEAR_SHARE * math.sqrt(float(np.nanmean(normal**2))) if name in ("fx", "fy") else 0.0
         out[name] = ForceMap.fit(
-            Process(flat, values, std, usual_scale(flat), physics, press, seconds, run, zero_known=zero_known)
+            Process(
+                flat,
+                values,
+                std,
+                usual_scale(flat),
+                physics,
+                press,
+                seconds,
+                run,
+                zero_known=zero_known,
+                expected=expected,
+            )
         )
     return out

@@ -11,19 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from palpate.calibrate.process import FLOOR, MEMBERS, NAMES, Fitted, Process, Scaled
+from palpate.calibrate.process import FLOOR, JITTER, MEMBERS, NAMES, Fitted, Process, Scaled
 from palpate.elastic.pad import Floats
 
 __all__ = ["ForceMap"]
 
 #: Largest number of labels that a map keeps: computing time grows with the cube (500: 4 s).
 MAX_LABELS = 500
-#: Weights of the models use the score divided by this power of the number of labels, because labels of one recording
-#: are not independent evidence.
+#: A model has the weight (mean square of its left-out errors)^(-n/2), its likelihood if the variance of errors is not
+#: known. For n, this power of the number of labels: labels of one recording are not independent evidence. The models'
+#: own standard deviations play no part: they are least sure about presses unlike the rest.
 TEMPER = 0.5
-#: Degrees of freedom of an interval: FREEDOM, plus one for every PRESSES_OF_ONE presses. The prior (errors are as large as
-#: the models predict) counts as FREEDOM presses. LARGEST: largest squared error, in variances, that one label contributes.
-FREEDOM, PRESSES_OF_ONE, LARGEST = 4.0, 3.0, 25.0
+#: The prior that errors are as large as the models predict counts as PRIOR_PRESSES. LARGEST: largest squared error, in
+#: variances, that one label contributes.
+PRIOR_PRESSES, LARGEST = 4.0, 25.0
 #: Prior standard deviation of gains between runs, used until labels of several runs show it, and the number of runs as
 #: which it counts. Presses at the same places differed by 3 and 11 % between two streams of four barometers, and by 2
 #: and 3 % between two runs of five magnetometers.
@@ -33,6 +34,8 @@ RUN, RUNS_OF_PRIOR = 0.08, 1.0
 NOVEL, STRONG = 2.0, 0.2
 #: The prior counts as one press at this distance.
 FIRST_DISTANCE = 0.3
+#: Logarithm of an amplitude that vanishes beside all others.
+NO_TERM = -80.0
 #: Number of labels as which the assumption counts that all readings of a sensor have the same magnitude: few presses do
 #: not show that a taxel far from all of them reads little.
 ALIKE_LABELS = 10.0
@@ -67,18 +70,26 @@ class ForceMap:
     @classmethod
     def of(cls, process: Process, members: tuple[Fitted, ...]) -> ForceMap:
         """Build the average of fitted models."""
-        score = np.array([m.score for m in members])
-        weights = np.exp((score - score.max()) / len(process.values) ** TEMPER)
+        square = np.array([(m.left_out**2).mean() for m in members]) + JITTER * process.unit**2
+        weights = (square.min() / square) ** (0.5 * len(process.values) ** TEMPER)
         made = cls(process, members, weights / weights.sum(), 1.0)
         squares = np.minimum((made.left_out / made.left_out_std) ** 2, LARGEST)
         # labels of the same press share their error and count as one
         each = [float(squares[process.press == p].mean()) for p in np.unique(process.press)]
-        return replace(made, inflation=float(np.sqrt((FREEDOM + sum(each)) / (FREEDOM + len(each)))))
+        return replace(made, inflation=float(np.sqrt((PRIOR_PRESSES + sum(each)) / (PRIOR_PRESSES + len(each)))))
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of Student's distribution for the intervals."""
-        return FREEDOM + len(np.unique(self.process.press)) / PRESSES_OF_ONE
+        """Degrees of freedom of Student's distribution for the intervals: one, plus the number of presses that show how
+        large the quantity is, (sum r^2)^2 / sum r^4 for presses whose readings have the sizes r.
+
+        Sizes of all terms are fractions of the typical label, which three labels do not show well, and a light press
+        shows less than a strong one.
+        """
+        p = self.process
+        square = Scaled.of(p.readings, p.scale).size ** 2
+        each = np.array([square[p.press == press].mean() for press in np.unique(p.press)])
+        return 1.0 + float(each.sum() ** 2 / (each**2).sum())
 
     def predict(self, readings: Floats) -> tuple[Floats, Floats]:
         """Return value and standard deviation for each frame."""
@@ -154,7 +165,7 @@ class ForceMap:
         p = self.process
         out: dict[str, Any] = {
             "readings": p.readings, "values": p.values, "std": p.std, "scale": p.scale, "press": p.press,
-            "log": np.stack([m.log for m in self.members]),
+            "log": np.stack([m.log for m in self.members]), "expected": np.asarray(p.expected),
         }  # fmt: skip
         if p.physics is not None:
             out["physics"] = p.physics
@@ -168,11 +179,13 @@ class ForceMap:
     def from_arrays(cls, held: Mapping[str, Any]) -> ForceMap:
         """Return the map that `arrays` describes."""
         log = held["log"]
-        # older files have fewer models, in the same order
-        if log.ndim != 2 or not 1 <= len(log) <= len(MEMBERS) or log.shape[1] != len(NAMES):
+        # older files have fewer models and hyperparameters, in the same order; they knew no bend
+        if log.ndim != 2 or not 1 <= len(log) <= len(MEMBERS) or not len(NAMES) - 1 <= log.shape[1] <= len(NAMES):
             raise ValueError(f"holds {log.shape} hyperparameters for {(len(MEMBERS), len(NAMES))}")
+        log = np.pad(log, ((0, 0), (0, len(NAMES) - log.shape[1])), constant_values=NO_TERM)
         process = Process(
-            held["readings"], held["values"], held["std"], held["scale"], held.get("physics"), held["press"], held.get("time"), held.get("run")
+            held["readings"], held["values"], held["std"], held["scale"], held.get("physics"), held["press"], held.get("time"), held.get("run"),
+            expected=float(held.get("expected", 0.0)),
         )  # fmt: skip
         lacks = () if process.physics is not None else ("physics",)
         members = tuple(process.made(row, (*without, *lacks)) for row, without in zip(log, MEMBERS))

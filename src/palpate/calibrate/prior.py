@@ -14,7 +14,7 @@ from palpate.sensing.grids import AreaGrid, Grid
 from palpate.sensing.operator import Operator
 from palpate.sensing.uncertainty import stretched
 
-__all__ = ["Presses", "draw_presses", "likely_maps"]
+__all__ = ["SHEAR_SHARE", "Presses", "draw_presses", "likely_maps"]
 
 #: Number of random skins, and of presses on each. From 24 skins on, the moment for a 15-channel sensor changes by less
 #: than a tenth.
@@ -26,6 +26,8 @@ GEOMETRY, GAIN, CROSSTALK = 0.3, 0.3, 0.05
 NOISE = 0.03
 #: Largest ratio of shear to normal force, and the fraction of presses that have shear.
 SHEAR, SHEARED = 0.5, 0.6
+#: Root mean square of one component of the shear force over that of the normal force, for such presses.
+SHEAR_SHARE = (SHEARED * SHEAR**2 / 6.0) ** 0.5
 
 
 @dataclass(frozen=True, eq=False)

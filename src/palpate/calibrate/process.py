@@ -2,8 +2,10 @@
 
 With z the readings over their scale, r = |z| and u = z/r, the covariance of the quantity at two frames is
 
-    a1 z' P z           maps that the pad's physics makes likely (`palpate.calibrate.prior`)
-    a2 z . z'           any linear map
+    a1 z' P z (1 + c log r log r')
+                        maps that the pad's physics makes likely (`palpate.calibrate.prior`)
+    a2 z . z' (1 + c log r log r')
+                        any linear map
     a3 (r r')^q exp(-|u - u'|^2 / 2 m^2)
                         any map that grows as a power q of the readings: q = 1 where pad and contact are linear,
                         and where the contact grows with the load force and readings have different powers
@@ -12,9 +14,10 @@ With z the readings over their scale, r = |z| and u = z/r, the covariance of the
     a5 (z . z')^2       quadratic maps
     a6                  a zero that is not exact
 
-and that of its errors is b1 (noise) + b2 r r' (model error that is new in every frame) + b3 r r' exp(-|t - t'|/c) (lag and drift, equal in frames of
-one press). At rest r = 0 and the force is zero. The hyperparameters have log-normal priors and maximise the posterior; the prediction averages over
-members with fewer terms (`MEMBERS`), weighted by cross-validation.
+and that of its errors is b1 (noise) + b2 r r' (model error that is new in every frame) + b3 r r' exp(-|t - t'|/s) (lag and drift, equal in frames of
+one press). At rest r = 0 and the force is zero. The bend c lets each map grow as a power of the readings that differs from one: z r^p is
+about z (1 + p log r). The hyperparameters have log-normal priors and maximise the posterior; the prediction averages over members with fewer
+terms (`MEMBERS`), weighted by cross-validation.
 """
 
 from __future__ import annotations
@@ -30,13 +33,13 @@ from palpate.errors import InvalidInput
 __all__ = ["MEMBERS", "Fitted", "Process"]
 
 #: Hyperparameters: log of the prior median, and prior standard deviation of the log. Amplitudes are fractions of the
-#: mean square of the quantity. Values are conventions; only the lengths, the time and the share were adjusted, towards
-#: what 300 labels of two sensors show (four barometers, one Hall-effect skin).
+#: mean square of the quantity. Values are conventions; only the lengths, the time, the share, the power and the bend were
+#: adjusted, towards what labels of published sensors show (barometers, a Hall-effect skin, magnetometers).
 PRIORS = {
     "physics": (np.log(0.5), 1.5),
     "linear": (np.log(0.2), 1.5),
     "growing": (np.log(0.15), 1.5),
-    "power": (0.0, 0.25),
+    "power": (np.log(0.8), 0.4),
     "angle": (np.log(0.6), 0.7),
     "free": (np.log(0.05), 1.5),
     "length": (np.log(0.6), 0.7),
@@ -46,6 +49,7 @@ PRIORS = {
     "share": (2 * np.log(0.04), 1.5),
     "lag": (2 * np.log(0.05), 1.5),
     "time": (np.log(5.0), 1.5),
+    "bend": (2 * np.log(0.3), 1.0),
 }
 #: Prior of the amplitude of the zero if no frame at rest is known: taxels under a glued cap have a reading at rest.
 UNKNOWN_ZERO = (np.log(0.02), 1.5)
@@ -100,6 +104,8 @@ class Terms:
 
     parts: dict[str, Floats]
     log_size: Floats
+    #: Part of the covariance that is proportional to the bend.
+    bent: Floats
     angle: Floats
     distance: Floats
 
@@ -113,33 +119,38 @@ def terms(a: Scaled, b: Scaled, log: Floats, physics: Floats | None, without: tu
     value = np.exp(log)
     dot = a.z @ b.z.T
     log_size = np.log(a.size)[:, None] + np.log(b.size)[None]
+    bend = 0.0 if "bend" in without else value[AT["bend"]] * np.outer(np.log(a.size), np.log(b.size))
+    straight = {"linear": value[AT["linear"]] * dot}
+    if physics is not None:
+        straight["physics"] = value[AT["physics"]] * (a.z @ physics) @ b.z.T
+    straight = {k: v for k, v in straight.items() if k not in without}
     angle = np.maximum(2.0 - 2.0 * a.direction @ b.direction.T, 0.0) / value[AT["angle"]] ** 2
     squares = (a.z**2).sum(axis=1)[:, None] + (b.z**2).sum(axis=1)[None]
     distance = np.maximum(squares - 2.0 * dot, 0.0) / value[AT["length"]] ** 2
     parts = {
-        "linear": value[AT["linear"]] * dot,
+        **{k: v * (1.0 + bend) for k, v in straight.items()},
         "growing": value[AT["growing"]] * np.exp(value[AT["power"]] * log_size - 0.5 * angle),
         "free": value[AT["free"]] * np.exp(-0.5 * distance),
         "quadratic": value[AT["quadratic"]] * dot**2,
         "zero": np.full(dot.shape, value[AT["zero"]]),
     }
-    if physics is not None:
-        parts["physics"] = value[AT["physics"]] * (a.z @ physics) @ b.z.T
-    return Terms({k: v for k, v in parts.items() if k not in without}, log_size, angle, distance)
+    bent = np.asarray(bend * sum(straight.values(), start=np.zeros(())))
+    return Terms({k: v for k, v in parts.items() if k not in without}, log_size, bent, angle, distance)
 
 
 def variance(a: Scaled, log: Floats, physics: Floats | None, without: tuple[str, ...]) -> Floats:
     """Return the prior variance of each frame."""
     value, square = np.exp(log), (a.z**2).sum(axis=1)
+    bent = 1.0 if "bend" in without else 1.0 + value[AT["bend"]] * np.log(a.size) ** 2
     parts = {
-        "linear": value[AT["linear"]] * square,
+        "linear": value[AT["linear"]] * square * bent,
         "growing": value[AT["growing"]] * a.size ** (2.0 * value[AT["power"]]),
         "free": np.full(len(square), value[AT["free"]]),
         "quadratic": value[AT["quadratic"]] * square**2,
         "zero": np.full(len(square), value[AT["zero"]]),
     }
     if physics is not None:
-        parts["physics"] = value[AT["physics"]] * np.einsum("ij,jk,ik->i", a.z, physics, a.z)
+        parts["physics"] = value[AT["physics"]] * np.einsum("ij,jk,ik->i", a.z, physics, a.z) * bent
     return np.asarray(sum(v for k, v in parts.items() if k not in without))
 
 
@@ -157,8 +168,6 @@ class Fitted:
         Cholesky factor of the covariance of the labels.
     weights : array (label,)
         Weight of each label in a prediction.
-    score : float
-        Log predictive probability in cross-validation.
     left_out, left_out_std : array (label,)
         Error of each label when its press is left out, and its standard deviation.
     run_gains : array (run,)
@@ -169,7 +178,6 @@ class Fitted:
     without: tuple[str, ...]
     factor: Floats
     weights: Floats
-    score: float
     left_out: Floats
     left_out_std: Floats
     run_gains: Floats
@@ -199,6 +207,8 @@ class Process:
         Which recording each label comes from; None: all from one.
     zero_known : bool
         Whether the readings' zero was taken from frames at rest; else the quantity at readings of 0 is open (`UNKNOWN_ZERO`).
+    expected : float
+        Root mean square of the quantity that other labels suggest, such as the normal force for shear; it counts as one label. 0: nothing is known.
     """
 
     readings: Floats
@@ -210,11 +220,13 @@ class Process:
     time: Floats | None = None
     run: np.ndarray[tuple[int, ...], np.dtype[np.int64]] | None = None
     zero_known: bool = True
+    expected: float = 0.0
 
     @property
     def unit(self) -> float:
-        """Root mean square of the values, which is the unit of the amplitudes."""
-        return float(np.sqrt(np.mean(self.values**2))) or 1.0
+        """Root mean square of the values and the expected one, which is the unit of the amplitudes."""
+        squares = self.values**2
+        return float(np.sqrt(np.mean(np.append(squares, self.expected**2) if self.expected else squares))) or 1.0
 
     @property
     def scaled_physics(self) -> Floats | None:
@@ -263,6 +275,7 @@ class Process:
             for name in TERMS:
                 if name in made.parts:
                     gradient[AT[name]] = 0.5 * np.vdot(w, made.parts[name])
+            gradient[AT["bend"]] = 0.5 * np.vdot(w, made.bent)
             if "growing" in made.parts:
                 part = w * made.parts["growing"]
                 gradient[AT["power"]] = 0.5 * value[AT["power"]] * np.vdot(part, made.log_size)
@@ -303,14 +316,13 @@ class Process:
             at = np.flatnonzero(self.press == press)
             block = np.linalg.inv(inverse[np.ix_(at, at)])
             error[at], std[at] = block @ alpha[at], np.sqrt(np.maximum(np.diag(block), JITTER))
-        score = float((-0.5 * (error / std) ** 2 - np.log(std)).sum())
         gains = []
         runs = np.zeros(0, dtype=np.int64) if self.run is None else np.unique(self.run)
         for run in runs if len(runs) > 1 else ():
             at = np.flatnonzero(self.run == run)
             off = np.linalg.solve(inverse[np.ix_(at, at)], alpha[at])
             gains.append(float(off @ z[at]) / max(float(z[at] @ z[at]), JITTER))
-        return Fitted(log, without, factor, alpha, score, error * self.unit, std * self.unit, np.array(gains))
+        return Fitted(log, without, factor, alpha, error * self.unit, std * self.unit, np.array(gains))
 
     def predict(self, member: Fitted, readings: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the quantity in frames (frame, reading) that belong to a new press."""

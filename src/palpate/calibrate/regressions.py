@@ -54,7 +54,7 @@ def gaussian_process(readings: Floats, values: Floats, wanted: Floats) -> Floats
     process = Process(
         x, values - level, np.zeros(len(values)), np.full(x.shape[1], np.sqrt(x.shape[1])), None, np.arange(len(values))
     )
-    member = process.fit(("growing", "quadratic"))
+    member = process.fit(("growing", "quadratic", "bend"))
     return level + process.predict(member, at)[0]
 
 

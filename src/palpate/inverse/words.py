@@ -57,6 +57,7 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
         found.append(
             f'{ASSUMED}Young\'s modulus known to {100.0 * MODULUS:g} % (to change this: "200 kPa +- 5 %" in skin.toml, or uncertainty=)'
         )
+    found.extend(getattr(problem.pad, "notes", ()))
     found.extend(getattr(prepared, "notes", ()))
     return tuple(found)
 
