@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -40,7 +41,9 @@ from palpate.camera import (
 from palpate.camera.touches import gel_skin
 from palpate.sensing.uncertainty import EXACT
 
-GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from camera_scenes import GEL, gel_file
+
 PITCH, DIAMETER, SCALE, SIZE, DEPTH = 2e-3, 0.8e-3, 0.06e-3, (320, 240), 0.5e-3
 FRICTION, DEPTH_NOISE = 0.4, 5e-6
 CHANNELS = ["displacement_x", "displacement_y"]
@@ -330,24 +333,6 @@ def rate(base: Scene) -> Iterator[str]:
         )
 
 
-SECTION = """\
-[pad]
-kind = "bonded_layers"
-
-[[pad.layer]]
-thickness = "3.5 mm"
-youngs_modulus = "300 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-
-[camera]
-"""
-
-
 def source(base: Scene, seconds: float, wall: bool) -> Iterator[str]:
     """`palpate live --camera` on a stand-in, whose pictures come by a clock of their own."""
     shown: list[tuple[str, tuple[int, int], float, Dots | Texture]] = [
@@ -358,7 +343,7 @@ def source(base: Scene, seconds: float, wall: bool) -> Iterator[str]:
     scenes = []
     for label, size, scale, print_ in shown:
         where = f'scale = "{1e3 * scale:g} mm"\n' + ("" if print_ is base.print else 'texture = "1.5 mm"\n')
-        scenes.append((label, Scene(pad=GEL, depth=DEPTH, print=print_, size=size, scale=scale), SECTION + where))
+        scenes.append((label, Scene(pad=GEL, depth=DEPTH, print=print_, size=size, scale=scale), gel_file(where)))
     yield from camera_source.rates(scenes, seconds, wall=wall)
 
 

@@ -223,11 +223,16 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "plain": ("noise of 5 %, no outliers", {"noise": 0.05, "outliers": False, "edge": False}),
     "outliers": ("noise of 5 %, 3 % outliers", {"noise": 0.05, "outliers": True, "edge": False}),
     "weak": ("noise of 20 %", {"noise": 0.2, "outliers": False, "edge": False}),
+    "round": ("noise of 5 %, round adhesions", {"noise": 0.05, "outliers": False, "edge": False, "aspect": (1.0, 1.0)}),
+    "long": (
+        "noise of 5 %, adhesions four times as long as wide",
+        {"noise": 0.05, "outliers": False, "edge": False, "aspect": (4.0, 4.0)},
+    ),
 }
 
 
 def special(first: int, count: int, methods: list[str], kinds: list[str]) -> list[str]:
-    """Outliers, and weak cells, on the same cells."""
+    """Outliers, weak cells and shapes of adhesions, on the same cells."""
     lines = []
     for name, options in (KINDS[kind] for kind in kinds):
         for method in methods:

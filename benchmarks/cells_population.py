@@ -74,9 +74,9 @@ class Cell:
 
 
 def cell_of(
-    seed: int, *, noise: float | None = None, outliers: bool | None = None, edge: bool | None = None, step: int | None = None, count: int | None = None, window: int | None = None, margin: float | None = None,
+    seed: int, *, noise: float | None = None, outliers: bool | None = None, edge: bool | None = None, step: int | None = None, count: int | None = None, window: int | None = None, margin: float | None = None, aspect: tuple[float, float] = (1.0, 4.0),
 ) -> Cell:  # fmt: skip
-    """One cell of the population; what is said is not drawn, and everything else stays as it is."""
+    """One cell of the population; what is said is not drawn, and everything else stays as it is. Length over width of adhesions is between the two of ``aspect``."""
     rng = np.random.default_rng([4300, seed])
     largest = float(np.exp(rng.uniform(math.log(0.08e-6), math.log(0.6e-6))))
     ratio = float(rng.uniform(0.3, 0.5))
@@ -94,7 +94,7 @@ def cell_of(
     wide = wide if margin is None else margin
     n = int(np.clip(2 * radius * wide / (step * SQUARE), 20, 64)) if count is None else count
     squares = n * step
-    traction, outlines, mask = _adhesions(rng, squares, radius, edge)
+    traction, outlines, mask = _adhesions(rng, squares, radius, edge, aspect)
     u = displacement_of(traction, 1e3, ratio)
     # as stiff as makes displacements those of experiments
     modulus = 1e3 * float(np.hypot(*u).max()) / largest
@@ -130,7 +130,7 @@ def cell_of(
 
 
 def _adhesions(
-    rng: np.random.Generator, squares: int, radius: float, edge: bool
+    rng: np.random.Generator, squares: int, radius: float, edge: bool, aspect: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Traction (2, row, column), outlines and the cell's mask, on a field that is wider than the view where the cell is at its edge."""
     whole = 2 * squares if edge else squares
@@ -162,7 +162,7 @@ def _adhesions(
         px, py = px + middle[0], py + middle[1]
         pull = np.arctan2(middle[1] - py, middle[0] - px) + np.radians(20) * rng.standard_normal()
         length = rng.uniform(0.4e-6, 3.0e-6)
-        width = max(length / rng.uniform(1.0, 4.0), 0.3e-6)
+        width = max(length / rng.uniform(*aspect), 0.3e-6)
         long, across = turned(x - px, y - py, pull)
         inside = (2 * long / length) ** 2 + (2 * across / width) ** 2
         profile = (inside < 1).astype(float) if rng.random() < 0.5 else np.sqrt(np.clip(1 - inside, 0, None))

@@ -69,20 +69,20 @@ MAPS = {"microscopy.doubts": ("REMEDIES",)}
 #: Words of an advice that notes have besides those of messages.
 ADVICE = (
     messages.ADVICE
-    + r"|\b(?:give|say) \w+=|make these the zero|\((?:give|up=)|rezero\(\)|resume goes on|\) helps?;|seek it as well|must touch|palpate reconstruct|allow more|helps; |Compare it|then end the"
+    + r"|\b(?:give|say) \w+=|make them the zero|\((?:give|up=)|rezero\(\)|resume goes on|\) helps?;|seek it as well|must touch|palpate reconstruct|allow more|helps; |Compare it|then end the"
     + r"|uncertainty=Uncertainty"
 )
-DOUBT = r"\?|may be wrong|cannot be told|cannot tell|known roughly|misreads|or a broken"
+DOUBT = r"\?|may be wrong|cannot be separated|do not separate|is uncertain|misreads|or a broken"
 _CAMERA, _ROS = "needs a camera that is unplugged", "needs ROS 2 running"
 #: Notes that no test can bring about: room, words, and why.
 ELSEWHERE: tuple[tuple[str, str, str], ...] = (
     ("camera.pictures", "gives no pictures any more", _CAMERA),
     ("cli.ros", "", _ROS),
-    ("inverse.words", "these channels alone cannot tell pressure", "needs channels that were not measured"),
+    ("inverse.words", "these channels alone do not separate pressure", "needs channels that were not measured"),
     ("status", "the arithmetic broke down", "no frame is known that brings it about"),
     (
         "touch.outcome",
-        "the net force is known roughly only",
+        "the net force is uncertain",
         "the readings hold no more: needs more taxels, or less noise",
     ),
     ("ros.node", "", _ROS),

@@ -29,41 +29,11 @@ import palpate as pp
 from palpate import simulation
 from palpate.ros import message_class, ros_client
 
-SKIN = """
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from camera_scenes import BALL, gel_file, small_scene
+from skin_files import SHEAR, skin_text
 
-[[plane]]
-kind = "area"
-shape = [{0}, {0}]
-pitch = "{1} mm"
-depth = "2 mm"
-channels = ["stress_xz", "stress_yz", "stress_zz"]
-noise = "200 Pa"
-
-[stream]
-topic = "/finger"
-unit = "Pa"
-"""
-GEL = """
-[pad]
-kind = "bonded_layers"
-
-[[pad.layer]]
-thickness = "3.5 mm"
-youngs_modulus = "300 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-
-[camera]
-scale = "{0} mm"
-"""
+STREAM = '\n[stream]\ntopic = "/finger"\nunit = "Pa"\n'
 REST = 20
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
@@ -163,13 +133,8 @@ def pictures(columns: int, rows: int, kind: str) -> list[Any]:
     """A press that comes and goes, filmed; the gel is at rest first."""
     import cv2
 
-    from palpate.camera import Dots, Scene, dot_grid
-
-    pad = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
-    scene = Scene(
-        pad=pad, depth=0.5e-3, print=Dots(dot_grid((5, 7), 2e-3), 0.8e-3), size=(columns, rows), scale=16e-3 / columns
-    )
-    press = scene.skin.sample(pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.3))
+    scene = small_scene(columns=columns, rows=rows)
+    press = scene.skin.sample(BALL)
     rng = np.random.default_rng(0)
     out = []
     for part in (*[0.0] * REST, *np.sin(np.linspace(0.0, np.pi, 40)[1:]) ** 2):
@@ -217,10 +182,12 @@ def main() -> None:
         os.environ["ROS_LOG_DIR"] = name
         kind = COMPRESSED if arguments.jpeg else IMAGE
         if arguments.gel:
-            (folder / "skin.toml").write_text(GEL.format(16.0 / arguments.gel[0]))
+            (folder / "skin.toml").write_text(gel_file(f'scale = "{16.0 / arguments.gel[0]} mm"'))
             robot = Robot(pictures(*arguments.gel, kind), kind)
         else:
-            (folder / "skin.toml").write_text(SKIN.format(arguments.taxels, 12.0 / arguments.taxels))
+            taxels, pitch = (arguments.taxels, arguments.taxels), f"{12.0 / arguments.taxels} mm"
+            text = skin_text(*taxels, channels=SHEAR, pitch=pitch, depth="2 mm", noise="200 Pa") + STREAM
+            (folder / "skin.toml").write_text(text)
             robot = Robot(images(pp.Skin.from_file(folder / "skin.toml")))
         process = started(folder, robot.kind)
         try:

@@ -2,7 +2,7 @@
 
     pip install "palpate[solid]" && python benchmarks/solid.py [--write]
 
-`--write` writes docs/_generated/solid.md. Where pypardiso is installed, its solver is used.
+`--write` writes the parts that were run into docs/_generated/solid.md. Where pypardiso is installed, its solver is used.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ import argparse
 import importlib.util
 import math
 import os
+import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,6 @@ PAGE = Path(__file__).parents[1] / "docs" / "_generated" / "solid.md"
 MODULUS = 2e5
 #: What is pressed to time frames.
 BALL = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0)
-PARTS = ["shell", "layer", "side", "dome", "crook", "times", "journey"]
 
 
 def shell(count: int, through: int, inner: float, outer: float) -> MeshHex:
@@ -69,22 +69,52 @@ def squeezed_shell(count: int, through: int, ratio: float) -> tuple[float, float
     return moved, stress / -(3.0 * bulk * slope - 4.0 * shear * core / 0.75**3)
 
 
-def beside_layer(element: float, ratio: float) -> list[float]:
-    """Largest difference to the endless layer in the middle of a wide box, over the largest reading: base stress, displacement on the surface, stress inside."""
+def graded(half: float, flat: float, element: float) -> np.ndarray:
+    """Lines of a mesh from -half to half: equal elements up to +-flat, each one beyond them 1.3 times the last."""
+    wanted = [*np.arange(0.0, flat + 1e-9, element)]
+    while wanted[-1] < half:
+        wanted.append(wanted[-1] + 1.3 * (wanted[-1] - wanted[-2]))
+    x = np.array(wanted)
+    beyond = x > flat + 1e-9
+    x[beyond] = flat + (x[beyond] - flat) * (half - flat) / (x[-1] - flat)
+    return np.concatenate([-x[:0:-1], x])
+
+
+def beside_layer(through: int, ratio: float) -> tuple[int, list[float]]:
+    """Elements, and largest difference to the endless layer in the middle of a box eight thicknesses wide, over the
+    largest reading: base stress, displacement on the surface, stress inside; at 24 places up to 0.6 thicknesses from
+    the middle.
+
+    Beyond one thickness from the middle the elements grow towards the sides: a box six thicknesses wide differs from
+    the endless layer by 1 % for its sides alone.
+    """
     h = 2e-3
-    pad = pp.SolidPad.box(6 * h, 6 * h, h, youngs_modulus=MODULUS, poissons_ratio=ratio, element=element)
+    lines = graded(4 * h, h, h / through)
+    block = MeshHex.init_tensor(lines, lines, np.linspace(0.0, h, through + 1))
+    outside = block.facets[:, block.boundary_facets()]
+    depth = block.p[2, outside]
+    pad = pp.SolidPad(
+        vertices=np.ascontiguousarray(block.p.T),
+        elements=np.ascontiguousarray(block.t.T),
+        base=outside[:, (depth > 0.999 * h).all(axis=0)].T,
+        contact=outside[:, (depth < 0.001 * h).all(axis=0)].T,
+        youngs_modulus=MODULUS,
+        poissons_ratio=ratio,
+    )
     ball = pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0).sliding(0.3)
-    grid = 1e-3 * np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
+    places = np.random.default_rng(5).uniform(-0.6 * h, 0.6 * h, (24, 2))
+    stress = ["stress_xz", "stress_yz", "stress_zz"]
     arrays = [
-        pp.ScatteredArray(positions=grid, depth="base", channels=["stress_xz", "stress_yz", "stress_zz"]),
-        pp.ScatteredArray(positions=grid, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"]),
-        pp.ScatteredArray(positions=grid, depth=0.5 * h, channels=["stress_xz", "stress_yz", "stress_zz"]),
+        pp.ScatteredArray(positions=places, depth="base", channels=stress),
+        pp.ScatteredArray(positions=places, depth=0.0, channels=["displacement_x", "displacement_y", "displacement_z"]),
+        pp.ScatteredArray(positions=places, depth=0.5 * h, channels=stress),
     ]
+    surface = pad.grid(shape=(40, 40), spacing=0.15e-3)
     out = []
     for array in arrays:
-        found, usual = pp.Skin(pad, array).sense(ball), pp.Skin(pad.endless, array).sense(ball)
+        found, usual = pp.Skin(pad, array, surface=surface).sense(ball), pp.Skin(pad.endless, array).sense(ball)
         out.append(float(np.abs(found - usual).max() / np.abs(usual).max()))
-    return out
+    return len(pad.elements), out
 
 
 def near_a_side() -> list[str]:
@@ -135,7 +165,7 @@ def in_a_crook() -> list[str]:
     """The same in a bend of radius 15 mm, from inside; 18 x 16 x 3 mm."""
     make = {"youngs_modulus": MODULUS, "poissons_ratio": 0.48}
     truth, model, other = (
-        pp.SolidPad.bend(-15e-3, 18e-3, 16e-3, 3e-3, element=e, **make) for e in (1.2e-3, 1.6e-3, 1.0e-3)
+        pp.SolidPad.bend(-15e-3, 18e-3, 16e-3, 3e-3, element=e, **make) for e in (0.8e-3, 1.0e-3, 1.2e-3)
     )
     return _curved(truth, model, other, {"middle": 0.0, "6 mm along the arc": 6e-3})
 
@@ -217,6 +247,32 @@ def times() -> list[str]:
     return lines
 
 
+def large() -> list[str]:
+    """Preparation and frames of 20 x 20 markers and 20,000 surface cells; run this part by itself, its memory is that
+    of the whole process.
+    """
+    pad = pp.SolidPad.box(25.25e-3, 20.75e-3, 4e-3, youngs_modulus=MODULUS, poissons_ratio=0.48)
+    channels = ["displacement_x", "displacement_y", "displacement_z"]
+    array = pp.AreaArray(shape=(20, 20), pitch=(0.95e-3, 1.15e-3), depth=0.0, channels=channels, noise=2e-6)
+    surface = pad.grid(shape=(128, 157), spacing=(20.75e-3 / 128, 25.25e-3 / 157))
+    clock, processor = time.perf_counter(), time.process_time()
+    skin = pp.Skin(pad, array, surface=surface)
+    readings = skin.sense(np.zeros((3, *surface.shape)))
+    spent = time.perf_counter() - clock, time.process_time() - processor
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    readings = [skin.sense(BALL.shifted(x, 0.0), rng=np.random.default_rng(1)) for x in (0.0, 1e-3, 2e-3)]
+    clock = time.perf_counter()
+    solve = partial(skin.reconstruct, method="tikhonov")
+    solve(readings[0])
+    first = time.perf_counter() - clock
+    return [
+        f"{len(pad.elements)} elements, {3 * pad.solid.basis.N} unknowns, {math.prod(surface.shape)} cells of the surface, "
+        f"{len(array.points)} x 3 markers, {os.environ.get('OMP_NUM_THREADS', 'all')} threads: prepared in {spent[0]:.0f} s "
+        f"({spent[1]:.0f} s of processor time), {memory:.1f} GB at most. The first frame by Tikhonov's method takes another "
+        f"{first:.0f} s, later ones {_frame_time(solve, readings):.0f} ms of processor time."
+    ]
+
+
 MESH_SKIN = """
 [pad]
 kind = "solid_mesh"
@@ -267,76 +323,93 @@ def journey() -> list[str]:
     ]
 
 
+def layer(ratios: Sequence[float]) -> list[str]:
+    """Table of `beside_layer`."""
+    lines = [
+        "| Poisson's ratio | elements through | elements | base stress | displacement on the surface | stress in the middle |",
+        "|---|---|---|---|---|---|",
+    ]
+    for ratio in ratios:
+        for through in (2, 3, 4, 6):
+            count, found = beside_layer(through, ratio)
+            lines.append(f"| {ratio} | {through} | {count} | " + " | ".join(f"{100 * e:.1f} %" for e in found) + " |")
+    return lines
+
+
+def spheres() -> list[str]:
+    """Table of `squeezed_shell`."""
+    lines = [
+        "| Poisson's ratio | elements | displacement of the outside | radial stress in the middle |",
+        "|---|---|---|---|",
+    ]
+    for ratio in (0.3, 0.49, 0.499):
+        for count, through in ((3, 2), (6, 4)):
+            moved, stress = squeezed_shell(count, through, ratio)
+            lines.append(f"| {ratio} | {6 * count**2 * through} | {moved:.4f} | {stress:.4f} |")
+    return lines
+
+
+STATED = (
+    " Mesh errors are those of `SolidPad.mesh_error` with a third mesh, which gave no readings; the solid models state "
+    "them as `Uncertainty(gain=)`."
+)
+#: What a part measures, and what makes its table.
+PARTS: dict[str, tuple[str, Callable[[], list[str]]]] = {
+    "shell": (
+        "A hollow sphere on a rigid core under pressure, over Lame's solution (1 is right). Its surface is made of "
+        "facets, which are what is left of the error.",
+        spheres,
+    ),
+    "layer": (
+        "The middle of a box eight thicknesses wide, beside the endless layer: largest difference over the largest "
+        "reading at 24 places, a ball of 1.5 thicknesses across. Elements are cubes within one thickness of the "
+        "middle, and grow towards the sides.",
+        partial(layer, (0.3, 0.49, 0.499)),
+    ),
+    "side": (
+        "A ball of radius 1.2 mm that presses with 1 N and drags with 0.2 N along x, near a free side of a gel "
+        "12 x 12 x 3 mm (Poisson's ratio 0.48) with 5 x 5 x 3 taxels under it. The readings are those of a mesh of "
+        "0.75 mm, the solid model has one of 1 mm." + STATED,
+        near_a_side,
+    ),
+    "dome": (
+        "A ball of radius 1.5 mm that presses with 1 N and drags with 0.2 N towards the rim, on a half sphere of "
+        "radius 10 mm with 4 mm of gel on its core (Poisson's ratio 0.48) and 6 x 6 x 3 taxels on the core; places are "
+        "angles from the top. Readings are those of a mesh of 1 mm, the model has one of 1.33 mm. Beside it, what the "
+        "flat endless layer says of the same readings." + STATED,
+        on_a_dome,
+    ),
+    "crook": (
+        "The same ball inside a bend of radius 15 mm, gel 18 x 16 x 3 mm. Meshes of 0.8 and 1 mm." + STATED,
+        in_a_crook,
+    ),
+    "times": ("Displacement of markers on a gel, processor time of one thread.", times),
+    "large": ("Many markers and cells.", large),
+    "journey": ("From a mesh file to newtons, processor time of one thread.", journey),
+}
+
+
+def sections(text: str) -> dict[str, str]:
+    """Parts of the page by name."""
+    parts = text.split("\n## ")[1:]
+    return {part.split("\n", 1)[0].strip(): part.split("\n", 1)[1].strip() for part in parts}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--write", action="store_true")
-    parser.add_argument("--part", choices=PARTS, nargs="*")
+    parser.add_argument("--write", action="store_true", help="put the parts into the page, beside those that it has")
+    parser.add_argument("--part", choices=list(PARTS), nargs="*")
     chosen = parser.parse_args()
-    parts = chosen.part or PARTS
     solver = "MKL PARDISO" if importlib.util.find_spec("pypardiso") else "SuperLU"
-    out = [f"Made by `python benchmarks/solid.py --write` (solver: {solver}).", ""]
-    if {"side", "dome", "crook"} & set(parts):
-        out += [
-            "Mesh errors are those of `SolidPad.mesh_error` with a third mesh, "
-            "which gave no readings; the solid models state them as `Uncertainty(gain=)`.",
-            "",
-        ]
-    if "shell" in parts:
-        out += [
-            "A hollow sphere on a rigid core under pressure, over Lame's solution (1 is right). Its surface is made of facets, which are what is left of the error.",
-            "",
-            "| Poisson's ratio | elements | displacement of the outside | radial stress in the middle |",
-            "|---|---|---|---|",
-        ]
-        for ratio in (0.3, 0.49, 0.499):
-            for count, through in ((3, 2), (6, 4)):
-                moved, stress = squeezed_shell(count, through, ratio)
-                out.append(f"| {ratio} | {6 * count**2 * through} | {moved:.4f} | {stress:.4f} |")
-        out.append("")
-    if "layer" in parts:
-        out += [
-            "The middle of a box six thicknesses wide, beside the endless layer: largest difference over the largest reading, a ball of 1.5 thicknesses across.",
-            "",
-            "| Poisson's ratio | elements through | base stress | displacement on the surface | stress in the middle |",
-            "|---|---|---|---|---|",
-        ]
-        for ratio, finest in ((0.3, 3), (0.49, 4), (0.499, 3)):
-            for through in range(2, finest + 1):
-                found = beside_layer(2e-3 / through, ratio)
-                out.append(f"| {ratio} | {through} | " + " | ".join(f"{100 * e:.1f} %" for e in found) + " |")
-        out.append("")
-    if "side" in parts:
-        out += [
-            "A ball of radius 1.2 mm that presses with 1 N and drags with 0.2 N along x, near a free side of a gel 12 x 12 x 3 mm (Poisson's ratio 0.48) with "
-            "5 x 5 x 3 taxels under it. The readings are those of a mesh of 0.75 mm, the solid model has one of 1 mm.",
-            "",
-            *near_a_side(),
-            "",
-        ]
-    if "dome" in parts:
-        out += [
-            "A ball of radius 1.5 mm that presses with 1 N and drags with 0.2 N towards the rim, on a half sphere of radius 10 mm with 4 mm of gel on its core "
-            "(Poisson's ratio 0.48) and 6 x 6 x 3 taxels on the core; places are angles from the top. Readings are those of a mesh of 1 mm, the model has one "
-            "of 1.33 mm. Beside it, what the flat layer that goes on for ever says of the same readings.",
-            "",
-            *on_a_dome(),
-            "",
-        ]
-    if "crook" in parts:
-        out += [
-            "The same ball inside a bend of radius 15 mm, gel 18 x 16 x 3 mm. Meshes of 1.2 and 1.6 mm.",
-            "",
-            *in_a_crook(),
-            "",
-        ]
-    if "times" in parts:
-        out += ["Displacement of markers on a gel, processor time of one thread:", "", *times(), ""]
-    if "journey" in parts:
-        out += ["From a mesh file to newtons, processor time of one thread:", "", *journey(), ""]
-    text = "\n".join(out)
-    if chosen.write:
-        PAGE.write_text(text)
-    print(text)
+    found = {}
+    for name in chosen.part or PARTS:
+        what, make = PARTS[name]
+        made = f"Made by `python benchmarks/solid.py --part {name} --write` (solver: {solver})."
+        found[name] = "\n".join([f"{what} {made}".strip(), "", *make()])
+        print(f"## {name}\n\n{found[name]}\n", flush=True)
+        if chosen.write:
+            page = sections(PAGE.read_text()) | found
+            PAGE.write_text("\n".join(f"\n## {n}\n\n{page[n]}" for n in PARTS if n in page).strip() + "\n")
 
 
 if __name__ == "__main__":

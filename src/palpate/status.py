@@ -40,18 +40,18 @@ class Status(enum.IntEnum):
         2,
         "capturing zero",
         "the zero is being captured: the frame is taken to be without contact",
-        "touch nothing until the first frames are over, or give baseline=0 where the readings are zero already",
+        "touch nothing until the first frames are over, or pass baseline=0 if the readings have their zero removed already",
     )
     NOT_CONVERGED = (
         3,
         "not converged",
         "the iteration stopped before it reached its tolerance",
-        "the note beside it says what helps on this very frame",
+        "another note of the frame says what helps",
     )
     NOT_PUSHING = (
         4,
         "not pushing",
-        "contact that only pushes does not explain the readings: adhesion, cells that pull, a wrong pad or unit",
+        "a contact that only pushes does not explain the readings: adhesion, cells that pull, a wrong pad or unit",
         'Skin.reconstruct(method="tikhonov") or palpate reconstruct --method tikhonov lets traction pull; otherwise check pad, units and the sign of the readings',
     )
     FROZEN = (
@@ -64,7 +64,7 @@ class Status(enum.IntEnum):
         6,
         "missing",
         "too few readings are finite and in range",
-        "check the sensor's cable, supply and range; the next good frame is answered again",
+        "check the sensor's cable, supply and range; the next good frame is solved again",
         False,
     )
     FAILED = (
@@ -83,14 +83,14 @@ class Status(enum.IntEnum):
     UNDECIDED = (
         9,
         "undecided",
-        "noise or an offset explains these readings, and so may contact",
+        "noise or an offset explains these readings, and so would a contact",
         "give frames at rest (--baseline 30, zero=), or the noise of the array (noise=)",
     )
     OVERLOAD = (
         10,
         "overload",
         "readings lie at the end of their range: the load is at least this, without a known upper limit",
-        "press less, or use a sensor or a setting of a larger range",
+        "press less, or use a sensor or a setting with a larger range",
     )
 
     @classmethod

@@ -192,7 +192,7 @@ def test_words_are_what_this_frame_says() -> None:
     wide = touch_of(frame, 2.0, half=20.0)
     said = judged(frame, wide).words
     assert said[0] == "interval wider than the load"
-    assert "known roughly only" in said[1]
+    assert "is uncertain" in said[1]
     assert judged(frame, wide).wrong
     assert not judged(frame, wide).betrays
     unknown = touch_of(frame, 2.0, _errors=None)

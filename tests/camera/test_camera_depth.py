@@ -47,7 +47,7 @@ def test_depth_narrows_the_normal_force_and_holds_it() -> None:
         low, high = found[label]
         assert ((low < TRUE) & (high > TRUE)).all()
         if given is not None:
-            assert not any("cannot tell pressure from shear" in note for note in last.notes)
+            assert not any("do not separate pressure from shear" in note for note in last.notes)
             assert float(last.force[2]) == pytest.approx(1.2, rel=0.06)
     alone, beside = ((high - low)[2] for low, high in found.values())
     assert beside < 0.6 * alone

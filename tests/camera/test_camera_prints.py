@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from camera_scenes import gel_file
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("av")
@@ -116,23 +117,7 @@ def test_a_picture_that_the_gel_fills_has_no_rim(looks: dict[str, Any]) -> None:
 
 def test_dots_are_sought_within_a_region_that_is_given(tmp_path: Path) -> None:
     """Two corners of a rectangle, or a polygon, in pixels of the size that the section names."""
-    text = """
-[pad]
-kind = "bonded_layers"
-[[pad.layer]]
-thickness = "4 mm"
-youngs_modulus = "300 kPa"
-poissons_ratio = 0.48
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-[camera]
-scale = "0.1268 mm"
-size = [160, 120]
-reference = 2
-roi = ROI
-"""
+    text = gel_file('scale = "0.1268 mm"\nsize = [160, 120]\nreference = 2\nroi = ROI', thickness="4 mm")
     pictures = [BASE.picture(rng=np.random.default_rng(i)) for i in range(3)]
     inside = BASE.truth().rest
     for roi, count in (

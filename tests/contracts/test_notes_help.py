@@ -15,7 +15,7 @@ from palpate.tracking import iteration
 from remedies.noted import MISSING, line, readings, tracked
 
 
-@pytest.mark.parametrize(("budget", "said"), [(1e-7, "budget larger than 1e-07 s"), (None, "tolerance looser than")])
+@pytest.mark.parametrize(("budget", "said"), [(1e-7, "budget larger than 1e-07 s"), (None, "tolerance= looser than")])
 def test_what_ended_an_iteration_is_what_the_note_offers(budget: float | None, said: str) -> None:
     """A looser tolerance does not help where time ran out, nor more time where steps did."""
     with mock.patch.object(iteration, "ITERATIONS", 15 if budget is None else 300):
@@ -23,7 +23,7 @@ def test_what_ended_an_iteration_is_what_the_note_offers(budget: float | None, s
     notes = " ".join(touch.notes)
     assert touch.status == Status.NOT_CONVERGED
     assert said in notes
-    assert ("budget" in notes) is not ("tolerance looser" in notes)
+    assert ("budget" in notes) is not ("tolerance= looser" in notes)
 
 
 @pytest.mark.parametrize(

@@ -13,20 +13,9 @@ import palpate as pp
 from command_line import run
 from palpate.recordings import read_recording
 from palpate.recordings.columns import columns_of, columns_of_text, suggested
+from skin_files import SHEAR, skin_text
 
-SKIN = """
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [2, 3]
-pitch = "4 mm"
-depth = "2 mm"
-channels = ["stress_xz", "stress_yz", "stress_zz"]
-"""
+SKIN = skin_text(2, 3, channels=SHEAR, pitch="4 mm", depth="2 mm")
 
 
 @pytest.fixture
@@ -112,7 +101,7 @@ MISTAKES = {
     "a field as a recording": (("convert", "taxels.npy", "t.nc"), "palpate tfm"),
     "a skin's mistake is not that of --map": (
         ("track", "taxels.csv", "--skin", "odd.toml", "--map", "time=timestamp_ms,stress_zz=z{},unit=8Pa"),
-        "error: odd.toml, line 10: picth is not a key here: is pitch meant?",
+        "error: odd.toml, line 9: picth is not a key here: is pitch meant?",
     ),
     "too many taxels": (
         ("track", "taxels.csv", "--skin", "wide.toml", "--map", "time=timestamp_ms,stress_zz=z{},unit=8Pa"),

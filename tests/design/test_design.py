@@ -14,6 +14,7 @@ from palpate.design import Press, place, read_design, sweep
 from palpate.design.bounds import covariance
 from palpate.design.detection import threshold
 from palpate.design.responses import Responses
+from skin_files import skin_text
 
 SOFT = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
 EXACT = pp.Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
@@ -332,20 +333,9 @@ def test_placement_refuses_in_words(how: dict, words: str) -> None:
 
 # -- files and the command -------------------------------------------------------------------------------------------------
 
-FILE = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [8, 8]
-pitch = "2 mm"
-depth = "2 mm"
-channels = ["stress_zz"]
-noise = "2 kPa"
-
+FILE = (
+    skin_text(8, 8, pitch="2 mm", depth="2 mm", noise="2 kPa")
+    + """
 [press]
 force = "1 N"
 contact_radius = "2 mm"
@@ -356,6 +346,7 @@ depth = ["1 mm", "2 mm", "6 mm"]
 [goal]
 pair = "3.5 mm"
 """
+)
 
 
 @pytest.mark.parametrize(

@@ -360,7 +360,7 @@ def test_pulling_is_said_not_hidden() -> None:
     touch = skin.reconstruct(skin.sense(up, rng=np.random.default_rng(0)))
     assert touch.method == "adaptive"
     assert not touch.pushing
-    assert any("pull as a whole" in n for n in touch.notes)
+    assert any("pulls as a whole" in n for n in touch.notes)
     np.testing.assert_allclose(touch.force[2], -1.0, atol=0.03)
     low, high = touch.interval(0.95, "force")
     assert low[2] < -1.0 < high[2] < 0.0

@@ -14,6 +14,7 @@ from long_runs import long_runs
 from palpate import archives, solutions
 from palpate.recordings import Recording, write_recording
 from palpate.sensing.limits import at_ends, ends_of
+from skin_files import skin_text
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 CHANNELS = ["stress_xz", "stress_yz", "stress_zz"]
@@ -229,20 +230,7 @@ def test_a_recording_whose_zero_is_taken_off_keeps_its_ends(tmp_path: Path) -> N
 
 
 def test_a_skin_file_states_them(tmp_path: Path) -> None:
-    text = """
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "line"
-count = 5
-pitch = "1 mm"
-depth = "1 mm"
-channels = ["stress_xz", "stress_zz"]
-limits = {}
-"""
+    text = skin_text(5, channels=("stress_xz", "stress_zz"), depth="1 mm") + "limits = {}\n"
     path = tmp_path / "skin.toml"
     for given, expected in (
         ('"30 kPa"', [(-3e4, 3e4), (-3e4, 3e4)]),

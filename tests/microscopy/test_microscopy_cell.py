@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -218,6 +219,39 @@ def test_masks(tmp_path: Path) -> None:
     (tmp_path / "a.roi").write_bytes(b"Iout")
     with pytest.raises(InvalidInput, match="XY Coordinates"):
         read_mask(tmp_path / "a.roi")
+
+
+def test_a_field_that_does_not_move_and_noise_that_is_none_are_refused() -> None:
+    u = np.zeros((2, 12, 12))
+    field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6)
+    with pytest.raises(InvalidInput, match="all vectors of the field are equal"):
+        cell_forces(field, GEL)
+    u[0, 3, 3] = 1e-8
+    for noise in (math.nan, 0.0, -1e-9):
+        with pytest.raises(InvalidInput, match="noise must be a positive"):
+            cell_forces(replace(field, displacement=u), GEL, noise=noise)
+
+
+def test_an_error_of_zero_is_not_known() -> None:
+    u = np.zeros((2, 12, 12))
+    std = np.full_like(u, 2e-9)
+    std[0, :2] = 0.0
+    field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6, std=std)
+    assert field.noise == pytest.approx(2e-9)
+    assert "24 of 144 vectors state an error of zero" in " ".join(field.notes)
+    assert replace(field, displacement=u + 1e-9).notes == field.notes
+    assert Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6, std=0.0 * u).noise is None
+
+
+@pytest.mark.parametrize("method", ["adhesions", "tikhonov"])
+def test_intervals_of_sizes_do_not_go_below_zero(method: str) -> None:
+    u = np.zeros((2, 12, 12))
+    u[0, 5:7, 3:5], u[0, 5:7, 7:9] = 40e-9, -40e-9
+    u += 2e-9 * np.random.default_rng(3).standard_normal(u.shape)
+    field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6)
+    forces = cell_forces(field, GEL, mask=[[30, 60], [160, 60], [160, 130], [30, 130]], method=method, draws=8)
+    for key in ("force_inside", "force_outside", "background", "traction_rms", "traction_peak"):
+        assert 0 <= forces[key].interval[0] <= forces[key].value <= forces[key].interval[1]
 
 
 def test_quantities_are_written_as_they_are_known() -> None:

@@ -59,7 +59,7 @@ def test_net_force_of_an_adhesive_contact_is_held(channels: list[str], given: bo
     # the rim's pull is part of the answer, and is said
     assert (np.asarray(touch.values)[:, -1].min(axis=(-2, -1)) < 0.0).all()
     assert not np.asarray(touch.pushing).any()
-    assert any("pull about it was sought too" in note for note in touch.notes)
+    assert any("pull around it was included" in note for note in touch.notes)
 
 
 def test_a_push_is_not_taken_for_an_adhesive_one() -> None:
@@ -107,4 +107,4 @@ def test_a_rim_is_not_taken_for_noise_that_nobody_gave() -> None:
     touch = frame.skin.reconstruct(frame.readings)
     assert np.asarray(touch.values)[-1].min() < -0.2 * np.asarray(touch.values)[-1].max()
     assert float(touch.force[1]) == pytest.approx(frame.load.force[1], rel=0.12)
-    assert any("pull about it was sought too" in n for n in touch.notes)
+    assert any("pull around it was included" in n for n in touch.notes)

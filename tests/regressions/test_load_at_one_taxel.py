@@ -1,4 +1,4 @@
-"""A load that one taxel alone tells, or that lies where nothing is measured, is said."""
+"""A load that only one taxel responds to, or that lies where nothing is measured, is said."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import palpate as pp
 from palpate.bench.trust.rows import make_frame
 
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
-ALONE, ACROSS = "one taxel alone tells a part of the load", "outside the outermost taxels"
+ALONE, ACROSS = "one taxel alone shows a part of the load", "outside the outermost taxels"
 
 
 def said(touch: pp.Touch, words: str) -> bool:

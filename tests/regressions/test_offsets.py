@@ -91,7 +91,7 @@ def test_a_wide_press_that_noise_explains_is_no_shift() -> None:
     assert low[2] < 1.0 < high[2]
     assert touch.force[2] == pytest.approx(1.0, rel=0.1)
     assert touch.fit > 0.1
-    assert any("shift along z cannot be told from contact" in note for note in touch.notes)
+    assert any("shift along z cannot be separated from contact" in note for note in touch.notes)
 
 
 def test_an_offset_of_one_row_is_no_contact() -> None:

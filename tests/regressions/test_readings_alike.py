@@ -38,7 +38,7 @@ def test_one_channel_that_is_alike_may_be_an_even_load(value: float) -> None:
     """An even pressure and an offset read the same: the interval holds both, or the offset is named."""
     skin = pp.Skin(PAD, pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"]))
     touch = skin.reconstruct(np.full((1, 8, 8), value))
-    assert any("offset" in n or "known roughly" in n for n in touch.notes), touch.notes
+    assert any("offset" in n or "is uncertain" in n for n in touch.notes), touch.notes
 
 
 @pytest.mark.long

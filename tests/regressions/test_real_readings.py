@@ -157,7 +157,7 @@ def test_a_ball_on_a_handful_of_taxels_is_contact(shape: tuple[int, int], given:
     low, high = touch.interval(0.95, "force")
     assert low[2] < 1.0 < high[2]
     if shape == (3, 3):
-        assert any("cannot be told from contact" in n for n in touch.notes)
+        assert any("cannot be separated from contact" in n for n in touch.notes)
 
 
 def test_readings_at_the_end_of_their_range_count_as_at_least_that() -> None:

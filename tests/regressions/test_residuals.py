@@ -91,5 +91,5 @@ def _cut(limits: float | None) -> pp.Touch:
 
 def test_a_force_that_hangs_on_one_reading_says_so_where_its_range_is_not_given() -> None:
     """A single reading at an unknown ceiling cannot be told from a peak; what it decides can."""
-    assert any("one reading alone tells" in note for note in _cut(None).notes)
-    assert not any("one reading alone tells" in note for note in _cut(1.0).notes)
+    assert any("one reading alone determines" in note for note in _cut(None).notes)
+    assert not any("one reading alone determines" in note for note in _cut(1.0).notes)

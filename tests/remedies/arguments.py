@@ -14,7 +14,7 @@ from palpate.recordings import Recording
 from palpate.sensing.grids import AreaGrid, LineGrid
 from palpate.touch import Forces, joined
 from palpate.units import convert_factor, parse_quantity
-from remedies._remedy import Remedy
+from remedies._remedy import Remedy, value
 from remedies.skins import (
     AREA,
     BATCH,
@@ -38,6 +38,7 @@ from remedies.skins import (
     area,
     labelled,
     line,
+    method,
 )
 
 FORCE = float(TOUCH.force[-1])
@@ -59,26 +60,6 @@ def solve(words: str, wrong: Any, mended: Any, *, room: str = "", right: Any = s
         return SKIN.reconstruct(values() if callable(values) else values, **{**FAST, **given})
 
     return Remedy(words, lambda: call(wrong), lambda: call(mended), room=room, right=right)
-
-
-def value(words: str, make: Any, wrong: Any, mended: Any, *, room: str = "", right: Any = None) -> Remedy:
-    """One argument, wrong and mended."""
-    return Remedy(words, lambda: make(wrong), lambda: make(mended), room=room, right=right)
-
-
-def method(
-    words: str,
-    wrong: dict[str, Any],
-    mended: dict[str, Any],
-    *,
-    skin: Any = SKIN,
-    readings: Any = PRESS,
-    room: str = "",
-) -> Remedy:
-    """Options of `Skin.reconstruct`."""
-    return Remedy(
-        words, lambda: skin.reconstruct(readings, **wrong), lambda: skin.reconstruct(readings, **mended), room=room
-    )
 
 
 class Quantity:

@@ -12,6 +12,7 @@ import palpate as pp
 from palpate.calibrate import Weight, calibrate, find_delay, read_calibration, write_calibrated
 from palpate.recordings import write_recording
 from remedies._remedy import Remedy, command, laid, value
+from skin_files import skin_text
 
 __all__ = ["REMEDIES"]
 
@@ -88,19 +89,7 @@ def rejected() -> pp.Skin:
     return SKIN.calibrate(readings, reference=readings.reshape(60, -1) @ [1.0, -2.0, 3.0, -4.0])
 
 
-SKIN_FILE = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [2, 2]
-pitch = "12 mm"
-depth = "8 mm"
-channels = ["stress_zz"]
-"""
+SKIN_FILE = skin_text(2, 2, pitch="12 mm", depth="8 mm")
 PLACES = SKIN_FILE.replace(
     'kind = "area"\nshape = [2, 2]\npitch = "12 mm"', 'kind = "scattered"\npositions_file = "p.csv"'
 )

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from camera_scenes import gel_file
 from palpate.recordings.camerasection import CameraSettings
 from remedies._remedy import Remedy, command, laid, value
 from remedies.skins import AREA, FAST, TOUCH, TRACTION
@@ -115,19 +116,7 @@ def depths(**how: Any) -> Any:
     return DepthMap(**{"positions": 1e-4 * (GRID - 80.0), "depth": np.zeros((7, 35)), "std": 1e-5, **how})
 
 
-GEL_TOML = """[pad]
-kind = "bonded_layers"
-[[pad.layer]]
-thickness = "4 mm"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-[[plane]]
-kind = "scattered"
-depth = "0.5 mm"
-channels = ["displacement_x", "displacement_y"]
-[camera]
-scale = "0.1 mm"
-"""
+GEL_TOML = gel_file('scale = "0.1 mm"', thickness="4 mm", modulus="200 kPa")
 
 
 def files() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import palpate as pp
 from palpate.design import place, read_design, sweep
 from remedies._remedy import Remedy, command, laid, value
+from skin_files import skin_text
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
@@ -25,21 +26,7 @@ SPREAD = pp.Skin(
 TWO = pp.Skin(GEL, [area(), area(depth=3e-3)])
 EACH = pp.Skin(PAD, area(channels=["stress_xz", "stress_zz"], noise=[100.0, 50.0]))
 LIMITS = pp.Skin(PAD, area(channels=["stress_xz", "stress_zz"], limits=[(-1e4, 1e4), (0.0, 3e4)]))
-FILE = """\
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [6, 6]
-pitch = "2 mm"
-depth = "2 mm"
-channels = ["stress_zz"]
-noise = "100 Pa"
-
-"""
+FILE = skin_text(6, 6, pitch="2 mm", depth="2 mm", noise="100 Pa") + "\n"
 
 
 def file(end: str) -> Any:

@@ -124,7 +124,7 @@ def pulled_much(noise: bool = False, **how: Any) -> pp.Touch:
 
 
 HELD = holds(PATCH, 0.0, 0.0)
-DRIFT = "and a net force cannot be told apart{}: the intervals allow for both. Where the image cannot drift, say Skin(..., nuisance=[])"
+DRIFT = "and a net force cannot be separated{}: the intervals allow for both. If the image cannot drift, pass Skin(..., nuisance=[])"
 BLIND = "noise cannot be separated from traction{}, which explains the readings at every wavelength"
 
 

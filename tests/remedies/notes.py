@@ -84,14 +84,14 @@ NOTES = [
     ),
     # what a method assumed
     Note(
-        '"200 kPa +- 5 %" in skin.toml, or uncertainty=, says how well',
+        'to change this: "200 kPa +- 5 %" in skin.toml, or uncertainty=',
         lambda: weaker(nuisance=[]),
         lambda: weaker(nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.2)),
         holds(0.0, 0.0, 1.0),  # the gel is 35 % stiffer than it is said to be
         room="inverse.words",
     ),
     Note(
-        "pressure would move these readings too, and is then part of the shear: where something presses, seek it as well",
+        "pressure changes these readings too, and would be taken for shear: where something presses, seek it as well",
         lambda: dots_by_frame(False),
         lambda: dots_by_frame(False, components=["x", "y", "z"]),
         holds(0.0, 0.0, 2.0),
@@ -105,7 +105,7 @@ NOTES = [
         room="inverse.linear.regularised",
     ),
     Note(
-        "and noise_correlation=... where it is shared",
+        "and noise_correlation=... if neighbours share it",
         lambda: pulled(nuisance=[]),
         lambda: pulled(nuisance=[], noise=True, correlation=1.5e-6),
         HELD,
@@ -131,20 +131,20 @@ NOTES = [
         lambda touch: near(*smooth()[2], within=0.1)(touch),
     ),
     Note(
-        "drift{}: a shift or a tilt of the displacements that the readings do not tell from contact may be part of the force{}Where nothing drifts, say Skin(..., nuisance=[])",
+        "drift{}: the readings do not separate a shift or a tilt of the displacements from contact{}If nothing drifts, pass Skin(..., nuisance=[])",
         height,
         lambda: height(nuisance=[]),
         holds(0.0, 0.0, 1.0),
     ),
     # what became of a frame
     Note(
-        "the readings pull as a whole{}: adhesion, or a wrong sign of the readings?",
+        "the contact pulls as a whole{}: adhesion, or readings of the wrong sign?",
         lambda: one_frame(-readings(1.0)[0]),
         lambda: one_frame(readings(1.0)[0]),
         holds(*PRESSED),
     ),
     Note(
-        "contact that only pushes does not explain the readings{} (adhesion, cells that pull, a wrong pad or unit?){}",
+        "a contact that only pushes does not explain the readings{} (adhesion, cells that pull, a wrong pad or unit?){}",
         lambda: tracked(-readings(0.0, 0.0, 1.0))[-1],
         lambda: one_frame(-readings(0.0, 0.0, 1.0)[-1], method="tikhonov"),
         holds(-3.0, -10.0),
@@ -183,28 +183,28 @@ NOTES = [
         room="status",
     ),
     Note(
-        "or give baseline=0 where the readings are zero already",
+        "or pass baseline=0 if the readings have their zero removed already",
         lambda: tracked(readings(0.0, 1.0), baseline=5),
         lambda: tracked(readings(0.0, 1.0), baseline=0)[-1],
         holds(*PRESSED),
         room="status",
     ),
     Note(
-        "the time of this frame ended the iteration: give it more, with a budget larger than",
+        "the iteration ran out of time: pass a budget larger than",
         lambda: tracked(readings(0.0, 0.0, 1.0), budget=1e-7)[-1],
         lambda: tracked(readings(0.0, 0.0, 1.0), budget=60.0)[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
         room="tracking.words",
     ),
     Note(
-        "the steps of this frame ended the iteration: the next frame goes on from here",
+        "the iteration ran out of steps: the next frame continues from here",
         lambda: few_steps(1.0, 1.0)[-1],
         lambda: few_steps(1.0, 1.0, 1.0)[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
         room="tracking.words",
     ),
     Note(
-        "and a tolerance looser than {} (tolerance=) ends it earlier",
+        "a tolerance= looser than {} ends it earlier",
         lambda: few_steps(1.0, 1.0)[-1],
         lambda: few_steps(1.0, 1.0, tolerance=0.01)[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
@@ -243,25 +243,25 @@ NOTES = [
         room="status",
     ),
     Note(
-        "would look like: take it anew while nothing touches (Z on the page, Tracker.rezero)",
+        "take a new zero while nothing touches (Z on the page, Tracker.rezero)",
         lambda: slow_press(False),
         lambda: slow_press(True),
         near(1.5, 5.0, within=0.05),
     ),
     Note(
-        "too few readings are finite and in range; check the sensor's cable, supply and range; the next good frame is answered again",
+        "too few readings are finite and in range; check the sensor's cable, supply and range; the next good frame is solved again",
         lambda: tracked(np.concatenate([readings(0.0, 0.0), MISSING]))[-1],
         lambda: tracked(np.concatenate([readings(0.0, 0.0), MISSING, readings(1.0, seed=4)]))[-1],
         both(holds(*PRESSED), status_is(Status.SOLVED)),
         room="status",
     ),
     Note(
-        "cannot be told from contact; up to {} {} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])",
+        "cannot be separated from contact; the error bars allow for {} {} of it. If it does not drift, pass Skin(..., nuisance=[])",
         wide,
         lambda: wide(nuisance=[]),
     ),
     Note(
-        "small contact or a broken taxel{}: one taxel alone tells it",
+        "small contact or a broken taxel{}: one taxel alone responds",
         lambda: one_taxel(False),
         lambda: one_taxel(True),
         both(holds(0.0, 0.0, 0.0), status_is(Status.UNDECIDED)),
@@ -280,13 +280,13 @@ NOTES = [
         both(holds(0.0, 0.0, 2.0), near(0.0, 0.0, 2.0, within=0.1)),
     ),
     Note(
-        "where nothing is found, readings stand far from 0{}Where nothing touches in the first frames, make these the zero",
+        "readings without contact are far from 0{}If nothing touches in the first frames, make them the zero",
         lambda: tracked(standing(), skin=BARE),
         lambda: tracked(standing(), skin=BARE, baseline=10)[19],
         near(*PRESSED, within=0.05),
     ),
     Note(
-        "or take a new one while nothing touches (Z on the page, Tracker.rezero)",
+        "or take a new zero while nothing touches (Z on the page, Tracker.rezero)",
         lambda: session(rezero=False)[0],
         lambda: last(session(rezero=True)[1][:20]),
         near(*PRESSED, within=0.05),
@@ -299,7 +299,7 @@ NOTES = [
         near(*PRESSED, within=0.05),
     ),
     Note(
-        "by more than their noise: something touched, or they drift{}Give fewer frames (baseline=, --baseline)",
+        "by more than their noise: something touched, or they drift{}Use fewer frames (baseline=, --baseline)",
         lambda: tracked(wandering(), baseline=12)[-1],
         lambda: tracked(wandering(), baseline=6)[-1],
         holds(*PRESSED),
@@ -319,19 +319,19 @@ NOTES = [
         given=raw_file,
     ),
     Note(
-        "where nothing is found, readings stand far from 0{}such as the first ten with --baseline 10 (baseline=10)",
+        "readings without contact are far from 0{}such as the first ten with --baseline 10 (baseline=10)",
         lambda: archived(standing()),
         lambda: archived(standing(), baseline=10),
         pressed_at(19),
     ),
     Note(
-        "most readings stand far from 0 and move little{}such as the first ten with --baseline 10 (baseline=10)",
+        "most readings are far from 0 and hardly vary{}such as the first ten with --baseline 10 (baseline=10)",
         lambda: archived(offsets(), method="tikhonov"),
         lambda: archived(offsets(), baseline=10),
         pressed_at(11),
     ),
     Note(
-        "most readings stand far from 0{}make these the zero, such as the first ten with --baseline 10",
+        "most readings are far from 0{}make them the zero, such as the first ten with --baseline 10",
         commanded("reconstruct raw.nc"),
         commanded("reconstruct raw.nc --baseline 10"),
         touch_of_file(11),
@@ -398,7 +398,7 @@ NOTES = [
         lambda: cell(U()),
     ),
     of_cell(
-        "Where the picture cannot have moved, say drift=False (--still)",
+        "If the picture cannot have moved, pass drift=False (--still)",
         lambda: cell(U(), noise=None, drift=True, method="tikhonov"),
         lambda: cell(U(), noise=None, drift=False, method="tikhonov"),
     ),
@@ -408,7 +408,7 @@ NOTES = [
         lambda: cell(U(), method="tikhonov"),
     ),
     of_cell(
-        '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin, says how well',
+        'to change this: --youngs-modulus "8 kPa +- 20 %", or so in the file of --skin',
         lambda: cell(U(), pp.HalfSpace(youngs_modulus=9.6e3, poissons_ratio=0.48)),
         lambda: cell(
             U(),

@@ -10,23 +10,12 @@ import numpy as np
 import palpate as pp
 from palpate.recordings import write_recording
 from remedies._remedy import Remedy, command, laid, value
+from skin_files import skin_text
 
 __all__ = ["REMEDIES"]
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
-SKIN_TEXT = """[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [6, 6]
-pitch = "2 mm"
-depth = "2 mm"
-channels = ["stress_zz"]
-noise = "300 Pa"
-"""
+SKIN_TEXT = skin_text(6, 6, pitch="2 mm", depth="2 mm", noise="300 Pa")
 SKIN = pp.Skin(PAD, pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=300.0))
 BALL = pp.solutions.hertz_point(contact_radius=3e-3, force=2.0)
 READINGS = SKIN.sense(BALL)

@@ -36,9 +36,19 @@ def forces() -> Any:
     return cell_forces(field, GEL, method="tikhonov", draws=8)
 
 
-def solved(method: str) -> Any:
+def solved(method: str, noise: float | None = None) -> Any:
     field = Field(displacement=0.1e-6 * MOVED, start=(4, 4), step=8.0, pixel=0.1e-6, aperture=0.8e-6)
-    return cell_forces(field, GEL, method=method, draws=8)
+    return cell_forces(field, GEL, method=method, draws=8, noise=noise)
+
+
+def still_and_moved() -> None:
+    """A file of two fields, of which one is zero."""
+    np.savez("two.npz", u_filtered=0.0 * MOVED[0], v_filtered=0.0 * MOVED[1], u=MOVED[0], v=MOVED[1])
+
+
+def named(name: str) -> Any:
+    field = read_field("two.npz", name=name, pixel=0.1e-6, unit="px", step=8.0)
+    return cell_forces(field, GEL, method="tikhonov", draws=8)
 
 
 def regions() -> None:
@@ -145,6 +155,8 @@ REMEDIES = [
         outlined(),
     ),
     value("method must be", solved, "fourier", "tikhonov", room="microscopy.cell"),
+    value("noise must be a positive standard deviation [m]", lambda noise: solved("tikhonov", noise), -1e-9, None),
+    value("all vectors of the field are equal", named, "u_filtered, v_filtered", "u, v", given=still_and_moved),
     value(
         "unit must be one of",
         lambda v: read_field("0.npy", pixel=0.1e-6, step=8, unit=v),

@@ -54,6 +54,26 @@ def monitored(touch: pp.Touch) -> object:
     return pp.GraspMonitor(friction=0.5).update(touch)
 
 
+def method(
+    words: str,
+    wrong: dict[str, Any],
+    mended: dict[str, Any],
+    *,
+    skin: Any = SKIN,
+    readings: Any = PRESS,
+    room: str = "",
+    slow: bool = False,
+) -> Remedy:
+    """Options of `Skin.reconstruct`."""
+    return Remedy(
+        words,
+        lambda: skin.reconstruct(readings, **wrong),
+        lambda: skin.reconstruct(readings, **mended),
+        room=room,
+        slow=slow,
+    )
+
+
 REMEDIES = [
     Remedy(
         "whose labels a list would drop: join them first",

@@ -15,7 +15,7 @@ from palpate.network import FrameListener, Limits, frame_bytes, frame_from_bytes
 from palpate.recordings import TopicMapping
 from palpate.sensors import preset
 from remedies._remedy import Remedy, command, laid, value
-from remedies.skins import BOTH, FAST, GRID, NORMAL, ONE, PAD, PRESS, PUNCH, SKIN, TRACTION, WORKING, line
+from remedies.skins import BOTH, FAST, GRID, NORMAL, ONE, PAD, PRESS, PUNCH, SKIN, TRACTION, WORKING, line, method
 
 FRAME = np.arange(18.0).reshape(2, 9)
 TWO = pp.Skin(PAD, [line(), line(depth=2e-3)])
@@ -30,25 +30,6 @@ def listening(**how: Any) -> Any:
 
 def holds(got: Any) -> bool:
     return bool(np.array_equal(got[2].reshape(FRAME.shape), FRAME))
-
-
-def method(
-    words: str,
-    wrong: dict[str, Any],
-    mended: dict[str, Any],
-    *,
-    skin: Any = SKIN,
-    readings: Any = PRESS,
-    room: str = "",
-    slow: bool = False,
-) -> Remedy:
-    return Remedy(
-        words,
-        lambda: skin.reconstruct(readings, **wrong),
-        lambda: skin.reconstruct(readings, **mended),
-        room=room,
-        slow=slow,
-    )
 
 
 MAPPING = TopicMapping(topic="/skin", channels=["stress_zz"])

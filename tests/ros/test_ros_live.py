@@ -20,6 +20,7 @@ import test_ros_pictures as gels
 import palpate as pp
 from palpate.calibrate import write_calibrated
 from palpate.ros import message_class, ros_client
+from skin_files import SHEAR, skin_text
 
 # two processes that find each other over the network's own discovery: the gate runs it, where ROS is
 pytestmark = [
@@ -28,24 +29,9 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
 ]
 
-SKIN = """
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [4, 4]
-pitch = "3 mm"
-depth = "2 mm"
-channels = ["stress_xz", "stress_yz", "stress_zz"]
-noise = "100 Pa"
-
-[stream]
-topic = "/finger"
-unit = "kPa"
-"""
+SKIN = skin_text(4, 4, channels=SHEAR, pitch="3 mm", depth="2 mm", noise="100 Pa") + (
+    '\n[stream]\ntopic = "/finger"\nunit = "kPa"\n'
+)
 #: What one answer consists of.
 PARTS = ("wrench", "wrench_low", "wrench_high", "center", "traction")
 WRENCH, IMAGE = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/Image"

@@ -10,6 +10,7 @@ import pytest
 
 import palpate as pp
 from palpate.recordings.tables import read_positions
+from skin_files import skin_text
 
 PAD = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.48)
 HOW: dict[str, Any] = {"depth": 2e-3, "channels": ["stress_zz"], "noise": 30.0}
@@ -152,19 +153,7 @@ def test_a_few_taxels_far_from_all_others_are_refused(far: float, count: int) ->
         pp.ScatteredArray(positions=np.vstack([fine, stray]), **HOW)
 
 
-PITCHED = """
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "area"
-shape = [6, 6]
-pitch = "1 mm"
-depth = "1 mm"
-channels = ["stress_zz"]
-"""
+PITCHED = skin_text(6, 6, depth="1 mm")
 
 
 @pytest.mark.parametrize(

@@ -145,6 +145,33 @@ def test_a_tracker_on_a_solid_pad(pad: pp.SolidPad) -> None:
     assert float(skin.track().step(readings).force[2]) == pytest.approx(1.0, rel=0.1)
 
 
+@pytest.mark.parametrize("kind", ["box", pytest.param("dome", marks=pytest.mark.long)])
+def test_mirrored_places_share_a_solve(kind: str) -> None:
+    """The maps are those of one solve for each reading, in channels of every symmetry."""
+    pad = (
+        pp.SolidPad.box(4e-3, 6e-3, 2e-3, element=1e-3, **MATERIAL)
+        if kind == "box"
+        else pp.SolidPad.dome(8e-3, 3e-3, element=3e-3, **MATERIAL)
+    )
+    channels = [*DISPLACEMENT, "stress_xy", "stress_yz", "rotation_z"]
+    array = pp.AreaArray(shape=(3, 4), pitch=0.8e-3, depth=0.4e-3, channels=channels)
+    again = replace(pad)
+    found = pp.Skin(pad, array).operator.dense()
+    assert len(pad._kept) == 4 * len(channels)
+    again.__dict__["_mirrors"] = (None, None)
+    expected = pp.Skin(again, array).operator.dense()
+    assert len(again._kept) == 12 * len(channels)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_pad_that_is_not_symmetric_shares_none(pad: pp.SolidPad) -> None:
+    points = pad.vertices.copy()
+    points[:, 0] += 0.05e-3 * (points[:, 0] > 3.5e-3)
+    longer = replace(pad, vertices=points)
+    assert longer._mirrors[0] is None
+    assert longer._mirrors[1] is not None
+
+
 def test_saved_and_loaded(pad: pp.SolidPad, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     array = pp.AreaArray(shape=(2, 2), pitch=1e-3, depth=1e-3, channels=["stress_zz"])
     before = pp.Skin(pad, array).operator.dense()
@@ -245,6 +272,56 @@ def test_refusals(tmp_path: Path, pad: pp.SolidPad) -> None:
     skin = pp.Skin(pad, array, boundary="periodic")
     with pytest.raises(pp.Unsupported, match='boundary="free"'):
         skin.sense(np.zeros((3, 3, 3)))
+
+
+def test_meshes_that_are_broken(pad: pp.SolidPad) -> None:
+    """Folded, cut, floating, in another order: none gives a number."""
+
+    def refused(words: str, **changed: np.ndarray) -> None:
+        with pytest.raises(pp.InvalidInput, match=words):
+            assert replace(pad, **changed).solid
+
+    moved = pad.vertices.copy()
+    inner = int(np.abs(moved - np.array([0.0, 0.0, 1e-3])).sum(axis=1).argmin())
+    moved[inner, 0] += 1.7e-3
+    refused("inverted or overlap", vertices=moved)
+    refused("inverted or overlap", elements=pad.elements[:, [0, 1, 4, 2, 3, 5, 7, 6]])
+    count = len(pad.vertices)
+    apart = np.concatenate([pad.elements, pad.elements + count])
+    beside = pad.vertices + np.array([9e-3, 0.0, 0.0])
+    refused("1 of them are not on the base", vertices=np.concatenate([pad.vertices, beside]), elements=apart)
+    refused("where another one does", vertices=np.concatenate([pad.vertices, pad.vertices]), elements=apart)
+
+
+def test_a_mesh_in_millimetres_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "mm.msh", scale=1e-3)
+    with pytest.raises(pp.InvalidInput, match="scale=1e-3"):
+        pp.SolidPad.from_mesh(path, base="glue", contact="skin", **MATERIAL)
+
+
+@pytest.mark.long
+def test_sensors_below_which_nothing_is_glued() -> None:
+    """There is no reaction; the lower side is free of traction there. What is left of it falls with the elements."""
+    pad = pp.SolidPad.box(8e-3, 6e-3, 2e-3, element=0.5e-3, **MATERIAL)
+    middles = pad.vertices[pad.base].mean(axis=1)
+    half = replace(pad, base=pad.base[middles[:, 0] < 0.0])
+    array = pp.ScatteredArray(positions=np.array([[-2e-3, 0.5e-3], [2e-3, 0.5e-3]]), depth="base", channels=STRESS)
+    glued, free = (
+        np.abs(pp.Skin(half, array).sense(BALL.shifted(x, 0.0))).max(axis=0)[i] for i, x in ((0, -2e-3), (1, 2e-3))
+    )
+    assert free < 0.1 * glued
+
+
+def test_a_coarse_mesh_is_noted(pad: pp.SolidPad) -> None:
+    array = pp.AreaArray(shape=(3, 4), pitch=1.5e-3, depth="base", channels=STRESS, noise=60.0)
+    fine = pp.SolidPad.box(8e-3, 6e-3, 2e-3, element=0.67e-3, **MATERIAL)
+    assert fine.uncertainty.gain is None
+    assert not fine.notes
+    assert pad.uncertainty.gain == pytest.approx(0.1)
+    known = replace(pad, accuracy=0.02)
+    for one, noted in ((pad, True), (known, False)):
+        touch = pp.Skin(one, array).reconstruct(np.zeros((3, 3, 4)))
+        assert any("2 elements through the thickness" in n for n in touch.notes) == noted
 
 
 def test_without_scikit_fem(monkeypatch: pytest.MonkeyPatch) -> None:

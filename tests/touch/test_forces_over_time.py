@@ -23,20 +23,9 @@ from palpate.sensing.zero import FRAMES, STANDS, Levels, Rest, zero_of
 from palpate.touch import Forces
 from palpate.touch.rounding import decimals, format_interval
 from palpate.touch.table import table_words
+from skin_files import skin_text
 
-SKIN = """
-[pad]
-kind = "half_space"
-youngs_modulus = "200 kPa"
-poissons_ratio = 0.48
-
-[[plane]]
-kind = "line"
-count = 15
-pitch = "1 mm"
-depth = "1 mm"
-channels = ["stress_xz", "stress_zz"]
-"""
+SKIN = skin_text(15, channels=("stress_xz", "stress_zz"), depth="1 mm")
 NOISE, OFFSETS = 5.0, 4e4
 
 

@@ -12,6 +12,7 @@ from palpate.inverse.estimate import Errors, Stated
 from palpate.status import Status
 from palpate.touch import joined
 from palpate.touch.fields import ErrorParts
+from palpate.touch.intervals import uncalibrated
 from palpate.touch.table import table_words
 from palpate.uncertainty import Case, constants
 
@@ -190,7 +191,7 @@ def test_notes_are_those_of_the_frames() -> None:
     notes = "\n".join(touch.notes)
     # noise explains one of the two frames without contact, and the other ill
     assert "no contact in 1 of 4 frames: noise alone explains the readings" in notes
-    assert "no contact found in 1 of 4 frames, but noise seldom reads like this" in notes
+    assert "no contact found in 1 of 4 frames, but noise rarely gives such readings" in notes
     assert "only pushes does not explain the readings in 1 of 4 frames" in notes
     assert not any("no contact" in n for n in touch.frame(0).notes)
     assert any(n.startswith("no contact: ") for n in touch.frame(1).notes)
@@ -329,6 +330,21 @@ def test_a_standard_deviation_is_half_the_interval_that_no_floor_cuts() -> None:
     assert touch.std().shape == touch.values.shape
     assert touch.has_intervals
     assert not skin.reconstruct(readings, method="dft").has_intervals
+
+
+def test_the_error_of_a_slip_margin_is_that_of_the_cell_nearest_to_slip() -> None:
+    """var(mu p - |q|) = mu^2 var(p) + (qx^2 var(qx) + qy^2 var(qy)) / |q|^2, in the cell of the smallest margin."""
+    touch, mu = full(), 0.5
+    value, deviation, *_ = uncalibrated(touch, constants("adaptive", touch.calibration_case), "slip_margin", mu)
+    for i, (qx, qy, p) in enumerate(np.asarray(touch.values)):
+        q = np.hypot(qx, qy)
+        margin = np.where(p > 0.1 * p.max(), mu * p - q, np.inf)
+        at = np.unravel_index(np.argmin(margin), margin.shape)
+        sx, sy, sp = (std[at] for std in touch._errors.posterior.traction[i])
+        assert value[i] == pytest.approx(margin[at])
+        assert deviation[i] == pytest.approx(
+            np.sqrt((mu * sp) ** 2 + ((qx * sx) ** 2 + (qy * sy) ** 2)[at] / q[at] ** 2)
+        )
 
 
 def test_a_load_without_an_upper_end_has_an_infinite_deviation() -> None:

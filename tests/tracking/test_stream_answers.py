@@ -229,7 +229,7 @@ def test_a_tracker_that_a_single_solve_contradicts_begins_anew_and_its_interval_
     tracker._alone = other
     touches = [tracker.step(frame(), 0.12 + 0.01 * i) for i in range(12)]
     assert asked == [12]  # a single solve is rare, and knows the frames at rest
-    assert sum("begun anew" in note for t in touches for note in t.notes) == 1
+    assert sum("restarts the contact" in note for t in touches for note in t.notes) == 1
     for touch in touches:
         low, high = bounds(touch)
         assert low <= 9.0 <= high

@@ -85,7 +85,7 @@ def test_contact_over_all_of_a_short_line_may_be_what_reads_as_noise() -> None:
     touch = pp.Skin(pad, pp.LineArray(**how)).reconstruct(readings, friction=0.267)
     assert touch.status == pp.Status.UNDECIDED  # nobody gave the noise of 28 readings
     assert touch.interval(0.95, "force")[1][1] > 89.0  # 33 before
-    assert any("contact all over so few taxels" in note for note in touch.notes)
+    assert any("even contact over all of these few taxels" in note for note in touch.notes)
     # what the note asks for tells
     told = pp.Skin(pad, pp.LineArray(**how, noise=2e-4)).reconstruct(readings, friction=0.267)
     assert told.status == pp.Status.SOLVED
@@ -120,8 +120,8 @@ def test_the_part_of_the_force_that_one_reading_tells_is_how_the_force_follows_i
     array = pp.LineArray(count=24, pitch=2e-3, depth=1.1e-3, channels=["stress_zz"], noise=30.0)
     skin = pp.Skin(PAD, array)
     readings = np.asarray(skin.sense(pp.solutions.hertz_line(half_width=1.6e-3, force=40.0)))
-    said = next(n for n in skin.reconstruct(readings).notes if n.startswith("one reading alone tells"))
-    part = float(said.split("tells ")[1].split(" %")[0]) / 100.0
+    said = next(n for n in skin.reconstruct(readings).notes if n.startswith("one reading alone determines"))
+    part = float(said.split("determines ")[1].split(" %")[0]) / 100.0
     more = readings.copy()
     more[0, int(np.argmax(readings[0]))] *= 1.01
     change = float(skin.reconstruct(more).force[1]) / float(skin.reconstruct(readings).force[1]) - 1.0

@@ -174,7 +174,7 @@ def test_an_offset_beside_push_and_pull_is_within_the_interval() -> None:
     truth = float(traction[2].sum() * plain.surface.cell)
     touch = plain.reconstruct(readings, components=["z"])
     assert touch.method == "tikhonov"
-    assert any("nuisance=[] says that there is none" in n for n in touch.notes)
+    assert any("nuisance=[] excludes it" in n for n in touch.notes)
     low, high = touch.interval(0.95, "force")
     assert low[2] < truth < high[2]
     sure = pp.Skin(pad, array, nuisance=[]).reconstruct(readings, components=["z"])

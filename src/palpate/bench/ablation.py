@@ -48,9 +48,9 @@ JOINT_PARTS: dict[str, tuple[str, ...]] = {
 }
 
 
-def variants(*, thresholds: bool = True, every: bool = False) -> dict[str, Policy]:
+def variants(*, thresholds: bool = True) -> dict[str, Policy]:
     """Return every row of the table: the method without each part and, with ``thresholds``, with each number halved
-    and doubled that no derivation fixes; with ``every``, with each number.
+    and doubled that no derivation fixes.
     """
     whole = Policy()
     out: dict[str, Policy] = {}
@@ -63,7 +63,7 @@ def variants(*, thresholds: bool = True, every: bool = False) -> dict[str, Polic
             policy = changed(policy, part, False)
         out[f"without: {name}"] = policy
     for one in numbers():
-        if one.part or not thresholds or not (one.tried or every) or isinstance(one.value, tuple):
+        if one.part or not thresholds or not one.tried or isinstance(one.value, tuple):
             continue
         for factor, word in ((0.5, "x 0.5"), (2.0, "x 2")):
             value = type(one.value)(one.value * factor)
@@ -123,16 +123,15 @@ def acts(sample: Sample, policy: Policy) -> bool:
     return any(has[one.needs] for one, plain in zip(numbers(policy), numbers()) if one.value != plain.value)
 
 
-def _one_frame(task: tuple[int, int, str, bool, tuple[str, ...] | None]) -> tuple[str, bool, dict[str, Outcome]]:
-    seed, index, kind, thresholds, chosen = task
+def _one_frame(task: tuple[int, int, str, bool]) -> tuple[str, bool, dict[str, Outcome]]:
+    seed, index, kind, thresholds = task
     sample = unseen(np.random.default_rng((seed, index)), kind)
     whole = Ablated(friction=sample.friction)
     _outcome(sample, whole)  # finer grids are made when they are first needed
     out = {"whole": _outcome(sample, whole)}
-    for name, policy in variants(thresholds=thresholds, every=chosen is not None).items():
-        if chosen is None or name in chosen:
-            other = Ablated(friction=sample.friction, policy=policy)
-            out[name] = _outcome(sample, other) if acts(sample, policy) else out["whole"]
+    for name, policy in variants(thresholds=thresholds).items():
+        other = Ablated(friction=sample.friction, policy=policy)
+        out[name] = _outcome(sample, other) if acts(sample, policy) else out["whole"]
     return sample.kind, sample.empty, out
 
 
@@ -142,7 +141,6 @@ def ablation(
     numbers: int = 20,
     kinds: Sequence[str] = tuple(CONTACT_KINDS),
     seed: int = 2024,
-    only: Sequence[str] | None = None,
     seconds: float | None = None,
     jobs: int = 1,
     report: Callable[[int], None] | None = None,
@@ -150,12 +148,10 @@ def ablation(
     """Return for each frame its kind, whether nothing touches, and the outcome of every variant ("whole" first).
 
     ``kinds``: those of `palpate.bench.unseen.CONTACT_KINDS` to use, in turn. ``numbers``: on how many of the frames
-    halved and doubled numbers are tried. ``only``: the variants to try (names of `variants`; default: all).
+    halved and doubled numbers are tried.
     ``seconds``: no frame is started after this much wall-clock time, and only the finished frames are returned.
     """
-    tasks = [
-        (seed, i, kinds[i % len(kinds)], i < numbers, None if only is None else tuple(only)) for i in range(frames)
-    ]
+    tasks = [(seed, i, kinds[i % len(kinds)], i < numbers) for i in range(frames)]
     found: list[tuple[str, bool, dict[str, Outcome]]] = []
     started = time.monotonic()
     while len(found) < frames and (seconds is None or not found or time.monotonic() - started < seconds):

@@ -363,7 +363,7 @@ def follow(
         sideways, and its touches say so. False: `Skin.reconstruct` for each frame alone, seconds each. Default: False if the channels alone do not
         separate pressure from shear.
     every : int
-        With track=False, solve every so manyeth frame.
+        With track=False, solve one in this many frames.
     depth_map : DepthMap, optional
         Indentation of the surface from another source: it separates pressure from shear, and the normal force becomes several times better. With
         track=False.

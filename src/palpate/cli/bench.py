@@ -117,14 +117,19 @@ def bench_accuracy(
 def bench_ablation(
     frames: Annotated[int, typer.Option(min=2, help="Random frames; each is solved some twenty times.")] = 40,
     numbers: Annotated[
-        int, typer.Option(min=0, help="On how many of them each number is halved and doubled (some thirty times more).")
+        int,
+        typer.Option(
+            min=0,
+            help="Frames on which each number of the method is also halved and doubled (thirty times as much work).",
+        ),
     ] = 10,
     kinds: Annotated[
         str, typer.Option(help="Kinds of contact, in turn, separated by commas: line, area, area with shear.")
     ] = "line,line,area,area with shear",
     seed: Annotated[int, typer.Option(help="Seed of the frames.")] = 2024,
     minutes: Annotated[
-        float | None, typer.Option(help="Begin no frame after so many minutes; the table says how many there were.")
+        float | None,
+        typer.Option(help="Minutes after which no frame is begun; the table says how many frames were solved."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Ten lines, no numbers: less than a minute.")] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
@@ -190,7 +195,7 @@ def bench_calibration(
     sensing: Annotated[str, typer.Option(help="stress, strain or displacement.")] = "stress",
     body: Annotated[str, typer.Option(help="half-space or layers.")] = "half-space",
     across: Annotated[
-        int, typer.Option(min=0, help="Contacts across the array's edge, for the error of what is found outside it.")
+        int, typer.Option(min=0, help="Contacts across the array's edge, for the error of the load found outside it.")
     ] = 0,
     seed: Annotated[int, typer.Option(help="Seed of the contacts and the noise.")] = 12345,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
@@ -262,7 +267,7 @@ def bench_trust(
         ),
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    each: Annotated[bool, typer.Option("--each", help="Also say every frame that is wrong without a word.")] = False,
+    each: Annotated[bool, typer.Option("--each", help="Also list every frame that is wrong without a note.")] = False,
     out: Annotated[Path | None, typer.Option(help="Markdown file for the table.")] = None,
     figure: Annotated[Path | None, typer.Option(help="Picture of it.")] = None,
     cases: Annotated[Path | None, typer.Option(help="CSV file with every frame.")] = None,

@@ -22,7 +22,7 @@ def calibrate(
         ),
     ],
     skin_file: Annotated[
-        Path, typer.Option("--skin", help="skin.toml; its numbers may be guesses. A calibrated one with --again.")
+        Path, typer.Option("--skin", help="skin.toml; its numbers may be guesses. With --again a calibrated one.")
     ],
     out: Annotated[
         Path, typer.Option(help="Calibrated skin.toml to write; NAME.calibration.npz goes beside it.")
@@ -36,13 +36,13 @@ def calibrate(
     reference_file: Annotated[
         Path | None,
         typer.Option(
-            help='Table with those columns on a clock of its own, "time=..." among them; the delay is found. Default: the columns are in PRESSES.'
+            help='Table with those columns on a clock of its own, "time=..." among them; the delay between the clocks is estimated. Default: the columns are in PRESSES.'
         ),
     ] = None,
     weight: Annotated[
         list[str] | None,
         typer.Option(
-            help='What stood on the pad and when, e.g. "200 g, 12 s to 20 s"; "0 g, ..." where nothing did. May be given again.'
+            help='Weight on the pad and its times, e.g. "200 g, 12 s to 20 s"; "0 g, ..." for none. May be given again.'
         ),
     ] = None,
     columns: Columns = None,
@@ -50,14 +50,14 @@ def calibrate(
         int | None,
         typer.Option(min=0, help="Frames at the start at which nothing touches. Default: those with no force."),
     ] = None,
-    labels: Annotated[int, typer.Option(min=1, max=500, help="At most so many frames are used.")] = 300,
+    labels: Annotated[int, typer.Option(min=1, max=500, help="Largest number of frames to use.")] = 300,
     again: Annotated[
         bool, typer.Option("--again", help="Start from the calibration in --skin, and say whether the sensor has aged.")
     ] = False,
     constants: Annotated[
         str | None,
         typer.Option(
-            help='Constants of the pad to find from balls pressed straight in, such as "youngs_modulus,depth"; their radii [m] as --reference "fz=Fz,ball_radius=R", where known.'
+            help='Constants of the pad to find from balls pressed straight in, such as "youngs_modulus,depth"; with their radii [m], if known: --reference "fz=Fz,ball_radius=R".'
         ),
     ] = None,
     pad_models: Annotated[
@@ -67,22 +67,22 @@ def calibrate(
     report: Annotated[
         Path | None,
         typer.Option(
-            help="Picture to write (.png, .pdf or .svg): force found beside the force known, and what it rests on."
+            help="Picture to write (.png, .pdf or .svg): force found against known force, and the readings that determine it."
         ),
     ] = None,
     ball_diameter: Annotated[
         str | None,
         typer.Option(
-            help='Of a colour gel without dots: diameter of the ball that was pressed into it, e.g. "8 mm". The first picture shows the gel at rest.'
+            help='For a colour gel without dots: diameter of the ball that was pressed into it, e.g. "8 mm". The first picture shows the gel at rest.'
         ),
     ] = None,
     rest: Annotated[
         Path | None,
-        typer.Option(help="Picture of the gel at rest, where PRESSES do not begin with it (--ball-diameter)."),
+        typer.Option(help="Picture of the gel at rest, if PRESSES do not begin with it (--ball-diameter)."),
     ] = None,
     force: Force = False,
 ) -> None:
-    """Learn the net force of a sensor from a few weights or a force sensor: the elastic model helps with few labels, regression takes over with many."""
+    """Learn the net force of a sensor from a few weights or a force sensor. With few labels the elastic model decides, with many a regression."""
     from palpate.calibrate import write_calibrated
     from palpate.camera import is_pictures
     from palpate.recordings import read_recording

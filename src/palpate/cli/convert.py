@@ -27,11 +27,11 @@ def convert(
     ] = None,
     channels: Annotated[
         str | None,
-        typer.Option(help="What the columns or the messages measure (default displacement_x,displacement_y)."),
+        typer.Option(help="Channels that the columns or messages contain (default displacement_x,displacement_y)."),
     ] = None,
     pixel: Annotated[
         str | None,
-        typer.Option(help='Size of a pixel, e.g. "0.77 um", where positions and displacements are in pixels.'),
+        typer.Option(help='Size of a pixel, e.g. "0.77 um", if positions and displacements are in pixels.'),
     ] = None,
     position_unit: Annotated[str | None, typer.Option(help="Unit of the positions (mm, um, ...).")] = None,
     reading_unit: Annotated[str | None, typer.Option(help="Unit of the readings (um, kPa, ...).")] = None,
@@ -43,14 +43,14 @@ def convert(
         Path | None,
         typer.Option(
             "--skin",
-            help="skin.toml whose section [stream] says where the readings are in a robot's messages, or [columns] what the columns of a table are.",
+            help="skin.toml whose section [stream] describes the messages of a robot, or [columns] the columns of a table.",
         ),
     ] = None,
     topic: Annotated[str | None, typer.Option(help="Topic of the readings in a robot's MCAP file or bag.")] = None,
-    path: Annotated[str, typer.Option(help="Where the taxels are in its messages, e.g. sensors[0].taxels.")] = "",
-    fields: Annotated[str | None, typer.Option(help="What to take of each taxel, e.g. x,y,z.")] = None,
+    path: Annotated[str, typer.Option(help="Path of the taxels in its messages, e.g. sensors[0].taxels.")] = "",
+    fields: Annotated[str | None, typer.Option(help="Fields to read of each taxel, e.g. x,y,z.")] = None,
     scale: Annotated[
-        str, typer.Option(help="Multiplies the numbers to SI units: one number, or one per channel with commas.")
+        str, typer.Option(help="Factor from the numbers to SI units: one number, or one per channel with commas.")
     ] = "1",
     shape: Annotated[str | None, typer.Option(help="Rows and columns of the taxels, e.g. 4x6.")] = None,
     markers: Annotated[
@@ -59,7 +59,8 @@ def convert(
     salvage: Annotated[
         bool,
         typer.Option(
-            "--salvage", help="Read what is whole of a recording that was cut off or damaged (.mcap, .nc, .h5, .csv)."
+            "--salvage",
+            help="Read the undamaged part of a recording that was cut off or damaged (.mcap, .nc, .h5, .csv).",
         ),
     ] = False,
     force: Force = False,

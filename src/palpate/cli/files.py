@@ -19,7 +19,7 @@ from palpate.errors import InvalidInput
 #: While a table is still growing, its rows are written after this many seconds, and writing may take this fraction of
 #: the time.
 KEPT_EVERY, KEPT_PART = 5.0, 0.02
-_HELP = "Replace a result that exists. What is read is never replaced."
+_HELP = "Replace an existing result. Input files are never replaced."
 Force = Annotated[bool, typer.Option("--force", "--overwrite", help=_HELP)]
 #: Option of commands whose --force is the force of a contact.
 Overwrite = Annotated[bool, typer.Option("--overwrite", help=_HELP)]

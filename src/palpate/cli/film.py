@@ -20,31 +20,35 @@ def film(
             help="Pictures of beads while the cells pull (stacks, folders, single pictures), or displacement fields: files of one frame, or of several (PIVlab's .mat, a table with a column frame).",
         ),
     ],
-    youngs_modulus: Annotated[str, typer.Option(help='Of the gel, e.g. "8 kPa", or "8 kPa +- 10 %".')],
-    poissons_ratio: Annotated[float, typer.Option(help="Of the gel, e.g. 0.48.")],
+    youngs_modulus: Annotated[str, typer.Option(help='Modulus of the gel, e.g. "8 kPa", or "8 kPa +- 10 %".')],
+    poissons_ratio: Annotated[float, typer.Option(help="Poisson's ratio of the gel, e.g. 0.48.")],
     pixel: Annotated[
-        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um"; default: what the pictures say.')
+        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um"; default: that stated in the pictures.')
     ] = None,
-    rest: Annotated[Path | None, typer.Option(help="Picture of the beads at rest; pictures need it.")] = None,
-    thickness: Annotated[str | None, typer.Option(help='Of a gel on glass, e.g. "40 um".')] = None,
-    depth: Annotated[str, typer.Option(help="Of the beads below the surface.")] = "0 um",
+    rest: Annotated[
+        Path | None,
+        typer.Option(help="Picture of the beads at rest; needed for pictures, not for displacement fields."),
+    ] = None,
+    thickness: Annotated[str | None, typer.Option(help='Thickness of a gel on glass, e.g. "40 um".')] = None,
+    depth: Annotated[str, typer.Option(help="Depth of the beads below the surface.")] = "0 um",
     cells: Annotated[
         Path | None,
         typer.Option(
-            help="Label picture of the cells (one for all frames, or a page for each), or ImageJ's RoiSet.zip, or outlines (.csv of x,y in pixels, .json): a row for each."
+            help="Label picture of the cells (one for all frames, or a page for each), or ImageJ's RoiSet.zip, or outlines (.csv of x,y in pixels, .json). The table has a row for each cell."
         ),
     ] = None,
     labels: Annotated[
-        Path | None, typer.Option(help="Label picture of adhesions, or ImageJ's RoiSet.zip: the force of each.")
+        Path | None,
+        typer.Option(help="Label picture of adhesions, or ImageJ's RoiSet.zip: the table has the force of each."),
     ] = None,
     window: Annotated[int | None, typer.Option(help="As for palpate tfm.")] = None,
     step: Annotated[float | None, typer.Option(help="As for palpate tfm.")] = None,
-    unit: Annotated[str | None, typer.Option(help="Of displacement fields: px, um, m.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of displacement fields: px, um, m.")] = None,
     start: Annotated[str | None, typer.Option(help="As for palpate tfm.")] = None,
     up: Annotated[bool, typer.Option("--up", help="y and v of fields grow upwards.")] = False,
     v_up: Annotated[bool, typer.Option("--v-up", help="v of fields grows upwards, and y downwards.")] = False,
     name: Annotated[
-        str | None, typer.Option(help='Which film of files that hold several, e.g. "u_original, v_original".')
+        str | None, typer.Option(help='Film to read from files that contain several, e.g. "u_original, v_original".')
     ] = None,
     channel: Annotated[int | None, typer.Option(min=1, help="As for palpate tfm.")] = None,
     noise: Annotated[str | None, typer.Option(help="Standard deviation of the displacements, e.g. 5 nm.")] = None,
@@ -57,14 +61,16 @@ def film(
             help="The cells are one sheet: a row for the sheet and one for each cell, with their tensions.",
         ),
     ] = False,
-    still: Annotated[bool, typer.Option("--still", help="The pictures cannot have moved as a whole.")] = False,
+    still: Annotated[
+        bool, typer.Option("--still", help="The pictures have not moved as a whole: no shift is removed.")
+    ] = False,
     processes: Annotated[int | None, typer.Option(min=1, help="Default: one for each core.")] = None,
     out: Annotated[
         Path, typer.Option(help="Table of frames and cells; forces of labels go beside it as NAME-labels.csv.")
     ] = Path("film.csv"),
     force: Force = False,
 ) -> None:
-    """Films and many cells: one row for each frame and cell, by all cores; a film that was stopped goes on where it was."""
+    """Films and many cells: one row for each frame and cell, on all cores. A run that was stopped continues where it ended."""
     from palpate.cli.options import numbers, value_and_std
     from palpate.cli.tfm import _pixel
     from palpate.elastic import BondedLayers, HalfSpace, Layer

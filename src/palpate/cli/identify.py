@@ -31,16 +31,16 @@ def identify(
     frame: Annotated[
         list[int] | None,
         typer.Option(
-            help="Frame to look at; 0 is the first. May be given again: frames of one press say more together. Default: the one with the largest readings."
+            help="Frame to look at; 0 is the first. May be given again: several frames of one press determine more. Default: the one with the largest readings."
         ),
     ] = None,
     indentation: Annotated[
         list[str] | None,
         typer.Option(
-            help='How far the object has moved into the pad, e.g. "1.2 mm": once for each frame. It makes the modulus of the object known.'
+            help='How far the object has moved into the pad, e.g. "1.2 mm": once for each frame. It determines the modulus of the object.'
         ),
     ] = None,
-    shape: Annotated[str | None, typer.Option(help="ball or flat, where it is known.")] = None,
+    shape: Annotated[str | None, typer.Option(help="ball or flat, if known.")] = None,
 ) -> None:
     """Identify what presses: contact patches, radius of a ball or a flat, modulus, stiffness, texture; or the reason why the readings do not
     determine them.

@@ -49,7 +49,7 @@ def live(
     ] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
-    speed: Annotated[float, typer.Option(help="Replay so many times faster.")] = 1.0,
+    speed: Annotated[float, typer.Option(help="Speed of the replay; 2 is twice as fast.")] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
     record: Annotated[
         Path | None, typer.Option(help="Record from the start (.mcap, .nc, .h5, .zarr): readings, touches, events.")
@@ -60,12 +60,12 @@ def live(
     rerun: Annotated[bool, typer.Option("--rerun", help="Show it in Rerun's viewer too.")] = False,
     record_to: Annotated[Path | None, typer.Option(help="Folder for recordings started from the page.")] = None,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; anything but this machine needs a token.")
+        str, typer.Option(help="Address to listen on; addresses other than this machine need a token.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port.")] = 8765,
     token: Annotated[
         str | None,
-        typer.Option(help='What the page must bring: made up unless given; "" for none, on this machine only.'),
+        typer.Option(help='Token that opens the page; default: a random one. "" for none, on this machine only.'),
     ] = None,
 ) -> None:
     """Show in a browser what touches the pad, live."""

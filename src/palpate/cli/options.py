@@ -19,7 +19,7 @@ Columns = Annotated[
     str | None,
     typer.Option(
         "--map",
-        help="Of a table of another program: which column is what, with the keys of [columns] in a skin.toml, "
+        help="For a table of another program: the meaning of its columns, with the keys of [columns] in a skin.toml, "
         'e.g. "frame=frame,marker=id,x=x,y=y,displacement_x=dx,displacement_y=dy,pixel=0.06mm,rate=30".',
     ),
 ]

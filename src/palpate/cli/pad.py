@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,11 @@ from palpate.errors import InvalidInput
 if TYPE_CHECKING:
     from palpate.edges import EdgeError
     from palpate.elastic.pad import Pad
+    from palpate.sensing.arrays import Array
+    from palpate.solid import SolidPad
+
+#: Largest number of sensing elements of a plane for which two meshes are compared: more take long and say the same.
+COMPARED = 16
 
 
 def pad(
@@ -28,7 +34,7 @@ def pad(
         Path, typer.Option(help="Picture of the response per wavelength to write (.png, .pdf or .svg).")
     ] = Path("palpate-pad.png"),
     size: Annotated[
-        str | None, typer.Option(help='Length and width of the gel, where it ends: "25.25 mm x 20.75 mm".')
+        str | None, typer.Option(help='Length and width of a gel with sides: "25.25 mm x 20.75 mm".')
     ] = None,
     force: Force = False,
 ) -> None:
@@ -81,11 +87,37 @@ def pad(
     if edges is not None:
         _print_edges(edges, skin.pad, ends)
     if isinstance(elastic, SolidPad):
-        mesh = "not known; SolidPad.compared_with(other mesh) works it out, and [pad] takes it as accuracy"
-        typer.echo(
-            f"error by the mesh          {mesh if elastic.accuracy is None else f'{100 * elastic.accuracy:.2g} %'}"
-        )
+        with busy("another mesh"):
+            said = _mesh_words(elastic, skin_file, skin.planes)
+        typer.echo(f"error by the mesh          {said}")
     typer.echo(f"picture                    {plot}")
+
+
+def _mesh_words(pad: SolidPad, skin_file: Path, planes: Sequence[Array]) -> str:
+    """Describe the error of the readings due to the mesh: stated, or from another mesh where one can be made."""
+    from palpate.recordings.padsection import SolidBend, SolidBox, SolidDome, other_mesh
+    from palpate.recordings.skinfile import skin_text, validated
+    from palpate.sensing.arrays import ScatteredArray
+
+    if pad.accuracy is not None:
+        return f"{100 * pad.accuracy:.2g} %"
+    section = validated(skin_text(skin_file), str(skin_file)).pad
+    if not isinstance(section, SolidBox | SolidDome | SolidBend):
+        return "; ".join(
+            [*pad.notes, "SolidPad.compared_with(a finer mesh) works it out, and [pad] takes it as accuracy"]
+        )
+    other, errors = other_mesh(section, pad), []
+    for plane in planes:
+        some = plane.points[:: math.ceil(len(plane.points) / COMPARED), ::-1]
+        few = ScatteredArray(
+            positions=some,
+            depth=plane.depth,
+            channels=plane.channels,
+            aperture=(plane.apertures[0], plane.apertures[-1]),
+        )
+        errors.append(pad.mesh_error(other, few))
+    error = f"{100 * max(errors):.2g} %"
+    return f'about {error} (beside another mesh); [pad] takes it as accuracy = "{error}"'
 
 
 def _ends(size: str) -> tuple[float, float]:

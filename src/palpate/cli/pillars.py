@@ -18,24 +18,24 @@ def pillars(
             metavar="TABLE", help="Posts with columns x, y, dx, dy, and their units in the header: dx [um]."
         ),
     ],
-    diameter: Annotated[str, typer.Option(help='Of a post, e.g. "2 um +- 3 %".')],
-    height: Annotated[str, typer.Option(help='Of a post, e.g. "6 um +- 2 %".')],
-    modulus: Annotated[str, typer.Option(help='Of its material, e.g. "2 MPa +- 10 %".')],
-    poissons_ratio: Annotated[float, typer.Option(help="Of its material.")] = 0.5,
+    diameter: Annotated[str, typer.Option(help='Diameter of a post, e.g. "2 um +- 3 %".')],
+    height: Annotated[str, typer.Option(help='Length of a post, e.g. "6 um +- 2 %".')],
+    modulus: Annotated[str, typer.Option(help='Modulus of its material, e.g. "2 MPa +- 10 %".')],
+    poissons_ratio: Annotated[float, typer.Option(help="Poisson's ratio of its material.")] = 0.5,
     rigid_base: Annotated[
         bool, typer.Option("--rigid-base", help="The posts stand on a stiff base, which does not tilt.")
     ] = False,
     noise: Annotated[
         str | None,
         typer.Option(
-            help="Standard deviation of a deflection, e.g. 20 nm; default: columns ex, ey of the table, else not known."
+            help="Standard deviation of a deflection, e.g. 20 nm; default: columns ex, ey of the table; otherwise unknown."
         ),
     ] = None,
-    unit: Annotated[str | None, typer.Option(help="Of deflections without one in the header: px, um, nm.")] = None,
-    position_unit: Annotated[str | None, typer.Option(help="Of positions; default: that of deflections.")] = None,
-    pixel: Annotated[
-        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um", where something is in pixels.')
+    unit: Annotated[
+        str | None, typer.Option(help="Unit of deflections that the header does not state: px, um, nm.")
     ] = None,
+    position_unit: Annotated[str | None, typer.Option(help="Unit of positions; default: that of deflections.")] = None,
+    pixel: Annotated[str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um", if lengths are in pixels.')] = None,
     out: Annotated[Path | None, typer.Option(help="Table of forces to write; default: TABLE-forces.csv.")] = None,
     force: Force = False,
 ) -> None:

@@ -55,7 +55,8 @@ def reconstruct(
         Path | None, typer.Option(help="Picture to write (.png, .pdf or .svg) of the forces over time.")
     ] = None,
     components: Annotated[
-        str | None, typer.Option(help="What is sought, e.g. z or x,z; default: what the channels can tell apart.")
+        str | None,
+        typer.Option(help="Components to compute, e.g. z or x,z; default: those that the channels separate."),
     ] = None,
     drop_missing: Annotated[
         bool, typer.Option("--drop-missing", help="Leave out taxels with missing readings instead of refusing them.")
@@ -64,7 +65,7 @@ def reconstruct(
         int | None,
         typer.Option(
             min=1,
-            help="Processes that share the work; default: one for each core where that pays. The result is the same for any number.",
+            help="Processes that share the work; default: one for each core if that is faster. The result is the same for any number.",
         ),
     ] = None,
     scheduler: Annotated[
@@ -75,15 +76,18 @@ def reconstruct(
     ] = None,
     chunk: Annotated[
         int | None,
-        typer.Option(min=1, help="Frames that are read, solved and written at a time; default: up to 256, by size."),
+        typer.Option(
+            min=1,
+            help="Frames that are read, solved and written together; default: up to 256, depending on their size.",
+        ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a run into the same .zarr that was broken off, or begin it.")
+        bool, typer.Option("--resume", help="Continue an interrupted run into the same .zarr, or begin it.")
     ] = False,
     prepared: Annotated[
         Path | None,
         typer.Option(
-            help="File of what is prepared for this skin: taken where it is there, else written, so that the next run begins at once."
+            help="File of prepared arrays of this skin: read if it exists, otherwise written, so that the next run begins at once."
         ),
     ] = None,
     force: Force = False,

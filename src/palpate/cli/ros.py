@@ -42,7 +42,7 @@ def ros(
         Path,
         typer.Option(
             "--skin",
-            help="skin.toml with the pad, its array, and a section [stream]; or, of pictures of a gel with dots, [camera].",
+            help="skin.toml with the pad, its array, and a section [stream]; or [camera] for pictures of a gel with dots.",
         ),
     ],
     topic: Annotated[
@@ -51,23 +51,24 @@ def ros(
     kind: Annotated[
         str | None,
         typer.Option(
-            "--type", help="Type of its messages, e.g. sensor_msgs/msg/Image; without it what its publishers say."
+            "--type",
+            help="Type of its messages, e.g. sensor_msgs/msg/Image; default: the type that its publishers state.",
         ),
     ] = None,
     baseline: Annotated[
         int,
         typer.Option(
             min=0,
-            help="Frames at the start that are the zero: nothing touches. Of pictures: how many show the gel at rest, in place of what [camera] says.",
+            help="Frames at the start that are the zero: nothing touches. For pictures: number that show the gel at rest, in place of that in [camera].",
         ),
     ] = 0,
     max_pressure: Annotated[str | None, typer.Option(help='Event above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Event above this normal force, e.g. "2 N".')] = None,
     budget: Annotated[
-        float | None, typer.Option(help="Milliseconds a frame may take (default 10; of pictures 20).")
+        float | None, typer.Option(help="Milliseconds a frame may take (default: 10; 20 for pictures).")
     ] = None,
     frame: Annotated[
-        str, typer.Option(help="Frame of reference of what is published; without it that of the messages.")
+        str, typer.Option(help="Frame of reference of the published messages; default: that of the received ones.")
     ] = "",
     record: Annotated[
         Path | None, typer.Option(help="Record from the start (.mcap, .nc, .h5, .zarr): readings, touches, events.")

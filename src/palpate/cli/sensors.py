@@ -10,7 +10,7 @@ import typer
 
 def sensors(
     name: Annotated[str | None, typer.Argument(help="Sensor whose skin.toml is shown.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write its skin.toml, to change what you know better.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write its skin.toml to this file, for you to change.")] = None,
 ) -> None:
     """List sensors that are known; show or write the skin.toml of one, with the source of each number."""
     from palpate.errors import InvalidInput

@@ -27,19 +27,17 @@ class Contact(StrEnum):
 def simulate(
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
     out: Annotated[Path, typer.Option(help="Recording to write (.nc, .h5, .npz or .csv).")],
-    contact: Annotated[Contact, typer.Option(help="What presses.")] = Contact.hertz,
+    contact: Annotated[Contact, typer.Option(help="Kind of contact.")] = Contact.hertz,
     force: Annotated[str, typer.Option(help='Normal force, e.g. "1 N" (area) or "200 N/m" (line).')] = "1 N",
     size: Annotated[str, typer.Option(help="Contact radius or half-width.")] = "4 mm",
     x: Annotated[str, typer.Option(help="Middle of the contact along x.")] = "0 mm",
     y: Annotated[str, typer.Option(help="Middle of the contact along y (area only).")] = "0 mm",
     friction: Annotated[float, typer.Option(help="Coefficient of friction; 0 is frictionless.")] = 0.0,
-    drag: Annotated[float, typer.Option(help="Tangential force as a part of friction * force; 1 slides.")] = 1.0,
+    drag: Annotated[float, typer.Option(help="Tangential force as a fraction of friction * force; 1 slides.")] = 1.0,
     direction: Annotated[float, typer.Option(help="Direction of the drag [degrees from +x] (area only).")] = 0.0,
     frames: Annotated[int, typer.Option(help="Frames; the force grows evenly over them.")] = 1,
     rate: Annotated[float, typer.Option(help="Frames per second.")] = 100.0,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the noise; none is added where the skin names no noise.")
-    ] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise; without noise in the skin none is added.")] = 0,
     overwrite: Overwrite = False,
 ) -> None:
     """Make a recording of a known contact on a skin."""

@@ -40,19 +40,22 @@ def tfm(
         ),
     ],
     pixel: Annotated[
-        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um"; default: what the pictures say.')
+        str | None, typer.Option(help='Size of a pixel, e.g. "0.1 um"; default: that stated in the pictures.')
     ] = None,
     youngs_modulus: Annotated[
-        str | None, typer.Option(help='Of the gel, e.g. "8 kPa", or "8 kPa +- 10 %" to have it in every error.')
+        str | None,
+        typer.Option(
+            help='Modulus of the gel, e.g. "8 kPa", or "8 kPa +- 10 %" with its error, which enters all errors.'
+        ),
     ] = None,
-    poissons_ratio: Annotated[float | None, typer.Option(help="Of the gel, e.g. 0.48.")] = None,
+    poissons_ratio: Annotated[float | None, typer.Option(help="Poisson's ratio of the gel, e.g. 0.48.")] = None,
     thickness: Annotated[
-        str | None, typer.Option(help='Of a gel on glass, e.g. "40 um"; default: so thick that it does not matter.')
+        str | None, typer.Option(help='Thickness of a gel on glass, e.g. "40 um"; default: infinite.')
     ] = None,
     skin_file: Annotated[
         Path | None, typer.Option("--skin", help="skin.toml that describes the gel, in place of the options above.")
     ] = None,
-    depth: Annotated[str, typer.Option(help="Of the beads below the surface.")] = "0 um",
+    depth: Annotated[str, typer.Option(help="Depth of the beads below the surface.")] = "0 um",
     mask: Annotated[
         Path | None,
         typer.Option(
@@ -60,7 +63,7 @@ def tfm(
         ),
     ] = None,
     cell: Annotated[
-        int | None, typer.Option(help="Which cell of a mask of several: its value, or the number of its outline.")
+        int | None, typer.Option(help="Cell to take from a mask of several: its value, or the number of its outline.")
     ] = None,
     image: Annotated[Path | None, typer.Option(help="Picture of the cell, to be drawn beneath.")] = None,
     frames: Annotated[
@@ -69,57 +72,59 @@ def tfm(
     window: Annotated[
         int | None,
         typer.Option(
-            help="Side of the windows that are compared, or that a field was made with [pixels]; default: 32 of pictures, points of a field."
+            help="Side of the windows that are compared, or that a field was made with [pixels]; default: 32 for pictures; 0 (points) for a field."
         ),
     ] = None,
-    step: Annotated[float | None, typer.Option(help="Pixels between vectors; of pictures: half a window.")] = None,
+    step: Annotated[
+        float | None, typer.Option(help="Pixels between vectors; default for pictures: half a window.")
+    ] = None,
     start: Annotated[
         str | None,
         typer.Option(help="Pixel (column,row) of the first vector of a matrix, e.g. 16,16; default: half a step."),
     ] = None,
     channel: Annotated[
-        int | None, typer.Option(min=1, help="Which channel of pictures of several shows the beads, from 1.")
+        int | None, typer.Option(min=1, help="Channel that shows the beads, in pictures of several; counted from 1.")
     ] = None,
-    unit: Annotated[str | None, typer.Option(help="Of the displacements of a field: px, um, m and so on.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of the displacements of a field: px, um, m and so on.")] = None,
     position_unit: Annotated[
-        str | None, typer.Option(help="Of the positions of a table, where it is not that of the displacements.")
+        str | None, typer.Option(help="Unit of the positions of a table, if it is not that of the displacements.")
     ] = None,
     up: Annotated[bool, typer.Option("--up", help="y and v of a field grow upwards.")] = False,
     v_up: Annotated[bool, typer.Option("--v-up", help="v of a field grows upwards, and y downwards.")] = False,
     follow: Annotated[
-        bool, typer.Option("--follow", help="The vectors of a table belong to where the markers went.")
+        bool, typer.Option("--follow", help="The positions of a table are those after the displacement.")
     ] = False,
     name: Annotated[
-        str | None, typer.Option(help="Which field of a file that holds several, or frame of a table.")
+        str | None, typer.Option(help="Field to read from a file that contains several, or frame of a table.")
     ] = None,
     normal: Annotated[
         str | None,
         typer.Option(
-            help="Where w of a field, the displacement out of the plane, points that is positive: up (default, out of the gel), down, or ignore."
+            help="Direction of a positive w, the displacement of a field out of the plane: up (default, out of the gel), down, or ignore."
         ),
     ] = None,
     drop_outliers: Annotated[
-        bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all about them.")
+        bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all their neighbours.")
     ] = False,
     still: Annotated[
-        bool, typer.Option("--still", help="The picture cannot have moved as a whole: no shift is taken out.")
+        bool, typer.Option("--still", help="The picture has not moved as a whole: no shift is removed.")
     ] = False,
     noise: Annotated[
         str | None,
         typer.Option(
-            help="Standard deviation of the displacements, e.g. 5 nm; default: learned, or as the pictures tell."
+            help="Standard deviation of the displacements, e.g. 5 nm; default: estimated from the field or the pictures."
         ),
     ] = None,
     method: Annotated[
         str | None,
         typer.Option(
-            help="adhesions (default): traction in patches, whose number, places and sizes are sampled; tikhonov: one even penalty, for traction that is everywhere."
+            help="adhesions (default): traction in patches, whose number, places and sizes are sampled; tikhonov: one even penalty, for traction everywhere."
         ),
     ] = None,
     labels: Annotated[
         Path | None,
         typer.Option(
-            help="Outlines of adhesions: a label picture (.tif, .png, .npy, _seg.npy), or ImageJ's .roi and RoiSet.zip: the force of each goes to NAME-labels.csv."
+            help="Outlines of adhesions: a label picture (.tif, .png, .npy, _seg.npy), or ImageJ's .roi and RoiSet.zip. The force of each is written to NAME-labels.csv."
         ),
     ] = None,
     monolayer: Annotated[
@@ -132,25 +137,30 @@ def tfm(
     sheet_ratio: Annotated[
         float | None,
         typer.Option(
-            "--sheet-poissons-ratio", help="Of the sheet of --monolayer, e.g. 0.5; default: anything from 0 to 1."
+            "--sheet-poissons-ratio",
+            help="Poisson's ratio of the sheet of --monolayer, e.g. 0.5; default: unknown, from 0 to 1.",
         ),
     ] = None,
     order: Annotated[
         int | None,
-        typer.Option(help="Of tikhonov: derivative of the traction that is kept small: 0, 1 (default) or 2."),
+        typer.Option(help="For tikhonov: derivative of the traction that is kept small: 0, 1 (default) or 2."),
     ] = None,
     rule: Annotated[
         str | None,
-        typer.Option(help="Of tikhonov: how the regularisation is chosen: evidence (default), gcv or lcurve."),
+        typer.Option(help="For tikhonov: rule that chooses the regularisation: evidence (default), gcv or lcurve."),
     ] = None,
-    draws: Annotated[int, typer.Option(min=8, help="Samples of the posterior that tell the errors.")] = 120,
+    draws: Annotated[
+        int, typer.Option(min=8, help="Samples of the posterior, from which the errors are computed.")
+    ] = 120,
     out: Annotated[
         Path | None,
         typer.Option(
             help="Name of the results without ending: .html, .png, .csv and .nc are written; default: SOURCE-tfm."
         ),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="The figure of the traction once more: .png, .svg or .pdf.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Another file for the figure of the traction: .png, .svg or .pdf.")
+    ] = None,
     vectors: Annotated[
         Path | None, typer.Option(help="Table (.csv) of every vector: position, displacement, traction and its error.")
     ] = None,

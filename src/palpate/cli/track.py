@@ -48,7 +48,7 @@ def track(
         int,
         typer.Option(
             min=0,
-            help="Frames at the start that are the zero: nothing touches. Of pictures 5, or what the skin.toml says.",
+            help="Frames at the start that are the zero: nothing touches. For pictures: that of the skin.toml, otherwise 5.",
         ),
     ] = 0,
     zero_at: Annotated[
@@ -67,19 +67,17 @@ def track(
         int | None,
         typer.Option(
             min=1,
-            help="Of pictures: solve only every so manyeth (seconds each).",
+            help="For pictures: solve each picture alone, but only one in this many (seconds each).",
         ),
     ] = None,
     fast: Annotated[
         bool,
         typer.Option(
             "--fast",
-            help="Of pictures: follow all with a tracker, at the rate of a camera. Shear is as good; the normal force is off by up to a third.",
+            help="For pictures: follow all with a tracker, at the rate of a camera. Shear is as accurate; the normal force may be wrong by a third.",
         ),
     ] = False,
-    rate: Annotated[
-        float | None, typer.Option(help="Pictures a second, of a folder or stack that does not say it.")
-    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Pictures a second, for a folder or stack without times.")] = None,
     picture: Annotated[
         Path | None, typer.Option(help="Draw the strongest frame over its picture (.png, .pdf, .svg).")
     ] = None,

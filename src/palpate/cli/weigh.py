@@ -17,7 +17,7 @@ def weigh(
         list[Path],
         typer.Argument(
             metavar="PRESS...",
-            help="One for each press, which begins at rest: videos, folders or stacks of a gel, or recordings of its displacements (.nc, .npz, .csv, tables of markers).",
+            help="One file for each press, beginning at rest: videos, folders or stacks of a gel, or recordings of its displacements (.nc, .npz, .csv, tables of markers).",
         ),
     ],
     skin_file: Annotated[
@@ -33,10 +33,10 @@ def weigh(
     baseline: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Frames at the start that show the gel at rest; default: 5, or what the skin.toml says."
+            min=0, help="Frames at the start that show the gel at rest; default: that of the skin.toml, otherwise 5."
         ),
     ] = None,
-    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, where it is known.")] = None,
+    friction: Annotated[float | None, typer.Option(help="Coefficient of friction, if known.")] = None,
 ) -> None:
     """Set the modulus of a gel by presses with known forces: every force is proportional to it."""
     from palpate._numbers import plain_number

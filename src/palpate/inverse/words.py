@@ -33,13 +33,13 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
         found.append(f"{ASSUMED}{_spoken(zero)} taken as zero{why}")
         if forced and zero == ["z"] and problem.boundary == "free" and presses(problem.pad, problem.planes, sought):
             found.append(
-                "pressure would move these readings too, and is then part of the shear: where something presses, seek it as well "
+                "pressure changes these readings too, and would be taken for shear: where something presses, seek it as well "
                 f"(components {', '.join(problem.surface.components)})"
             )
     if problem.ambiguous and method.narrows:
         found.append(
-            "these channels alone cannot tell pressure from shear: that pressure pushes, and only where something touches, does; a pull, "
-            "or an offset of the readings that is not named, would be taken for contact"
+            "these channels alone do not separate pressure from shear: the method assumes that pressure pushes and that both act in the contact "
+            "only, so that a pull, or an offset that nuisance= does not name, would be taken for contact"
         )
     found.extend(f"{ASSUMED}{one}" for one in method.assumptions())
     if without_mean(problem.pad, problem.planes, problem.boundary):
@@ -50,13 +50,14 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
         blind = blind_to_force(problem.pad, problem.planes, sought)
         if blind:
             found.append(
-                f"the net force of {_spoken(blind)} is seen only through the finite width of the contact: these channels do not feel a "
-                "uniform load"
+                f"these channels do not respond to a uniform load: the net force of {_spoken(blind)} follows from the finite width of the "
+                "contact alone"
             )
     if problem.uncertainty.youngs_modulus is None and scale_free(problem.planes).any():
         found.append(
-            f'{ASSUMED}Young\'s modulus known to {100.0 * MODULUS:g} % ("200 kPa +- 5 %" in skin.toml, or uncertainty=, says how well)'
+            f'{ASSUMED}Young\'s modulus known to {100.0 * MODULUS:g} % (to change this: "200 kPa +- 5 %" in skin.toml, or uncertainty=)'
         )
+    found.extend(getattr(problem.pad, "notes", ()))
     found.extend(getattr(prepared, "notes", ()))
     return tuple(found)
 

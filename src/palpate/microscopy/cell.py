@@ -24,6 +24,7 @@ from palpate.microscopy.normal import normal_of, without_sideways
 from palpate.microscopy.spread import read
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.touch import Touch
+from palpate.units import is_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +35,8 @@ __all__ = ["CellForces", "Quantity", "cell_forces"]
 METHODS = ("adhesions", "tikhonov")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
+#: Sizes, whose intervals end at zero.
+NOT_NEGATIVE = {"force_inside", "force_outside", "background", "traction_rms", "traction_peak"}
 
 
 @dataclass(frozen=True)
@@ -346,14 +349,15 @@ def cell_forces(
     - contractility: sum of the parts of t dA that point to the force centre, the point nearest to all lines of force (X. Trepat's and pyTFM's);
     - torque about the cell's middle and net force, which a cell that is wholly in view keeps at zero.
 
-    Errors are standard deviations over the samples. To that of the energy and of sums of sizes |t| is added, in quadrature, the difference between the mean
-    of the samples and that of the estimate: what the readings do not resolve. The energy itself lies in the middle of both: regularisation makes that of
-    the estimate small, and the samples hold all that the prior thinks possible.
+    With "adhesions", value and error of each number come from the samples, widened by what cells of known truth have shown to be missing from them
+    (`palpate.microscopy.spread`); energy and largest traction have intervals on a log scale. With "tikhonov", errors are standard deviations over the
+    samples. For the energy and sums of sizes |t| the difference between the mean of the samples and the estimate is added in quadrature, which is what the
+    readings do not resolve; the energy is the mean of both, because regularisation makes that of the estimate too small.
 
     Raises
     ------
     InvalidInput
-        An empty mask, one of another size, or one that holds no vector.
+        An empty mask, one of another size, or one that holds no vector; vectors that are all equal; noise that is no positive number.
 
     Examples
     --------
@@ -378,6 +382,14 @@ def cell_forces(
         raise InvalidInput(f"draws must be at least 8; got {draws!r}.")
     if method not in METHODS:
         raise InvalidInput(f"method must be {' or '.join(map(repr, METHODS))}; got {method!r}.")
+    if noise is not None and not (is_number(noise) and noise > 0):
+        raise InvalidInput(
+            f"noise must be a positive standard deviation [m]; got {noise!r}. Leave it out if it is unknown."
+        )
+    if field.normal is None and not np.ptp(field.displacement[:, field.valid], axis=1).any():
+        raise InvalidInput(
+            "all vectors of the field are equal: nothing moved, or these are no displacements. Check which fields are u and v (name=, --name)."
+        )
     corners = None if mask is None else read_mask(mask, pixel=field.pixel)
     if size is None and picture is not None:
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
@@ -588,6 +600,9 @@ def _numbers(
         if key.startswith("strain_energy"):
             value = 0.5 * (value + float(samples.mean()))
         quantities[key] = Quantity(label, unit, value, math.sqrt(variance), expected, why)
+    for key in NOT_NEGATIVE & quantities.keys():
+        low, high = quantities[key].interval
+        quantities[key] = replace(quantities[key], ends=(max(low, 0.0), high))
     if masked:
         quantities["area"] = Quantity("area of the cell", "m^2", float(inside.sum() * cell), 0.0)
     symmetric = -0.5 * (moments[..., 0] + moments[..., 0].T)

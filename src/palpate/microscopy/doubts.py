@@ -43,11 +43,11 @@ HELD, FOUND = 0.5, 0.8
 SIGNIFICANT_TRACTION = 1.5
 #: Advice in the notes of the inversion, and the same advice in words of microscopy.
 REMEDIES = {
-    "Where the image cannot drift, say Skin(..., nuisance=[])": "Where the picture cannot have moved, say drift=False (--still)",
-    "Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap": "Give noise=... (--noise)",
+    "If the image cannot drift, pass Skin(..., nuisance=[])": "If the picture cannot have moved, pass drift=False (--still)",
+    "Give the array its noise=..., and noise_correlation=... if neighbours share it, as windows that overlap do": "Give noise=... (--noise)",
     "where something presses, seek it as well (components x, y, z)": "where the cell presses too, that is an error",
     "Give the array its noise=..., or a larger parameter": "Give noise=... (--noise)",
-    '"200 kPa +- 5 %" in skin.toml, or uncertainty=, says how well': '--youngs-modulus "8 kPa +- 20 %", or so in the file of --skin, says how well',
+    'to change this: "200 kPa +- 5 %" in skin.toml, or uncertainty=': 'to change this: --youngs-modulus "8 kPa +- 20 %", or so in the file of --skin',
 }
 
 

@@ -111,7 +111,17 @@ class Field:
                 raise InvalidInput(
                     f"std must have the shape of the displacements, {u.shape}, and no negative values; got {std.shape}."
                 )
-            object.__setattr__(self, "std", std)
+            none = there & (std == 0).any(axis=0)
+            if none.any():
+                object.__setattr__(
+                    self,
+                    "notes",
+                    (
+                        *self.notes,
+                        f"{int(none.sum())} of {int(there.sum())} vectors state an error of zero: it is taken as not known",
+                    ),
+                )
+            object.__setattr__(self, "std", np.where(none, np.nan, std))
         if self.normal is not None:
             w = as_double(self.normal)
             if w.shape != u.shape[1:] or np.isinf(w).any():

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from palpate._extras import missing
 from palpate.errors import InvalidInput
 from palpate.solid import SolidPad
+from palpate.solid.accuracy import through
 from palpate.units import UNKNOWN, parse_quantity
 
 try:
@@ -31,6 +32,7 @@ __all__ = [
     "SolidMesh",
     "Strict",
     "Time",
+    "other_mesh",
     "percent",
     "solid_pad",
 ]
@@ -171,3 +173,13 @@ def solid_pad(section: SolidBox | SolidDome | SolidBend | SolidMesh, folder: Pat
         pad = make[section.kind](**given)
     pad = replace(pad, accuracy=section.accuracy)
     return pad if section.responses is None else pad.load(folder / section.responses)
+
+
+def other_mesh(section: SolidBox | SolidDome | SolidBend, pad: SolidPad) -> SolidPad:
+    """The pad of a section with another mesh, for `SolidPad.mesh_error`: with one element fewer through the thickness;
+    with more if there are at most three, because coarser meshes are too far off to say much.
+    """
+    count = round(through(pad))
+    count = count - 1 if count > 3 else count + 1 if count == 3 else count + 2
+    changed = {"element": section.thickness / count, "accuracy": None, "responses": None}
+    return solid_pad(section.model_copy(update=changed), Path())

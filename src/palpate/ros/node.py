@@ -6,7 +6,7 @@ import contextlib
 import math
 import threading
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +18,7 @@ from palpate.errors import InvalidInput, PalpateError
 from palpate.grasp import GraspMonitor
 from palpate.live import Session
 from palpate.network.admission import REFUSALS
-from palpate.recordings import Sink, TopicMapping
+from palpate.recordings import TopicMapping
 from palpate.ros.client import message_class, ros_client
 from palpate.ros.intake import Intake
 from palpate.ros.outlet import TOPICS, Outlet
@@ -155,10 +155,6 @@ class TouchNode:
         Where markers are at rest.
     frame : str
         Frame of reference of the published messages.
-    sinks : sequence of Sink
-        Recorders and the like.
-    report : callable, optional
-        Told in one sentence what failed.
     pages : bool
         Whether live pages will show the session.
 
@@ -190,11 +186,9 @@ class TouchNode:
         max_force: float | None = None,
         rest: Any = None,
         frame: str = "",
-        sinks: Sequence[Sink] = (),
-        report: Callable[[str], None] | None = None,
         pages: bool = False,
     ) -> None:
-        self._node, self._budget, self._report = ros.node, budget, report
+        self._node, self._budget = ros.node, budget
         self._options = dict(options or {})
         self._settings = self._declared(max_pressure, max_force, frame)
         self._options["friction"] = self._settings["friction"] or None
@@ -218,7 +212,7 @@ class TouchNode:
             name=self._topic,
             pace=False,
             end=self.intake.close,
-            sinks=[self._outlet, *sinks],
+            sinks=[self._outlet],
             report=self._failed,
             step=self._pictured if isinstance(self.intake, PictureIntake) else None,
             pages=pages,
@@ -373,8 +367,6 @@ class TouchNode:
 
     def _failed(self, text: str) -> None:
         self._node.get_logger().error(text)
-        if self._report is not None:
-            self._report(text)
 
     # -- what others ask for -------------------------------------------------------------------------------------------
 

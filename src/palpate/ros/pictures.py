@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.errors import InvalidInput
-from palpate.network.admission import Limits
 from palpate.network.waiting import FrameSource
 from palpate.recordings import TopicMapping
 from palpate.ros.intake import Header, Intake
@@ -38,7 +37,7 @@ class PictureIntake(Intake):
     Parameters
     ----------
     topic : str
-    now, publishers, limits
+    now, publishers
         As for `Intake`.
 
     Attributes
@@ -55,7 +54,6 @@ class PictureIntake(Intake):
         *,
         now: Callable[[], int],
         publishers: Callable[[], dict[str, str]] | None = None,
-        limits: Limits | None = None,
     ) -> None:
         from palpate.camera.touches import CHANNELS
 
@@ -65,7 +63,6 @@ class PictureIntake(Intake):
             (len(CHANNELS), 1),
             now=now,
             publishers=publishers,
-            limits=limits,
             waiting=1,
         )
         self.touches: Touches

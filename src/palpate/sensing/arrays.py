@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate._arrays import as_double
+from palpate._threads import cached_property
 from palpate.elastic.channels import check_channels
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -395,6 +396,10 @@ class AreaArray(_Common):
     @property
     def points(self) -> Floats:
         """Positions (taxel, 2) as (y, x) [m], row by row."""
+        return self._points.copy()
+
+    @cached_property
+    def _points(self) -> Floats:
         y, x = np.meshgrid(*self.grid.axes, indexing="ij")
         return np.stack([y.ravel(), x.ravel()], axis=1)
 

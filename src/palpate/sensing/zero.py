@@ -43,8 +43,8 @@ STANDING = 2.0
 MOST = 0.75
 #: The note for that case.
 OFFSETS = (
-    "most readings stand far from 0 and move little, as raw counts with offsets do, and what stands is taken for load: where nothing touches in the "
-    "first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10)"
+    "most readings are far from 0 and hardly vary, as raw counts with offsets do, and these offsets are taken for load: if nothing touches in the "
+    "first frames, make them the zero, such as the first ten with --baseline 10 (baseline=10)"
 )
 
 #: Readings without contact farther from 0 than this many times their variation between frames are not noise. (If a
@@ -54,8 +54,8 @@ STILL = 10.0
 FRAMES = 8
 #: The note for that case.
 STANDS = (
-    "where nothing is found, readings stand far from 0 and hardly vary from frame to frame, as raw counts with offsets do: contact may be hidden, or wrong. Where "
-    "nothing touches in the first frames, make these the zero, such as the first ten with --baseline 10 (baseline=10); or take a new one while nothing touches (Z on "
+    "readings without contact are far from 0 and hardly vary from frame to frame, as raw counts with offsets do: contact may be missed, or its force wrong. If nothing "
+    "touches in the first frames, make them the zero, such as the first ten with --baseline 10 (baseline=10); or take a new zero while nothing touches (Z on "
     "the page, Tracker.rezero)"
 )
 #: Smallest number of frames for a test of whether they move.
@@ -71,7 +71,7 @@ SURE = 4.0
 COUNTS = 2.0
 #: The note for that case.
 MOVED = (
-    "the readings moved while the zero was taken, by more than their noise: something touched, or they drift, and every force since is off by it. Give fewer frames "
+    "the readings moved while the zero was taken, by more than their noise: something touched, or they drift, and every later force has this error. Use fewer frames "
     "(baseline=, --baseline), or take a new zero while nothing touches (Z on the page, Tracker.rezero)"
 )
 

@@ -14,7 +14,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.curved import Chart, Frames, SphereChart
 
-__all__ = ["MeshChart", "PlaneChart", "fitted_chart"]
+__all__ = ["MeshChart", "PlaneChart", "fitted_chart", "surface_area"]
 
 Index = npt.NDArray[np.intp]
 
@@ -164,7 +164,7 @@ def fitted_chart(vertices: Floats, facets: Index, flat: float) -> Chart | None:
     if radius < 1e3 * width and np.abs(away - radius).max() < ROUND * radius and middle[2] > points[:, 2].min():
         reach = float(np.arccos(np.clip((middle[2] - points[:, 2]) / radius, -1.0, 1.0)).max())
         corners = vertices[facets]
-        flat_area = _area(corners)
+        flat_area = surface_area(corners)
         if (
             reach < 0.99 * math.pi
             and abs(2.0 * math.pi * radius**2 * (1.0 - math.cos(reach)) / flat_area - 1.0) < SAME_AREA
@@ -174,8 +174,8 @@ def fitted_chart(vertices: Floats, facets: Index, flat: float) -> Chart | None:
     return MeshChart(vertices=vertices, facets=facets)
 
 
-def _area(corners: Floats) -> float:
-    """Return the areas of facets (facet, corner, axis)."""
+def surface_area(corners: Floats) -> float:
+    """Return the total area of facets (facet, corner, axis)."""
     total = 0.0
     for facet in corners:
         if len(facet) == 3:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from palpate._extras import require as require_library
@@ -18,7 +20,7 @@ from palpate.sensing.grids import check_length
 from palpate.solid.charts import fitted_chart
 from palpate.solid.shapes import disc, laid_on, rectangle
 
-__all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "dome", "from_file", "is_flush"]
+__all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "check_mesh", "dome", "from_file", "is_flush"]
 
 Index = npt.NDArray[np.intp]
 Made = dict[str, Any]
@@ -32,6 +34,8 @@ THROUGH_CURVED = 3
 LARGEST = 400_000
 #: A surface that is flat to this fraction of the pad's width counts as a plane.
 FLAT = 1e-6
+#: Vertices closer than this fraction of the pad's width lie at the same place; elements are at least 1e-4 wide.
+COINCIDENT = 1e-7
 
 
 def box(length: float, width: float, thickness: float, *, base: str, sides: str, element: float | None) -> Made:
@@ -115,7 +119,11 @@ def from_file(path: str | Path, *, base: str, contact: str, scale: float, turned
         points = points * np.array([1.0, -1.0, -1.0])
     facets = {n: np.asarray(mesh.facets)[:, np.asarray(names[n], dtype=int)].T for n in (base, contact)}
     points[:, 2] -= float(points[np.unique(facets[contact]), 2].min())
-    corners = np.asarray(mesh.t).T
+    corners, curved = np.asarray(mesh.t).T, type(mesh).__name__.endswith("2")
+    if not curved:  # meshers also write points that belong to no element
+        used, corners = np.unique(corners, return_inverse=True)
+        corners = corners.reshape(np.asarray(mesh.t).T.shape)
+        points, facets = points[used], {n: np.searchsorted(used, f) for n, f in facets.items()}
     chart = fitted_chart(points, facets[contact], FLAT)
     if chart is not None:
         _check_inwards(points, corners, facets[contact], chart)
@@ -125,7 +133,7 @@ def from_file(path: str | Path, *, base: str, contact: str, scale: float, turned
         "base": facets[base],
         "contact": facets[contact],
         "chart": chart,
-        "curved": type(mesh).__name__.endswith("2"),
+        "curved": curved,
     }
 
 
@@ -172,6 +180,47 @@ def _check_inwards(vertices: Floats, elements: Index, contact: Index, chart: Cha
     if float((bodies[cKDTree(bodies).query(middle)[1]] - middle) @ inwards) < 0.0:
         raise InvalidInput(
             "the pad must lie below the surface that is touched, where z > 0: z grows into the pad. Of a mesh whose z points out of it give turned=True."
+        )
+
+
+def check_mesh(mesh: Any, base: Index) -> None:
+    """Raise an error if elements of a mesh of scikit-fem overlap or are inverted, share places without sharing nodes,
+    or form a body that is not fixed.
+    """
+    corners, points = np.asarray(mesh.t), np.asarray(mesh.doflocs)[:, : int(np.asarray(mesh.t).max()) + 1].T
+    found, apart = np.unique(np.asarray(mesh.t)), float(np.ptp(points, axis=0).max())
+    near = cKDTree(points[found]).query_pairs(COINCIDENT * apart, output_type="ndarray")
+    if len(near):
+        x, y, z = points[found[near[0, 0]]]
+        raise InvalidInput(
+            f"{len(near)} vertices of the mesh lie where another one does, first at ({x:g}, {y:g}, {z:g}) m: there the pad is cut. Merge the nodes in the mesher "
+            "(Gmsh: Coherence Mesh, or RemoveDuplicateNodes)."
+        )
+    places = np.random.default_rng(0).uniform(0.02, 0.98, (3, 27))
+    if len(corners) == 4:  # in the tetrahedron
+        places = places[:, places.sum(axis=0) < 1.0]
+    volumes = np.asarray(mesh.mapping().detDF(places))
+    folded = np.ptp(np.sign(volumes), axis=1) > 0.0
+    both = np.asarray(mesh.f2t)
+    inner = np.flatnonzero(both[1] >= 0)
+    middles = points[corners].mean(axis=0)
+    facets = points[np.asarray(mesh.facets)[:, inner]]
+    normal = np.cross(facets[1] - facets[0], facets[2] - facets[0])
+    sides = [np.einsum("fa,fa->f", middles[both[i, inner]] - facets.mean(axis=0), normal) for i in (0, 1)]
+    folded[both[0, inner[np.sign(sides[0]) == np.sign(sides[1])]]] = True
+    if folded.any():
+        x, y, z = middles[folded.argmax()]
+        raise InvalidInput(
+            f"{int(folded.sum())} elements of the mesh are inverted or overlap others, first at ({x:g}, {y:g}, {z:g}) m. Mesh the pad again; of elements= of your "
+            "own, check the order of their corners (scikit-fem's)."
+        )
+    pairs = (np.ones(len(inner)), (both[0, inner], both[1, inner]))
+    bodies, body = connected_components(coo_array(pairs, shape=(corners.shape[1],) * 2), directed=False)
+    fixed = np.isin(corners, np.unique(base)).any(axis=0)
+    if len(np.unique(body[fixed])) < bodies:
+        raise InvalidInput(
+            f"the mesh has {bodies} separate bodies, and {bodies - len(np.unique(body[fixed]))} of them are not on the base: they would float. Leave them out, or name their "
+            "glued surfaces as base= too."
         )
 
 

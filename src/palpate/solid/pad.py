@@ -17,20 +17,18 @@ from scipy.spatial import cKDTree
 from palpate._extras import require as require_library
 from palpate._memory import require
 from palpate._threads import cached_property
-from palpate.elastic.channels import find_channel
 from palpate.elastic.layers import BondedLayers, Layer
 from palpate.elastic.pad import Complexes, Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import AreaArray, Array, ScatteredArray
 from palpate.sensing.curved import Chart, CurvedGrid
 from palpate.sensing.grids import AreaGrid, Grid, check_length
-from palpate.sensing.kernels import aperture_rule
 from palpate.sensing.maps import LinearMap, MatrixMap
 from palpate.sensing.surface import default_surface
 from palpate.sensing.uncertainty import Uncertainty
-from palpate.solid import accuracy, files, making
+from palpate.solid import accuracy, adjoint, files, making
 from palpate.solid.charts import PlaneChart
-from palpate.solid.making import FLAT, LARGEST, THROUGH
+from palpate.solid.making import FLAT, LARGEST
 
 if TYPE_CHECKING:
     from palpate.solid.elasticity import Solid
@@ -43,10 +41,8 @@ Index = npt.NDArray[np.intp]
 LARGEST_RATIO = 0.4999
 #: A sensing element outside the mesh by more than this part of an element is beside the pad: flat facets miss curved surfaces by 0.02.
 OUTSIDE = 0.1
-#: Component of traction that a channel on a rigid base measures.
-ON_BASE = {"stress_xz": 0, "stress_yz": 1, "stress_zz": 2}
-#: Largest size of cached fields at the surface [bytes].
-CACHE_BYTES = 2_000_000_000
+#: Pads that are wider or deeper [m] are meshes in millimetres without scale=1e-3: one of 2 mm would be 2 m deep.
+WIDEST, DEEPEST = 10.0, 0.5
 #: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
 #: contact is small, and the error of cells as wide as a contact would be explained by pressure at the sides (a ball that reads 1.6 N of 1 N then reads 1.0 N).
 CELLS, HALVED = 48, 24
@@ -159,9 +155,10 @@ class SolidPad:
                 "SolidPad.box)."
             )
         width = float(np.ptp(points, axis=0).max())
-        if width > 10.0:
+        deep = float(np.ptp(points[:, 2]))
+        if width > WIDEST or deep > DEEPEST:
             raise InvalidInput(
-                f"the pad is {width:g} m wide. Lengths are in metres: of a mesh in millimetres give scale=1e-3."
+                f"the pad is {width:g} m wide and {deep:g} m deep. Lengths are in metres: of a mesh in millimetres give scale=1e-3."
             )
         if self.chart is not None:
             return
@@ -439,7 +436,7 @@ class SolidPad:
             f"{readings} readings in a solid pad and {cells} surface cells",
             "Give a coarser surface, or fewer positions.",
         )
-        fields = self._fields(array)
+        fields = adjoint.fields(self, array)
         out = np.zeros((readings, 3, cells))
         for component, axis, loads in self._cell_loads(surface):
             out[:, component] += (loads @ fields[:, axis].T).T
@@ -479,16 +476,39 @@ class SolidPad:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """The `accuracy`, used if a skin states no uncertainty.
+        """The `accuracy`, used if a skin states no uncertainty; if it is not known and the mesh is coarse (`notes`), an
+        assumed one.
 
         Examples
         --------
         >>> import palpate as pp
-        >>> tip = pp.SolidPad.dome(8e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=3e-3)
-        >>> tip.accuracy, tip.uncertainty.gain
-        (None, None)
+        >>> fine, coarse = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=e) for e in (0.5e-3, 1e-3))
+        >>> fine.uncertainty.gain, round(coarse.uncertainty.gain, 2)
+        (None, 0.1)
         """
-        return Uncertainty(gain=self.accuracy)
+        return Uncertainty(gain=self._assumed if self.accuracy is None else self.accuracy)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What results on this pad note: a mesh that is coarse, and whose `accuracy` is not known.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.SolidPad.box(6e-3, 6e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
+        >>> pad.notes[0][:44]
+        'the mesh has 2 elements through the thicknes'
+        """
+        if self.accuracy is not None or self._assumed is None:
+            return ()
+        return (
+            f"the mesh has {accuracy.through(self):.2g} elements through the thickness: its readings may be {100 * self._assumed:.0f} % off, stress inside more. "
+            "Make the pad of smaller ones (element=), or have its error measured (SolidPad.compared_with)",
+        )
+
+    @cached_property
+    def _assumed(self) -> float | None:
+        return accuracy.assumed(self)
 
     def save(self, path: str | Path) -> None:
         """Save the maps computed so far for sensors in this pad, and its `accuracy`, for `load` in another run.
@@ -573,6 +593,7 @@ class SolidPad:
         kinds = (MeshHex2, MeshTet2) if self.curved else (MeshHex, MeshTet)
         kind = kinds[0] if self.elements.shape[1] == 8 else kinds[1]
         mesh = kind(np.ascontiguousarray(self.vertices.T), np.ascontiguousarray(self.elements.T.astype(np.int64)))
+        making.check_mesh(mesh, self.base)
         return Solid(mesh, self.youngs_modulus, self.poissons_ratio, self._facets(mesh, self.base))
 
     @staticmethod
@@ -588,6 +609,13 @@ class SolidPad:
         return np.unique(self.solid.basis.get_dofs(facets).flatten())
 
     @cached_property
+    def _mirrors(self) -> tuple[Index | None, Index | None]:
+        """Order in which the nodes of `_top` are their mirror images in x = 0 and in y = 0; None if the solid is not
+        symmetric there.
+        """
+        return adjoint.mirrors(self)
+
+    @cached_property
     def _kept(self) -> OrderedDict[tuple[Any, ...], Floats]:
         """Cached displacements (axis, node of the surface) for a unit of each reading, by its position, channel and aperture."""
         return OrderedDict()
@@ -600,56 +628,6 @@ class SolidPad:
     @cached_property
     def _flush(self) -> bool:
         return making.is_flush(self)
-
-    @cached_property
-    def _beside(self) -> float:
-        """Distance [m] from a point at which stress is evaluated on either side: it jumps between elements, and the mean is more accurate."""
-        return 1e-6 * float(self.thickness) / THROUGH
-
-    def _fields(self, array: Array) -> Floats:
-        """Return fields (reading, axis, node of the surface), ordered by taxel, then channel."""
-        spacing = float(np.sqrt(np.ptp(self.outline[0]) * np.ptp(self.outline[1]))) / 100.0
-        rules = [aperture_rule(w, array.depth, spacing, None) for w in array.apertures]
-        widths = tuple(float(w) for w in array.apertures)
-        keys = [(float(x), float(y), float(array.depth), c, *widths) for y, x in array.points for c in array.channels]
-        missing = list(dict.fromkeys(k for k in keys if k not in self._kept))
-        step = 128
-        for start in range(0, len(missing), step):
-            some = missing[start : start + step]
-            loads = np.zeros((3 * self.solid.basis.N, len(some)))
-            moved_base = np.zeros_like(loads) if self._flush else None
-            around = [(d * self._beside, 0.5) for d in (-1.0, 1.0)]
-            nodes = list(itertools.product(zip(*rules[0]), zip(*rules[1]), around, around, around))
-            weights = np.array([math.prod(w for _, w in node) for node in nodes])
-            moved = np.array([[b + e, a + d, f] for (a, _), (b, _), (d, _), (e, _), (f, _) in nodes])
-            for name in dict.fromkeys(str(k[3]) for k in some):
-                columns = np.array([i for i, k in enumerate(some) if k[3] == name])
-                middles = np.array([some[i][:3] for i in columns])
-                flush = self._flush and name in ON_BASE and middles[0, 2] > self.thickness * (1.0 - FLAT)
-                if flush and moved_base is not None:  # pressure and shear on the base: from its reactions
-                    spots = list(itertools.product(zip(*rules[0]), zip(*rules[1])))
-                    parts = np.array([v * w for (_, v), (_, w) in spots])
-                    steps = np.array([[b, a] for (a, _), (b, _) in spots])
-                    x, y = (middles[:, None, :2] + steps).reshape(-1, 2).T
-                    positions, axes = self._at(x, y, np.full_like(x, self.thickness))
-                    shape = (3, len(columns), len(spots))
-                    along = (axes[:, ON_BASE[name]] * np.tile(parts, len(columns))[:, None]).T.reshape(shape)
-                    each = self.solid.at_held(positions.T.reshape(shape), along)
-                    moved_base.reshape(-1, 3, len(some))[np.ix_(self.solid.held, np.arange(3), columns)] = each
-                    continue
-                x, y, depth = (middles[:, None] + moved).reshape(-1, 3).T
-                positions, axes = self._at(x, y, depth)
-                held, fields = self.solid.at(positions.T, axes)
-                rows = np.asarray(find_channel(name).read(fields)) * np.tile(weights, len(columns))[:, None, None]
-                unknowns = 3 * held.T[:, :, None] + np.arange(3)
-                np.add.at(loads, (unknowns, np.repeat(columns, len(weights))[:, None, None]), rows)
-            found = self.solid.solve(loads, moved_base).reshape(-1, 3, len(some))[self._top]
-            for column, key in enumerate(some):
-                self._kept[key] = np.ascontiguousarray(found[:, :, column].T)
-        out = np.stack([self._kept[k] for k in keys])
-        while len(self._kept) > 1 and len(self._kept) * out[0].nbytes > CACHE_BYTES:
-            self._kept.popitem(last=False)
-        return out
 
     def _cell_loads(self, surface: Grid) -> Iterator[tuple[int, int, Any]]:
         """Yield component of traction, axis of the pad, and sparse forces on nodes for unit traction in a cell (cell, node of the surface) [m^2]."""

@@ -30,7 +30,7 @@ MISFIT_NOTE = 0.05
 #: then off by a third).
 LARGE_STRAIN = 0.3
 #: Beginning of the note on an uncertain force.
-ROUGHLY = "the net force is known roughly only"
+ROUGHLY = "the net force is uncertain"
 
 
 @dataclass(frozen=True)
@@ -226,18 +226,18 @@ class Outcome:
             said.append(f"{status.label}{some(count)}: {status.meaning}{remedy}")
         if self.unlike_noise:
             said.append(
-                f"no contact found{some(self.unlike_noise)}, but noise seldom reads like this: the interval has room for contact"
+                f"no contact found{some(self.unlike_noise)}, but noise rarely gives such readings: the interval includes a contact"
             )
         if self.pulls:
-            said.append(f"the readings pull as a whole{some(self.pulls)}: adhesion, or a wrong sign of the readings?")
+            said.append(f"the contact pulls as a whole{some(self.pulls)}: adhesion, or readings of the wrong sign?")
         for count, what in (
             (self.linear, "; the linear method was used"),
-            (self.rims, "; pull about it was sought too"),
+            (self.rims, "; a pull around it was included"),
             (self.unexplained, f"; {Status.NOT_PUSHING.remedy}"),
         ):
             if count:
                 said.append(
-                    f"contact that only pushes does not explain the readings{some(count)} (adhesion, cells that pull, a wrong pad or "
+                    f"a contact that only pushes does not explain the readings{some(count)} (adhesion, cells that pull, a wrong pad or "
                     f"unit?){what}"
                 )
         if self.left_out:
@@ -248,7 +248,7 @@ class Outcome:
         if self.at_limit:
             up_to = "up to " if self.batch else ""
             said.append(
-                f"{up_to}{self.most_at_limit} readings at the end of their range{some(self.at_limit)}: they count as at least that"
+                f"{up_to}{self.most_at_limit} readings at the end of their range{some(self.at_limit)}: the true values may lie beyond it"
             )
         for n in self.nuisances:
             if n.found and self.batch:
@@ -257,8 +257,8 @@ class Outcome:
                 said.append(f"{n.label}: {plain_number(n.size, 3)} {n.unit} (+- {plain_number(n.std, 2)})")
             if n.hidden:
                 said.append(
-                    f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be told from contact; up to "
-                    f"{plain_number(n.hidden_std, 2)} {n.unit} of it is in the error bars. Where it does not drift, say Skin(..., nuisance=[])"
+                    f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be separated from contact; the error bars allow for "
+                    f"{plain_number(n.hidden_std, 2)} {n.unit} of it. If it does not drift, pass Skin(..., nuisance=[])"
                 )
         if self.above_modulus:
             said.append(

@@ -24,7 +24,7 @@ from palpate.tracking.zero import FRAMES_FOR_NOISE
 __all__ = ["BEGUN", "Alone", "Answer", "Comparison", "SingleSolve"]
 
 #: Beginning of the note when a contact is restarted.
-BEGUN = "followed from frame to frame this contact read"
+BEGUN = "tracked from frame to frame, this contact read"
 #: A function that solves readings minus their zero (one array per plane), with the noise of frames at rest (a list of
 #: the same).
 Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
@@ -211,4 +211,4 @@ class Comparison:
         and ``unit``.
         """
         both = (f"{a.force[-1]:.3g} ({a.low[-1]:.3g} to {a.high[-1]:.3g}) {unit}" for a in (tracked, alone))
-        return f"{BEGUN} {', by itself '.join(both)}: it is begun anew"
+        return f"{BEGUN} {', from this frame alone '.join(both)}: the tracker restarts the contact"

@@ -41,8 +41,8 @@ class SlowPress:
         said = []
         if force > DRIFTED * float(errors.force[-1]):
             said.append(
-                f"the zero has followed a drift of the readings since it was taken, which an even press of {force:.2g} {self._unit} would look like: "
-                "take it anew while nothing touches (Z on the page, Tracker.rezero)"
+                f"the zero has followed a drift of the readings, as large as that of an even press of {force:.2g} {self._unit}: "
+                "take a new zero while nothing touches (Z on the page, Tracker.rezero)"
             )
         last = np.arange(len(errors.force)) == len(errors.force) - 1
         return replace(errors, force=np.hypot(errors.force, np.where(last, force / HALF_WIDTH, 0.0))), said

@@ -546,7 +546,7 @@ class Tracker:
         if self._standing.now and not self._learning.discrepancy.zeroed:
             said.append(STANDS)
         if not contact.pushing and contact.fits:
-            said.append("traction of either sign was sought, which explains the readings")
+            said.append("traction that pulls in places explains the readings, and was allowed")
         said += at_their_end(int(self._check.clipped.sum()), overload=self._check.overload)
         said += drifted(self._offsets.notable(), self._offsets.index, self._std, self._label)
         said += self._steady.look(contact.size, elapsed)

@@ -18,10 +18,10 @@ __all__ = ["at_their_end", "drifted", "restarted", "unfinished"]
 def unfinished(budget: float | None, tolerance: float, *, exhausted: bool) -> str:
     """Return advice for an iteration that did not converge; ``exhausted``: it ran out of steps, not of time."""
     if budget is not None and not exhausted:
-        return f"the time of this frame ended the iteration: give it more, with a budget larger than {budget:.3g} s"
+        return f"the iteration ran out of time: pass a budget larger than {budget:.3g} s"
     return (
-        f"the steps of this frame ended the iteration: the next frame goes on from here, and a tolerance looser than {tolerance:.3g} "
-        "(tolerance=) ends it earlier"
+        f"the iteration ran out of steps: the next frame continues from here; a tolerance= looser than {tolerance:.3g} ends "
+        "it earlier"
     )
 
 
@@ -29,7 +29,7 @@ def at_their_end(count: int, *, overload: bool) -> list[str]:
     """Note that ``count`` readings are saturated; ``overload``: too many to determine the load."""
     if not count:
         return []
-    used = "the load has no upper end" if overload else "left out, and the load is at least what they tell"
+    used = "the load has no upper bound" if overload else "left out; the load is at least what they show"
     return [f"{count} readings are at the end of their range: {used}"]
 
 
@@ -42,11 +42,11 @@ def drifted(drift: Floats, index: npt.NDArray[np.intp], std: Floats, label: Call
         first = int(np.argmax(index == c))
         channel = label(first).split(" at ")[0]
         unit = f" {channel_unit(channel)}" if channel in CHANNELS else ""
-        said.append(f"the zero of {channel} has drifted by {drift[c] * std[first]:.3g}{unit}: taken out")
+        said.append(f"the zero of {channel} has drifted by {drift[c] * std[first]:.3g}{unit}: removed")
     return said
 
 
 def restarted(frame: FrameTime, *, creeps: bool) -> str:
     """Note that the clock restarted; ``creeps``: the pad's creep is removed from the readings."""
-    creep = "; the pad's creep is taken on as if without a pause" if creeps else ""
-    return f"the clock went back from {plain_time(frame.before or 0.0)} s to {plain_time(frame.now)} s: contact is found afresh, the zero is kept{creep}"
+    creep = "; the pad's creep continues as if without a pause" if creeps else ""
+    return f"the clock went back from {plain_time(frame.before or 0.0)} s to {plain_time(frame.now)} s: contact is estimated anew, the zero is kept{creep}"

@@ -17,7 +17,7 @@ intervals that hold 95 % of normal errors, 0.3 % do. A normal force that is not 
 - the 95 % interval of the worst component of the force is wider than the load,
 - a note, figures apart, that a clean frame of the same sensor does not have. A note on every frame does not count.
 
-A frame that says "the net force is known roughly only", as every frame of some sensors rightly does, has said that it may be off by more than 30 %: it is
+A frame that says "the net force is uncertain", as every frame of some sensors rightly does, has said that it may be off by more than 30 %: it is
 not wrong without a word unless the truth lies far outside its interval.
 
 The last frame of a **recording** (`palpate.bench.trust.recorded`) is answered as a user would have it: from its frames at rest and those before it, by itself,

@@ -102,14 +102,13 @@ def random_load(
     friction: float,
     axes: str,
     adhesion: float = 0.0,
-    edge: float = 0.1,
     small: bool = False,
 ) -> Load:
     """Return one or several contacts with a peak pressure of 1 to 15 % of the modulus.
 
     ``friction`` limits the shear along the ``axes`` ("", "x", "y" or "xy"). ``adhesion`` is the pull of a rim around
-    each contact, as a fraction of the peak. ``edge`` is the probability that a contact crosses the edge of the array,
-    with at most half of it outside. With ``small``, contacts have a radius of 0.1 to 0.7 pitches.
+    each contact, as a fraction of the peak. One in ten loads crosses the edge of the array, with at most half of a
+    contact outside. With ``small``, contacts have a radius of 0.1 to 0.7 pitches.
     """
     d = len(sensor.shape)
     half = 0.5 * sensor.pitch * np.array(sensor.shape[::-1], dtype=np.float64)  # x, then y
@@ -117,7 +116,7 @@ def random_load(
     largest = max(1.2 * smallest, 0.7 * float(half.min()))
     if small:
         smallest, largest = 0.1 * sensor.pitch, 0.7 * sensor.pitch
-    across = rng.random() < edge
+    across = rng.random() < 0.1
     count = 1 if across or sensor.kind == "tiny" or adhesion > 0 else int(rng.choice([1, 2, 3], p=[0.75, 0.17, 0.08]))
     parts: list[_Patch] = []
     for _ in range(count):

@@ -114,27 +114,19 @@ class Sensor:
         """Return the skin with this description. ``uncertainty`` is as `palpate.Uncertainty` accepts it, ``limits`` is
         the largest reading.
         """
+        same: dict[str, Any] = {
+            "pitch": self.pitch,
+            "depth": self.depth,
+            "channels": self.channels,
+            "aperture": self.aperture,
+            "noise": noise,
+            "limits": limits,
+        }
         array: LineArray | AreaArray
         if len(self.shape) == 1:
-            array = LineArray(
-                count=self.shape[0],
-                pitch=self.pitch,
-                depth=self.depth,
-                channels=self.channels,
-                aperture=self.aperture,
-                noise=noise,
-                limits=limits,
-            )
+            array = LineArray(count=self.shape[0], **same)
         else:
-            array = AreaArray(
-                shape=(self.shape[0], self.shape[1]),
-                pitch=self.pitch,
-                depth=self.depth,
-                channels=self.channels,
-                aperture=self.aperture,
-                noise=noise,
-                limits=limits,
-            )
+            array = AreaArray(shape=(self.shape[0], self.shape[1]), **same)
         stated = Uncertainty(**uncertainty) if uncertainty else None
         return Skin(self._pad(), array, surface=surface, uncertainty=stated)
 

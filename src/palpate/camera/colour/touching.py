@@ -334,7 +334,7 @@ def feel(
     rate : float, optional
         Pictures a second, for sources without times.
     every : int
-        Solve only every so manyeth picture.
+        Solve one in this many pictures.
     **options
         Options of `Skin.reconstruct`, such as method.
 

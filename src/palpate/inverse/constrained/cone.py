@@ -12,6 +12,7 @@ few steps, exactly. If it cycles, an interior-point method (`palpate.inverse.con
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,6 +132,11 @@ SMALLER, PATIENCE, AFTER = 0.999, 5, 1
 #: Largest number of steps if only products with H are available, because each step then needs tens of them: with
 #: identical readings it took minutes.
 FEWER_STEPS = 30
+#: Residual below which a factor of the same free directions is used again on a cone: they turn by as little, so that each further step leaves about this
+#: part of what the one before left. It is also the accuracy of the errors that follow from that factor.
+NEARLY = 3e-3
+#: Such a step that leaves more than this part is followed by one with a new factor.
+TURNED = 0.1
 
 
 def minimise(
@@ -176,6 +182,8 @@ def minimise(
         steps = min(steps, FEWER_STEPS)
     inside: bool | None = None  # whether the interior-point method converged, if it ran
     known: tuple[Face, Factor] | None = None
+    found_at = math.inf  # the residual that the factor was made at
+    last = math.inf
     while True:
         give_way()
         v = x - step_size * gradient
@@ -193,14 +201,19 @@ def minimise(
             x, inside = interior(h_matrix.exactly(), h_vector, cone, best, tolerance)
             best_size, since = np.inf if inside else best_size, 0
             gradient = h_matrix.product(x) - h_vector
+            known, last = None, math.inf
             continue
-        known = _factored(h_matrix, cone, v, step_size, known)
+        keep = found_at <= NEARLY and size <= TURNED * last
+        before, known = known, _factored(h_matrix, cone, v, step_size, known, keep=keep)
+        found_at, last = found_at if known is before else size, size
         x = _newton(h_matrix, *known, x, residual, step_size)
         gradient = h_matrix.product(x) - h_vector
         taken += 1
     converged = best_size <= tolerance or bool(inside)
     if keep_face:
-        face, factor = _factored(h_matrix, cone, best - step_size * best_gradient, step_size, known)
+        face, factor = _factored(
+            h_matrix, cone, best - step_size * best_gradient, step_size, known, keep=found_at <= NEARLY
+        )
         face.scales = scale
         known = face, factor
     return Solution(
@@ -213,13 +226,23 @@ def minimise(
 
 
 def _factored(
-    hessian: Quadratic, cone: Cone, v: Floats, step_size: Floats, known: tuple[Face, Factor] | None
+    hessian: Quadratic,
+    cone: Cone,
+    v: Floats,
+    step_size: Floats,
+    known: tuple[Face, Factor] | None,
+    *,
+    keep: bool = False,
 ) -> tuple[Face, Factor]:
-    """The free directions of the projection of v, and the factor of H plus the cone's curvature there (`_newton`)."""
+    """The free directions of the projection of v, and the factor of H plus the cone's curvature there (`_newton`).
+
+    ``known``, if given, is returned if the directions are the same, or with ``keep`` if as many are free and they have only turned.
+    """
     face = Face(*cone.directions(v), cone.coupled)
-    straight = known is not None and not (cone.coupled and (face.oblique.any() or known[0].oblique.any()))
-    if known is not None and straight and np.array_equal(face.free, known[0].free):
-        return known
+    if known is not None and np.array_equal(face.free, known[0].free):
+        same = np.array_equal(face.oblique, known[0].oblique)
+        if same and (keep or not (cone.coupled and face.oblique.any())):
+            return known
     if not cone.coupled:  # cache the complete value
         return face, hessian.factor(face, np.zeros(len(face.index)))
     return face, hessian.factor(face, (1.0 - face.kept) / (face.kept * face.spread(step_size)))

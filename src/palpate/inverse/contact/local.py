@@ -359,7 +359,7 @@ class LocalEstimator:
         if not there.all():
             some = f" in {int((~there).sum())} of {len(there)} frames" if batch else ""
             said.append(
-                f'traction is in too many places or in none, or noise is not told from it{some}: method="tikhonov" was used there'
+                f'traction acts in too many places or in none, or cannot be separated from noise{some}: method="tikhonov" was used there'
             )
         return tuple(said)
 

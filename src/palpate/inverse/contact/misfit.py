@@ -11,7 +11,6 @@ from palpate.inverse.constrained.variances import carried, face_of, taken_by
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.fit import MIN_DEGREES, MODEL_DETAIL, misfit_probability
-from palpate.sensing.nuisance import DRIFTS, nuisances
 
 __all__ = ["drift_probability", "fit_of", "misfit_of", "noise_ratio", "proportional_part"]
 
@@ -122,7 +121,7 @@ def drift_probability(estimator: Prepared, run: Solved) -> float:
     many = int(run.observed.sum()) > policy.fit.many
     members = sorted(run.members, key=lambda m: -m.weight) if many else run.members
     observed, known = run.observed, estimator.noise_known
-    drifts = np.stack([t.rows for t in nuisances(estimator.operator.planes_of, DRIFTS)], axis=1)
+    drifts = np.stack([t.rows for t in estimator.drifts], axis=1)
     columns = np.concatenate([run.doubtful[0], drifts / run.noise[:, None]], axis=1)
     columns = estimator.readings.white(columns[observed], observed)
     y = estimator.readings.white((run.data / run.noise)[observed], observed)

@@ -76,17 +76,17 @@ def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) ->
     said = []
     if small:
         said.append(
-            f"small contact{where(small)}: few taxels feel it, so that its size and its place between them, and its force with them, are known "
-            "no better than the intervals say"
+            f"small contact{where(small)}: few taxels respond to it, so that its size, its place between them and its force are as "
+            "uncertain as the intervals say"
         )
     if alone:
         said.append(
-            f"small contact or a broken taxel{where(alone)}: one taxel alone tells it, and the others read as where nothing touches"
+            f"small contact or a broken taxel{where(alone)}: one taxel alone responds, and the others read as if nothing touches"
         )
     lonely = sum(f.alone > policy.errors.much and f.small < 2 for f in frames)
     if lonely:
         said.append(
-            f"a broken taxel or a small contact beside others{where(lonely)}: one taxel alone tells a part of the load, and its neighbours read as where "
+            f"a broken taxel or a small contact beside others{where(lonely)}: one taxel alone shows a part of the load, and its neighbours read as if "
             "nothing touches"
         )
     across = sum(f.beyond[0] > policy.errors.much or f.beyond[1] > policy.extent.goes_on for f in frames)
@@ -103,31 +103,31 @@ def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) ->
     )
     if brink:
         said.append(
-            f"contact at the edge{where(brink)}: at the outermost taxels traction is {100.0 * policy.extent.at_edge:.0f} % of the largest or more, and how far it goes on "
-            "beyond them is not measured: the intervals have room for as far as it reaches inwards"
+            f"contact at the edge{where(brink)}: at the outermost taxels traction is {100.0 * policy.extent.at_edge:.0f} % of the largest or more, and how far it continues "
+            "beyond them is not measured: the intervals allow for as far as it reaches inwards"
         )
     hanging = [f.hangs for f in frames if f.hangs > policy.errors.hangs]
     if hanging:
         said.append(
-            f"one reading alone tells {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: nothing shows whether it is right, or at the end of "
-            "its range (limits= of the array says where that is)"
+            f"one reading alone determines {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: no other shows whether it is right, or "
+            "at the end of its range (limits= of the array states that end)"
         )
     pressed = sum(f.unproven == 2 for f in frames)
     short = sum(not f.converged for f in frames)
     if short:
         said.append(
-            f"the iteration did not reach its tolerance{where(short)}: the best traction met is given, and the error bars may be too narrow; "
+            f"the iteration did not reach its tolerance{where(short)}: the best traction found is given, and the error bars may be too narrow; "
             'method="tikhonov" has no such iteration'
         )
     drifting = sum(f.adrift for f in frames)
     if drifting:
         said.append(
-            f"drift{where(drifting)}: a shift or a tilt of the displacements that the readings do not tell from contact may be part of the force: "
-            "the intervals allow for one of a tenth of the largest reading (standard deviation). Where nothing drifts, say Skin(..., nuisance=[])"
+            f"drift{where(drifting)}: the readings do not separate a shift or a tilt of the displacements from contact, so that it may be part of the force: "
+            "the intervals allow for one of a tenth of the largest reading (standard deviation). If nothing drifts, pass Skin(..., nuisance=[])"
         )
     if pressed:
         said.append(
-            f"nothing was found{where(pressed)}, but contact all over so few taxels explains the readings as well as noise does, and the interval has room for it: "
-            "noise= of the array, where it is known, tells"
+            f"nothing was found{where(pressed)}, but an even contact over all of these few taxels explains the readings as well as noise does, and the interval includes it: "
+            "noise= of the array, if it is known, decides"
         )
     return tuple(said)

@@ -44,7 +44,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
 from palpate.sensing.limits import ends_of
-from palpate.sensing.nuisance import LATER, USUAL, nuisances, rows_and_columns
+from palpate.sensing.nuisance import DRIFTS, LATER, USUAL, Nuisance, nuisances, rows_and_columns
 
 __all__ = ["Prepared"]
 
@@ -223,6 +223,11 @@ class Prepared(ABC):
         """Readings (reading, term) that each nuisance of size one adds."""
         n = len(self.readings.std)
         return np.stack([t.rows for t in self.terms], axis=1) if self.terms else np.zeros((n, 0))
+
+    @cached_property
+    def drifts(self) -> list[Nuisance]:
+        """Offset and ramp of every channel."""
+        return nuisances(self.operator.planes_of, DRIFTS)
 
     @cached_property
     def even_press(self) -> Floats:

@@ -88,15 +88,15 @@ Quantity = tuple[Floats, Floats]
 class Quantities:
     """(value, variance) of each quantity of one model, computed on first access.
 
-    Only cells ``inside`` contribute. With ``owed``, the variances are only those due to pad properties that are not
-    known exactly.
+    Only cells ``inside`` contribute. With ``known``, the same quantities with other variances, the variances are only
+    those due to pad properties that are not known exactly.
     """
 
     def __init__(
-        self, model: ContactModel, grid: Grid, inside: Flags, columns: Sequence[int], *, owed: bool = False
+        self, model: ContactModel, grid: Grid, inside: Flags, columns: Sequence[int], *, known: Quantities | None = None
     ) -> None:
-        self.model, self.grid, self.inside, self.columns = model, grid, inside, columns
-        self._of, self._of_sums = (owed_of, owed_of_sums) if owed else (variance_of, variance_of_sums)
+        self.model, self.grid, self.inside, self.columns, self._known = model, grid, inside, columns, known
+        self._of, self._of_sums = (variance_of, variance_of_sums) if known is None else (owed_of, owed_of_sums)
         level = model.level
         places = np.unravel_index(model.cells, level.grid.shape)
         self.kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)
@@ -104,11 +104,13 @@ class Quantities:
 
     @cached_property
     def _shares(self) -> tuple[Sparse, Index]:
-        return shares(self.model, self.grid)
+        return shares(self.model, self.grid) if self._known is None else self._known._shares
 
     @cached_property
     def mean(self) -> Floats:
         """Traction on the surface's cells (component, *surface)."""
+        if self._known is not None:
+            return self._known.mean
         share, surface_cells = self._shares
         traction = self.model.solution.traction
         out = np.zeros((len(traction), math.prod(self.grid.shape)))
@@ -206,7 +208,8 @@ class Summary:
         gains = self._by_gains()
         if gains is None and all(m.stated is None for m in models):
             return None
-        parts = [Quantities(m, self.grid, self.posterior.inside, self.posterior.columns, owed=True) for m in models]
+        grid, inside, columns = self.grid, self.posterior.inside, self.posterior.columns
+        parts = [Quantities(p.model, grid, inside, columns, known=p) for p in self._sure]
 
         def owed(name: str) -> Floats:
             return np.asarray(np.tensordot(self._weights, np.stack([getattr(p, name)[1] for p in parts]), 1))

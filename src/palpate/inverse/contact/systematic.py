@@ -28,7 +28,6 @@ from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.grids import block_means
-from palpate.sensing.nuisance import DRIFTS, nuisances
 
 __all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "state"]
 
@@ -152,7 +151,7 @@ def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, devi
     if not policy.parts.nuisances or estimator.problem.nuisance is not None or not estimator.far or not part > 0.0:
         return
     accounted = {t.label for t, d in zip(estimator.terms, deviation) if d > 0}
-    terms = [t for t in nuisances(estimator.operator.planes_of, DRIFTS) if t.label not in accounted]
+    terms = [t for t in estimator.drifts if t.label not in accounted]
     if not terms:
         return
     rows = np.stack([t.rows for t in terms], axis=1)

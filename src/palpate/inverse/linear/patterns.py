@@ -217,19 +217,19 @@ class Patterns:
             there = np.abs(size) > SURE * deviation
             if there.any() and not batch:
                 said.append(
-                    f"{pattern.label}: {plain_number(size[0], 3)} +- {plain_number(deviation[0], 2)} {pattern.unit}, taken out"
+                    f"{pattern.label}: {plain_number(size[0], 3)} +- {plain_number(deviation[0], 2)} {pattern.unit}, removed"
                 )
             elif there.any():
                 low, high = size[there].min(), size[there].max()
                 said.append(
-                    f"{pattern.label} in {int(there.sum())} of {len(there)} frames: {plain_number(low, 3)} to {plain_number(high, 3)} {pattern.unit}, taken out"
+                    f"{pattern.label} in {int(there.sum())} of {len(there)} frames: {plain_number(low, 3)} to {plain_number(high, 3)} {pattern.unit}, removed"
                 )
             open_ = ~there
             if self.adrift and pattern.kind == "offset" and open_.any():
                 some = f" in {int(open_.sum())} of {len(open_)} frames" if batch else ""
                 most = 2.0 * float(deviation[open_].max())
                 said.append(
-                    f"{pattern.label} (of up to {plain_number(most, 2)} {pattern.unit}) and a net force cannot be told apart{some}: the intervals allow for "
-                    "both. Where the image cannot drift, say Skin(..., nuisance=[])"
+                    f"{pattern.label} (of up to {plain_number(most, 2)} {pattern.unit}) and a net force cannot be separated{some}: the intervals allow for "
+                    "both. If the image cannot drift, pass Skin(..., nuisance=[])"
                 )
         return said

@@ -155,8 +155,8 @@ class Regularised:
             blind = unexplained(self.filter, self.spectrum, chosen) < UNEXPLAINED
             if blind.any():
                 said.append(
-                    f"noise cannot be separated from traction{in_frames(blind, batch)}, which explains the readings at every wavelength: what is fine "
-                    "in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
+                    f"noise cannot be separated from traction{in_frames(blind, batch)}, which explains the readings at every wavelength: fine detail "
+                    "of the map may be noise. Give the array its noise=..., and noise_correlation=... if neighbours share it, as windows that overlap do"
                 )
         gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
         residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())

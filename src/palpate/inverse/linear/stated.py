@@ -69,7 +69,7 @@ class InDoubt:
         said = list(found.said)
         if self.offsets:
             said.append(
-                "an offset of the readings would be taken for such contact, and its error bars have room for one: nuisance=[] says that there is none"
+                "an offset of the readings would be taken for such a contact, and the error bars allow for one: nuisance=[] excludes it"
             )
         return replace(
             found, said=tuple(said), stated=Stated(**{n: v.reshape((*batch, *v.shape[1:])) for n, v in joined.items()})

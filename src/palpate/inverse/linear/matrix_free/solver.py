@@ -191,8 +191,8 @@ class MatrixFree:
             )
         if isinstance(self.parameter, str) and found["blind"].any():
             said.append(
-                f"noise cannot be separated from traction{in_frames(found['blind'], batch)}, which explains the readings at every wavelength: what is "
-                "fine in the map may be noise. Give the array its noise=..., and noise_correlation=... where it is shared, as between windows that overlap"
+                f"noise cannot be separated from traction{in_frames(found['blind'], batch)}, which explains the readings at every wavelength: "
+                "fine detail of the map may be noise. Give the array its noise=..., and noise_correlation=... if neighbours share it, as windows that overlap do"
             )
         short = found["misfit"] > SOLVED
         if short.any():
