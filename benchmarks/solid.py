@@ -391,7 +391,7 @@ PARTS: dict[str, tuple[str, Callable[[], list[str]]]] = {
 
 def sections(text: str) -> dict[str, str]:
     """Parts of the page by name."""
-    parts = text.split("\n## ")[1:]
+    parts = f"\n{text}".split("\n## ")[1:]
     return {part.split("\n", 1)[0].strip(): part.split("\n", 1)[1].strip() for part in parts}
 
 

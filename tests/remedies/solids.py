@@ -119,6 +119,23 @@ def mesh(name: str, **changed: Any) -> pp.SolidPad:
     return pp.SolidPad.from_mesh(name, **{"base": "glue", "contact": "skin", **MATERIAL, **changed})
 
 
+def solid(**changed: Any) -> Any:
+    """The finite elements of the box, with other vertices or elements."""
+    return of(**changed).solid
+
+
+def twice(shift: float) -> dict[str, Any]:
+    """The box and a second one beside it, or at its place, that shares no node with it."""
+    pad = cubes()
+    points = np.concatenate([pad.vertices, pad.vertices + np.array([shift, 0.0, 0.0])])
+    return {"vertices": points, "elements": np.concatenate([pad.elements, pad.elements + len(pad.vertices)])}
+
+
+def both_glued() -> Any:
+    given = twice(8e-3)
+    return solid(**given, base=np.concatenate([cubes().base, cubes().base + len(cubes().vertices)]))
+
+
 def kept() -> None:
     """What was worked out for the box."""
     pad = box()
@@ -147,6 +164,14 @@ REMEDIES = [
         cubes().elements[:, :6],
         cubes().elements,
     ),
+    value(
+        "elements of the mesh are inverted or overlap",
+        lambda order: solid(elements=cubes().elements[:, order]),
+        [0, 1, 4, 2, 3, 5, 7, 6],
+        list(range(8)),
+    ),
+    Remedy("vertices of the mesh lie where another one does", lambda: solid(**twice(0.0)), lambda: solid()),
+    Remedy("would float. Leave them out, or name", lambda: solid(**twice(8e-3)), both_glued),
     value("has no facets; name a surface", lambda v: of(base=v), cubes().base[:0], cubes().base),
     value("Give a coarser mesh (element=", lambda n: of(elements=np.tile(cubes().elements, (n, 1))), 300, 1),
     value("of a mesh in millimetres give scale=", lambda s: mesh("mm.msh", scale=s), 1e-2, 1e-6, given=meshes),
@@ -207,7 +232,7 @@ REMEDIES = [
         lambda: skin().reconstruct(np.ones((1, 3, 3)), method="tikhonov"),
     ),
     Remedy(
-        "ends where it ends",
+        "has sides: boundary",
         lambda: untouched(boundary="periodic"),
         lambda: untouched(boundary="free"),
         right=lambda readings: not np.any(np.asarray(readings)),

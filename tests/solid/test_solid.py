@@ -300,6 +300,14 @@ def test_a_mesh_in_millimetres_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+def test_taxels_two_elements_from_a_side() -> None:
+    """The rim of the base, where stress is infinite, does not enter their fit: with it they were 13 % off."""
+    pad, finer = (pp.SolidPad.box(6e-3, 6e-3, 2e-3, element=e, **MATERIAL) for e in (2e-3 / 3, 0.5e-3))
+    places = np.array([[1.67e-3, 0.2e-3], [1.67e-3, -0.9e-3]])
+    assert pad.mesh_error(finer, pp.ScatteredArray(positions=places, depth="base", channels=STRESS)) < 0.07
+
+
+@pytest.mark.long
 def test_sensors_below_which_nothing_is_glued() -> None:
     """There is no reaction; the lower side is free of traction there. What is left of it falls with the elements."""
     pad = pp.SolidPad.box(8e-3, 6e-3, 2e-3, element=0.5e-3, **MATERIAL)
@@ -375,7 +383,11 @@ def test_the_error_of_the_mesh_travels_with_the_pad(tmp_path: Path) -> None:
     depth = "base"
     channels = ["stress_zz"]
     """
-    for more, expected in (('responses = "gel.npz"', known.accuracy), ('accuracy = "3 %"', 0.03), ("", None)):
+    for more, expected in (
+        ('responses = "gel.npz"', known.accuracy),
+        ('accuracy = "3 %"', 0.03),
+        ("", pytest.approx(0.1)),
+    ):
         words = {"modulus": MATERIAL["youngs_modulus"], "ratio": MATERIAL["poissons_ratio"], "more": more}
         (tmp_path / "skin.toml").write_text(text.format(**words))
         skin = pp.Skin.from_file(tmp_path / "skin.toml")

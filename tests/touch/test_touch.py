@@ -342,7 +342,9 @@ def test_the_error_of_a_slip_margin_is_that_of_the_cell_nearest_to_slip() -> Non
         at = np.unravel_index(np.argmin(margin), margin.shape)
         sx, sy, sp = (std[at] for std in touch._errors.posterior.traction[i])
         assert value[i] == pytest.approx(margin[at])
-        assert deviation[i] == pytest.approx(np.sqrt((mu * sp) ** 2 + ((qx * sx) ** 2 + (qy * sy) ** 2)[at] / q[at] ** 2))
+        assert deviation[i] == pytest.approx(
+            np.sqrt((mu * sp) ** 2 + ((qx * sx) ** 2 + (qy * sy) ** 2)[at] / q[at] ** 2)
+        )
 
 
 def test_a_load_without_an_upper_end_has_an_infinite_deviation() -> None:

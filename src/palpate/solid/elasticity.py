@@ -140,7 +140,9 @@ class Solid:
     def reactions(self) -> Reactions:
         """Computes the stress on the fixed facets from the reactions."""
         basis = FacetBasis(self.mesh, self.element, facets=self.held_facets, intorder=6)
-        return Reactions(basis, self.held, self.basis.N)
+        free = np.setdiff1d(self.mesh.boundary_facets(), self.held_facets)
+        rim = np.unique(self.basis.get_dofs(free).flatten())
+        return Reactions(basis, self.held, rim, self.basis.N)
 
     def is_held(self, points: Floats) -> npt.NDArray[np.bool_]:
         """Return whether points (axis, n) lie on fixed facets: only nodes that are fixed then move them."""

@@ -583,7 +583,7 @@ class SolidPad:
         --------
         >>> import palpate as pp
         >>> pad = pp.SolidPad.box(8e-3, 8e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
-        >>> pad.solid.basis.N  # nodes
+        >>> int(pad.solid.basis.N)  # nodes
         1445
         """
         from skfem import MeshHex, MeshHex2, MeshTet, MeshTet2
