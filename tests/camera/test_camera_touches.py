@@ -336,7 +336,7 @@ def test_options_that_do_not_belong_together(tmp_path: Path) -> None:
     video, skin = files(tmp_path)
     assert "--picture" in palpate("track", skin, "--skin", skin, "--picture", tmp_path / "a.png", code=2)
     assert "--budget" in palpate("track", video, "--skin", skin, "--budget", "3", code=2)
-    assert "what is read" in palpate("track", video, "--skin", skin, "--picture", video, code=2)
+    assert "would be overwritten" in palpate("track", video, "--skin", skin, "--picture", video, code=2)
     assert "no such file" in palpate("track", tmp_path / "no.mp4", "--skin", skin, code=2)
 
 
