@@ -90,7 +90,24 @@ def in_range(estimator: Prepared, columns: Floats, sizes: Floats, data: Floats) 
     largest = estimator.policy.explanations.largest_nuisance * _reach_of_kind(
         estimator, columns, data - columns @ sizes
     )
-    return bool((np.abs(sizes) <= largest).all())
+    return bool((np.abs(sizes) <= largest)[~_without_datum(estimator, columns)].all())
+
+
+def _without_datum(estimator: Prepared, columns: Floats) -> Flags:
+    """Which nuisances are displacements of a line on a pad without a base: in two dimensions they grow as log r, so
+    that only differences between taxels mean something, and a shift of any size is no fault of the sensor.
+    """
+    operator = estimator.operator
+    if operator.pad.thickness is not None:
+        return np.zeros(columns.shape[1], dtype=bool)
+    free = np.concatenate(
+        [
+            np.full(int(a.valid.sum()), a.points.shape[1] == 1 and find_channel(c).kind.absolute)
+            for a in operator.planes_of
+            for c in a.channels
+        ]
+    )
+    return np.array([bool(free[c != 0].all()) for c in columns.T])
 
 
 def _reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
