@@ -287,7 +287,7 @@ def report(
     lines = [
         "# Newtons from labelled frames",
         "",
-        f"Made by `python benchmarks/calibrate.py --data FOLDER --first {draws.start} --draws {len(draws)}`: means over {len(draws)} draws of labels.",
+        f"Made by `python benchmarks/calibrate.py --data FOLDER --first {draws.start} --draws {len(draws)}`: means over {len(draws)} draws of labels. For shear palpate is also given Fz of the labelled frames, which the regressions cannot use.",
         "",
     ]
     heads = " | ".join(str(s) for s in SIZES)
