@@ -391,8 +391,8 @@ PARTS: dict[str, tuple[str, Callable[[], list[str]]]] = {
 
 def sections(text: str) -> dict[str, str]:
     """Parts of the page by name."""
-    parts = f"\n{text}".split("\n## ")[1:]
-    return {part.split("\n", 1)[0].strip(): part.split("\n", 1)[1].strip() for part in parts}
+    parts = f"\n{text}".split("\n**")[1:]
+    return {part.split("**", 1)[0]: part.split("\n", 1)[1].strip() for part in parts}
 
 
 def main() -> None:
@@ -406,10 +406,10 @@ def main() -> None:
         what, make = PARTS[name]
         made = f"Made by `python benchmarks/solid.py --part {name} --write` (solver: {solver})."
         found[name] = "\n".join([f"{what} {made}".strip(), "", *make()])
-        print(f"## {name}\n\n{found[name]}\n", flush=True)
+        print(f"**{name}**\n\n{found[name]}\n", flush=True)
         if chosen.write:
             page = sections(PAGE.read_text()) | found
-            PAGE.write_text("\n".join(f"\n## {n}\n\n{page[n]}" for n in PARTS if n in page).strip() + "\n")
+            PAGE.write_text("\n".join(f"\n**{n}**\n\n{page[n]}" for n in PARTS if n in page).strip() + "\n")
 
 
 if __name__ == "__main__":

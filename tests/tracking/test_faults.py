@@ -360,7 +360,10 @@ def _faulty(skin: pp.Skin, pressed: Any, seed: int, frames: int) -> dict[str, in
                     assert touch.force[2] == pytest.approx(1.0, abs=0.15)
             else:
                 # a millisecond is too short for any frame: 0.9 to 4 N half a second later. What is promised of such frames is that their error bars hold (here to the 0.15 of above), and an end
-                # to unfinished frames: without one it was 17 to 290 N
+                # to unfinished frames: without one it was 17 to 290 N. An unfinished frame may also be unexplained: it has no number
+                if status(touch) is Status.UNEXPLAINED:
+                    assert np.isnan(touch.force).all()
+                    continue
                 assert status(touch) in (Status.SOLVED, Status.NOT_CONVERGED, Status.NOT_PUSHING)
                 low, high = touch.interval(0.95, of="force")
                 assert low[2] - 0.15 < 1.0 < high[2] + 0.15

@@ -98,7 +98,7 @@ def test_an_even_press_that_grows_slowly_is_within_the_interval_of_no_contact() 
         touch = tracker.step(load * full + 100.0 * rng.standard_normal(full.shape), 0.01 * i)
     low, high = bounds(touch)
     assert low <= truth <= high
-    assert touch.touching or any("since it was taken" in note for note in touch.notes)
+    assert touch.touching or any("the zero has followed a drift" in note for note in touch.notes)
 
 
 @pytest.mark.long

@@ -185,10 +185,6 @@ def discs(
     for inner, ring in itertools.pairwise(rings):
         ring += inner  # all that lies within
     coarse = tried(np.concatenate(rings))
-    theirs = max(len(white) - taken, 1.0)
-    most = max(rules.worse**2 * max(left / theirs, 1.0), detail)
-    if (float(coarse.left.min()) - floor) / free > rules.refined * most:
-        return None
     # Refine to places between cells: take the best discs and interpolate between their neighbours.
     best = np.argsort(coarse.left, kind="stable")[: rules.best]
     sizes = best // len(some)
@@ -242,7 +238,8 @@ def discs(
             shapes += [(around[size, known], s[known], int(size), float(s @ counts[size])) for s in part]
         volume.append(np.full(len(one.left), grid.dimensions * math.log(2.0 * step * rules.steps)))
     left_by, found_by = np.concatenate([f.left for f in fine]), np.concatenate([f.traction for f in fine])
-    if (float(left_by.min()) - floor) / free > most:
+    theirs = max(len(white) - taken, 1.0)
+    if (float(left_by.min()) - floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
         return None
     # Prior: every radius up to the largest is equally likely.
     size_by = np.array([size for *_, size, _ in shapes])

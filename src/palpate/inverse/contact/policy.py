@@ -351,9 +351,6 @@ class Discs:
     )
     most: float = number(0.67, "weight of all at most: a disc is never all that is possible")
     worse: float = number(2.0, "discs that leave so many times the noise, and what fields leave, are none")
-    refined: float = number(
-        6.0, "places between cells leave so many times less at most: 5 of 89 searches, of a contact of half a cell"
-    )
     cells: int = number(4000, "cells that places are sought among")
     places: int = number(200, "places that discs of the third radius do best at, where all radii are tried")
     best: int = number(24, "the best discs, about which places between cells are tried")
