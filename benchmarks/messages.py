@@ -112,7 +112,7 @@ INNER = (
     ("camera.render", "a scene has an area for its surface"),
     ("cli.options", "watch the pressure, but these channels measure only"),
     ("microscopy.pictures", "holds no picture"),
-    ("recordings.formats", "cannot go on after it was broken off"),
+    ("recordings.formats", "cannot be continued after an interruption"),
     ("recordings.touchstream", "are not there"),
     ("recordings.touchstream", "results of different skins cannot be written"),
     ("recordings.touchstream", "results of different kinds cannot be written"),

@@ -297,7 +297,7 @@ def read_dataset(path: str | Path) -> Dataset:
 def add_columns(source: str | Path, target: str | Path, columns: Sequence[Mapping[str, npt.ArrayLike]]) -> Path:
     """Copy a dataset, videos and all, with more columns: one mapping for each episode, of arrays (frame, ...).
 
-    Columns of a name that is there are replaced; everything else is copied as it is.
+    Existing columns of the same name are replaced; everything else is copied as it is.
 
     Raises
     ------

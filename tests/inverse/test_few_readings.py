@@ -16,6 +16,7 @@ from palpate.inverse.constrained.factors import Bordered, Chain, Dense, Factor, 
 from palpate.inverse.constrained.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
 from palpate.inverse.constrained.responses import Responses
 from palpate.inverse.constrained.rows import Rows
+from palpate.inverse.constrained.variances import told_of, with_matrix
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.spectrum import DataSpectrum
@@ -225,3 +226,24 @@ def test_a_small_operator_kept_as_a_matrix_is_the_operator_and_its_adjoint() -> 
     data = rng.standard_normal(36)
     np.testing.assert_allclose(small.of(traction), large.of(traction), rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(small.back(data), large.back(data), rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_what_nuisances_tell_is_the_same_by_products_and_from_a_matrix(friction: float | None) -> None:
+    array = pp.AreaArray(shape=(14, 14), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    clean = skin.sense(pp.solutions.hertz_point(contact_radius=6e-3, force=2.0).sliding(0.3))
+    estimator = AdaptiveEstimator(skin.problem(), Cone(("x", "y", "z"), friction))
+    readings = estimator.readings.flat([clean])
+    noise = np.full(len(readings), 0.01 * float(np.abs(readings).max()))
+    level, seen = estimator.level(1), np.ones(len(readings), dtype=bool)
+    cells = np.arange(600)  # as many as need products, and no more than fit a matrix
+    data = level.normal(cells, readings / noise, noise, seen, products=True, once=True)
+    assert data.at_size
+    start = np.zeros((3, len(cells)))
+    model = estimator.model(data, estimator.precisions(level, 1, 1e-6), start, keep_face=True)
+    exact = with_matrix(model)
+    assert exact is not model
+    rows = np.random.default_rng(0).standard_normal((len(readings), 4))
+    told = told_of(exact, rows)
+    np.testing.assert_allclose(told_of(model, rows), told, rtol=0, atol=1e-3 * np.abs(told).max())

@@ -147,7 +147,7 @@ def test_traction_all_over_is_left_to_the_even_penalty_with_a_word() -> None:
     truth = 300.0 * np.stack([np.cos(x / 6e-6) * np.sin(y / 8e-6), np.sin(x / 7e-6), 0 * x])
     touch = skin.reconstruct(noisy(skin.sense(truth)), components=["x", "y"])
     assert touch.methods == "tikhonov"
-    assert any("traction is in too many places" in note for note in touch.notes)
+    assert any("traction acts in too many places" in note for note in touch.notes)
     assert np.isfinite(np.stack(ends(touch, 0.95))[:, :2]).all()
 
 

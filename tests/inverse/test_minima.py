@@ -7,7 +7,10 @@ import pytest
 
 from palpate.inverse.constrained import implicit
 from palpate.inverse.constrained.cone import Cone, minimise
+from palpate.inverse.constrained.faces import Face
+from palpate.inverse.constrained.factors import Factor
 from palpate.inverse.constrained.quadratic import Formed
+from palpate.inverse.constrained.variances import face_of
 
 CONES = {
     "pressing": Cone(("x", "y", "z")),
@@ -59,3 +62,31 @@ def test_what_is_too_ill_conditioned_is_left_to_newtons_method() -> None:
 def test_no_readings_are_no_traction() -> None:
     hessian, linear = problems(CONES["friction"], 50.0)
     np.testing.assert_array_equal(implicit.minima(hessian, 0.0 * linear, CONES["friction"]), 0.0)
+
+
+def test_errors_of_a_sliding_contact_are_those_of_a_new_factor() -> None:
+    """Newton's method uses a factor again once the free directions hardly turn, and the errors follow from it."""
+    cone = CONES["friction"]
+    hessian, linear = problems(cone, 50.0)
+    made: list[int] = []
+
+    class Counted(Formed):
+        def factor(self, face: Face, more: np.ndarray) -> Factor:
+            made.append(len(face.index))
+            return super().factor(face, more)
+
+        def scaled(self, scales: np.ndarray) -> Formed:
+            return Counted(super().scaled(scales).matrix)
+
+    steps = 0
+    for h in linear:
+        h = h.reshape(3, -1)
+        found = minimise(Counted(hessian), h, cone, keep_face=True)
+        assert found.converged
+        steps += found.steps + 1
+        # a start at the solution makes a factor there
+        again = minimise(Formed(hessian), h, cone, found.traction, keep_face=True)
+        rows = np.repeat(np.eye(3), 12, axis=1)
+        mine, fresh = (factor.squares(face.columns(rows)) for face, factor in map(face_of, (found, again)))
+        np.testing.assert_allclose(mine, fresh, rtol=0.01)
+    assert len(made) < 0.8 * steps

@@ -246,7 +246,7 @@ def test_too_few_places_and_readings_of_other_presses_are_refused() -> None:
     with pytest.raises(pp.InvalidInput, match="9 places, and at least 16"):
         table(places=grid_of(3), force=np.ones(9), readings=noisy(7).reshape(49, 1, 49)[:9])
     shuffled = np.random.default_rng(0).permutation(noisy(7).reshape(49, 1, 49))
-    with pytest.raises(pp.InvalidInput, match="does not tell its response"):
+    with pytest.raises(pp.InvalidInput, match="does not determine its response"):
         _ = pp.Measured(table(readings=shuffled)).fit
 
 

@@ -439,7 +439,7 @@ def test_another_run_does_not_go_on(folder: Path, skin: pp.Skin, plain: Any, tmp
         pp.reconstruct_recording(softer, folder / "r.zarr", out, **good)
     with pytest.raises(pp.InvalidInput, match=r"was another one: recording"):
         pp.reconstruct_recording(skin, tmp_path / "other.nc", out, **good)
-    with pytest.raises(pp.InvalidInput, match=r"t.zarr.partial holds a run that was broken off.*--resume"):
+    with pytest.raises(pp.InvalidInput, match=r"t.zarr.partial holds an interrupted run.*--resume"):
         pp.reconstruct_recording(skin, folder / "r.zarr", out, method="dft", chunk=CHUNK)
     pp.reconstruct_recording(skin, folder / "r.zarr", out, method="dft", chunk=CHUNK, overwrite=True)
     same(read_touch(out), plain)

@@ -234,7 +234,7 @@ REFUSED: dict[str, tuple[str, TableMapping, str]] = {
     "renumbered from frame 3 on": (text(renumbered(rows())), LONG, "renumbered from some frame on"),
     "renumbered, positions alone": (text(renumbered(rows(places="now"))), NOW, "have passed their neighbours"),
     "numbered anew in every frame": (text(anew(rows())), LONG, "60 markers in 5 frames of at most 12"),
-    "moving without numbers": (text(rows(places="now")), NAMELESS, "markers move, and nothing says which is which"),
+    "moving without numbers": (text(rows(places="now")), NAMELESS, "markers move, and no column numbers them"),
     "displacements from frame to frame": (text(steps(rows(places="now"))), LONG, "counted from frame to frame"),
     "no unit": (text(rows()), TableMapping(frame="frame", marker="id", x="x", y="y", channels=CHANNELS), "pixel = "),
     "two units": (
@@ -244,7 +244,7 @@ REFUSED: dict[str, tuple[str, TableMapping, str]] = {
     ),
     "decimal commas between commas": (text(rows(), comma=True), LONG, "line 14: 8 values for 6 columns.*commas stand for the decimal point too"),
     "thousands": ("a;b\n0;1,234\n1;2,345\n", TableMapping(frame="a", channels={"stress_zz": ["b"]}, scale=1.0), "decimal or a thousand"),
-    "points and commas": ("a;b\n0;1,23\n1;2.3\n", TableMapping(frame="a", channels={"stress_zz": ["b"]}, scale=1.0), "which is the decimal one"),
+    "points and commas": ("a;b\n0;1,23\n1;2.3\n", TableMapping(frame="a", channels={"stress_zz": ["b"]}, scale=1.0), "the decimal separator is not clear"),
     "a torn line": (text(rows()) + "5,1,17\n", LONG, "line 62: 3 values for 6 columns"),
     "words": (text(rows()) + "5,1,17,17,none,0\n", LONG, "line 62: 'none' is not a number"),
     "a frame that is no number": (text(rows()) + ",1,17,17,0,0\n", LONG, "line 62: frame must be a whole number"),
@@ -473,4 +473,4 @@ def test_what_the_command_line_refuses(tmp_path: Path) -> None:
     lost = [[*r, 0.0] for r in rows() if (r[0], r[1]) not in {(t, 3 * t + k) for t in range(5) for k in (1, 2, 3)}]
     (tmp_path / "lost.csv").write_text(text(lost, titles="frame,id,x,y,dx,dy,dz"))
     refused = run("reconstruct", "lost.csv", "--skin", "gel.toml", "--map", said, "--drop-missing", cwd=tmp_path)
-    assert "palpate track takes of every frame what it has" in refused.stderr
+    assert "palpate track uses the readings that each frame has" in refused.stderr

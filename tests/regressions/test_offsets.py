@@ -106,3 +106,36 @@ def test_an_offset_of_one_row_is_no_contact() -> None:
     assert 0.85 < low[2] < 1.0 < high[2] < 1.15
     assert touch.fit > 0.05
     assert any("offset of stress_zz in row 7" in note for note in touch.notes)
+
+
+def test_an_offset_of_one_column_in_all_channels_is_no_contact() -> None:
+    """A ball of 1 N beside 30 % of the peak on one column of all channels: 5.72 N (1.79 to 7.92) at a fit of 1, where rows had no offset of their own."""
+    array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    rng = np.random.default_rng(2)
+    radius, place = rng.uniform(1.5e-3, 3e-3), rng.uniform(-3e-3, 3e-3, 2)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=radius, force=1.0).shifted(*place)))
+    readings = clean + 0.01 * clean.max() * rng.standard_normal(clean.shape)
+    readings[:, :, 0] += 0.3 * clean.max()
+    touch = skin.reconstruct(readings)
+    low, high = touch.interval(0.95, "force")
+    assert (low < [0.0, 0.0, 1.0]).all()
+    assert (high > [0.0, 0.0, 1.0]).all()
+    assert touch.force[2] == pytest.approx(1.0, rel=0.1)
+    for channel in array.channels:
+        assert any(f"offset of {channel} in column 0" in note for note in touch.notes)
+
+
+def test_noise_given_half_too_small_leaves_room_for_an_offset() -> None:
+    """A ball of 1 N above an offset of 30 % on 6 x 6 taxels, with half of the true noise given: 5.2 N (0 to 10.7) of an even press at a fit of 0.5."""
+    pad = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=3e5, poissons_ratio=0.48)])
+    how = {"shape": (6, 6), "pitch": 3e-3, "depth": "base", "channels": ["stress_zz"], "aperture": 2e-3}
+    rng = np.random.default_rng(0)
+    ball = pp.solutions.hertz_point(contact_radius=rng.uniform(1.5e-3, 4e-3), force=1.0)
+    clean = np.asarray(pp.Skin(pad, pp.AreaArray(**how)).sense(ball.shifted(*rng.uniform(-4e-3, 4e-3, 2))))
+    noise = 0.01 * float(clean.max())
+    readings = clean + noise * rng.standard_normal(clean.shape) + 0.3 * clean.max()
+    touch = pp.Skin(pad, pp.AreaArray(**how, noise=noise / 2)).reconstruct(readings)
+    low, high = touch.interval(0.95, "force")
+    assert 0.85 < low[2] < 1.0 < high[2] < 1.15
+    assert any("offset of stress_zz" in note for note in touch.notes)

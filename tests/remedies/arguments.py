@@ -336,7 +336,7 @@ REMEDIES = [
         {"zero": PRESS},
     ),
     value(
-        "both say what the zero is: leave one out",
+        "both state the zero: leave one out",
         lambda given: SKIN.track(**given),
         {"baseline": 5, "zero": PRESS},
         {"zero": PRESS},

@@ -260,7 +260,7 @@ REMEDIES = [
         room="cli.files",
     ),
     row(
-        "and would be lost. Give another name",
+        "and would be overwritten. Give another name",
         "convert r.nc r.nc --force",
         "convert r.nc out.nc",
         right=frames(2),

@@ -117,7 +117,7 @@ REMEDIES = [
     value("extent must be (width, height)", lambda v: place(SKIN, count=9, extent=v), (0.0, 1.0), (9e-3, 9e-3)),
     value("count must be a whole number from {} (a press", lambda v: place(SKIN, count=v, extent=(9e-3, 9e-3)), 1, 9),
     value("is not a key of [", file, '[press]\nradius = "2 mm"\n', '[press]\ncontact_radius = "2 mm"\n'),
-    value("must be a list of what is tried", file, '[sweep]\ndepth = "1 mm"\n', '[sweep]\ndepth = ["1 mm"]\n'),
+    value("must be a list of the values to try", file, '[sweep]\ndepth = "1 mm"\n', '[sweep]\ndepth = ["1 mm"]\n'),
     value(
         "channels must be a list of lists such as",
         file,

@@ -159,7 +159,7 @@ REMEDIES = [
     value("{} taxels are dead in the table", dead, False, True),
     value("Measured takes a file or a palpate.measured.Table", lambda t: t(), lambda: pp.Measured(readings()), pad),
     Remedy("radius and indenter belong to the Table", lambda: pp.Measured(whole().table, radius=1e-3), lambda: pp.Measured(whole().table)),
-    Remedy("the table does not tell its response", lambda: pad(readings=np.random.default_rng(0).standard_normal((16, 1, 3, 3))).fit, lambda: pad().fit),
+    Remedy("the table does not determine its response", lambda: pad(readings=np.random.default_rng(0).standard_normal((16, 1, 3, 3))).fit, lambda: pad().fit),
     Remedy(
         "the traction has a component {}, and the table of this pad",
         lambda: skin().sense(pp.solutions.hertz_point(contact_radius=1e-3, force=1.0).sliding(0.3)),

@@ -243,7 +243,7 @@ NOTES = [
         room="status",
     ),
     Note(
-        "take a new zero while nothing touches (Z on the page, Tracker.rezero)",
+        "as large as that of an even press of {} {}: take a new zero while nothing touches (Z on the page, Tracker.rezero)",
         lambda: slow_press(False),
         lambda: slow_press(True),
         near(1.5, 5.0, within=0.05),
@@ -286,7 +286,7 @@ NOTES = [
         near(*PRESSED, within=0.05),
     ),
     Note(
-        "or take a new zero while nothing touches (Z on the page, Tracker.rezero)",
+        "make them the zero{}or take a new zero while nothing touches (Z on the page, Tracker.rezero)",
         lambda: session(rezero=False)[0],
         lambda: last(session(rezero=True)[1][:20]),
         near(*PRESSED, within=0.05),

@@ -232,7 +232,7 @@ REMEDIES = [
         lambda: skin().reconstruct(np.ones((1, 3, 3)), method="tikhonov"),
     ),
     Remedy(
-        "ends where it ends",
+        "has sides: boundary",
         lambda: untouched(boundary="periodic"),
         lambda: untouched(boundary="free"),
         right=lambda readings: not np.any(np.asarray(readings)),

@@ -417,7 +417,7 @@ REMEDIES = [
     run("workers must be a whole number", {"workers": 0}, {"workers": 1}, room="archives.pools"),
     run("scheduler must be", {"scheduler": "slurm"}, {"scheduler": "threads"}, room="archives.pools"),
     run(
-        "holds a run that was broken off",
+        "holds an interrupted run",
         {},
         {"resume": True},
         given=broken_off,
@@ -425,7 +425,7 @@ REMEDIES = [
         room="recordings.zarrstream",
     ),
     run(
-        "the run that was broken off was another one",
+        "the interrupted run was another one",
         {"resume": True, "parameter": 1e-3},
         {"resume": True},
         given=broken_off,

@@ -320,5 +320,5 @@ REMEDIES = [
         last=50.0,
     ),
     table("leave out the one that is wrong", "t,S1 (kPa)\n0,4\n", TAXELS, say="time=t,stress_zz=S{}", last=4000.0),
-    table("nothing says what a 1 in the column", WIDE, "time=t,stress_zz=S{}", say=TAXELS, last=100.0),
+    table("no unit says what a 1 in the column", WIDE, "time=t,stress_zz=S{}", say=TAXELS, last=100.0),
 ]

@@ -345,14 +345,14 @@ def test_a_force_that_noise_makes_rough_says_how_rough() -> None:
     press = skin.sense(pp.solutions.hertz_line(half_width=2e-3, force=10.0))
     noise = np.random.default_rng(3).standard_normal(press.shape) * press.max()
     touch = skin.reconstruct(press + np.stack([0.01 * noise, 0.15 * noise]))
-    assert not any("roughly" in n for n in touch[:1].notes)
-    (said_of_it,) = (n for n in touch.notes if "roughly" in n)
+    assert not any("the net force is uncertain" in n for n in touch[:1].notes)
+    (said_of_it,) = (n for n in touch.notes if "the net force is uncertain" in n)
     low, high = touch.interval(0.95, "force")
     load = np.linalg.norm(touch.values[1], axis=0).sum() * touch.surface.cell
     half = np.maximum(high - touch.force, touch.force - low)[1].max() / load  # to the longer side
     assert half > 0.3
     assert "in 1 of 2 frames: more than +- 30% of the load" in said_of_it
-    (said_of_one,) = (n for n in touch[1].notes if "roughly" in n)
+    (said_of_one,) = (n for n in touch[1].notes if "the net force is uncertain" in n)
     assert f"+- {half:.0%} of the load" in said_of_one
 
 

@@ -59,18 +59,19 @@ SPREAD = np.array([p[1] for p in PRIORS.values()])
 AT = {name: i for i, name in enumerate(NAMES)}
 #: Terms of the covariance that a model may lack.
 TERMS = ("physics", "linear", "growing", "free", "quadratic", "zero")
-#: Models of the average, each given by the terms that it lacks; "lag" means errors that are correlated in time. Files
-#: keep this order: add new models at the end.
+#: Models of the average, each given by the terms that it lacks; "lag" means errors that are correlated in time. Either the
+#: bend of the maps or the growing term describes growth that is not linear. Files keep this order: add new models at the
+#: end.
 MEMBERS: tuple[tuple[str, ...], ...] = (
     ("growing", "free", "quadratic"),
     ("growing", "quadratic"),
-    ("free", "quadratic"),
-    ("quadratic",),
+    ("free", "quadratic", "bend"),
+    ("quadratic", "bend"),
     ("growing", "free"),
-    (),
+    ("bend",),
     ("growing", "quadratic", "lag"),
-    ("quadratic", "lag"),
-    ("lag",),
+    ("quadratic", "lag", "bend"),
+    ("lag", "bend"),
 )
 #: Bounds of the hyperparameters in standard deviations of their prior; value added to the diagonal as a fraction of the
 #: mean square; smallest reading as a fraction of the typical one.

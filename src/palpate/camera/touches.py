@@ -95,7 +95,7 @@ def _of_dots(skin: Skin, *planes: Array) -> Skin:
 def _check(skin: Skin) -> None:
     if len(skin.planes) != 1 or tuple(skin.planes[0].channels) != CHANNELS:
         raise InvalidInput(
-            f"dots in pictures tell {' and '.join(CHANNELS)} at one depth: the skin needs one plane with these channels, in this order; it has "
+            f"dots in pictures give {' and '.join(CHANNELS)} at one depth: the skin needs one plane with these channels, in this order; it has "
             f"{'; '.join(', '.join(p.channels) for p in skin.planes)}."
         )
 

@@ -344,7 +344,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
     stress = [c for c in channels if channel_unit(c) == "Pa"]
     if stress:
         raise Unsupported(
-            f"{name}: {', '.join(stress)} tell forces whatever the modulus is: a known force corrects their unit. palpate weigh is for displacements and strains."
+            f"{name}: {', '.join(stress)} give forces without the modulus: a known force would correct their unit. palpate weigh is for displacements and strains."
         )
     rest = REST if reference is None else reference
     if not 0 <= rest < len(source.readings):
@@ -357,7 +357,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
     quiet = _middle(np.abs(np.diff(values[:rest], axis=0))) / math.sqrt(2.0) if rest > 1 else 0.0
     if rest and size.max() > PRESS_TO_NOISE * quiet and size[:rest].max() > STILL * size.max():
         raise InvalidInput(
-            f"{name}: the gel moves in the first {rest} frames, which are taken to show it at rest: give how many do with reference= (--baseline)."
+            f"{name}: the gel moves in the first {rest} frames, which are taken to show it at rest: give the number that do with reference= (--baseline)."
         )
     before = full.uncertainty.youngs_modulus or math.inf
     full = _without_modulus(full)

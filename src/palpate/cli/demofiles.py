@@ -47,7 +47,7 @@ time_unit = "ms"
 stress_xz = "x{}"                # {} is the number of the taxel
 stress_yz = "y{}"
 stress_zz = "z{}"
-unit = "8 Pa"                    # the meaning of a count: put a known weight on, or see the data sheet
+unit = "8 Pa"                    # what one count means: from a known weight, or the data sheet
 """
 
 _GEL = """\

@@ -41,7 +41,7 @@ def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool,
         for source in inputs:
             if source is not None and _overlap(path, source):
                 raise InvalidInput(
-                    f"{path} is what is read ({source}), or part of it, and would be lost. Give another name."
+                    f"{path} is an input ({source}), or part of one, and would be overwritten. Give another name."
                 )
         if not Path(os.path.realpath(path)).parent.is_dir():
             raise InvalidInput(f"{path}: the folder {path.parent} does not exist; make it first.")

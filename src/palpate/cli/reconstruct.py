@@ -255,10 +255,11 @@ def _without_missing(skin: Skin, recording: OpenRecording) -> Skin:
         return skin
     if missing.mean() > 0.5:
         raise InvalidInput(
-            f"--drop-missing would leave out {int(missing.sum())} of {missing.size} taxels, because each lacks a reading in some frame. palpate track takes of every frame what "
-            "it has."
+            f"--drop-missing would leave out {int(missing.sum())} of {missing.size} taxels, because each lacks a reading in some frame. palpate track uses the readings that each frame has."
         )
     if len(skin.planes) != 1:
-        raise InvalidInput("--drop-missing serves skins of one plane: palpate track takes of every frame what it has.")
+        raise InvalidInput(
+            "--drop-missing serves skins of one plane: palpate track uses the readings that each frame has."
+        )
     typer.echo(f"left out {int(missing.sum())} of {missing.size} taxels with missing readings", err=True)
     return skin.masked(~missing)

@@ -197,7 +197,7 @@ def _press_value(key: str, value: Any, line: bool) -> Any:
 
 def _swept_values(key: str, value: Any, array: Array) -> list[Any]:
     if not isinstance(value, list) or not value:
-        raise InvalidInput(f"{key} must be a list of what is tried; got {value!r}.")
+        raise InvalidInput(f"{key} must be a list of the values to try; got {value!r}.")
     if key == "depth":
         return [v if v == "base" else parse_quantity(v, "length", key) for v in value]
     if key in _LENGTHS:

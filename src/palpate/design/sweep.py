@@ -410,7 +410,7 @@ def swept(
         An unknown goal, axis or value, or a sweep of which no combination can be built; the message says why.
     """
     if keep not in ("taxels", "area"):
-        raise InvalidInput(f'keep must be "taxels" or "area": what a new pitch leaves as it is; got {keep!r}.')
+        raise InvalidInput(f'keep must be "taxels" or "area": what a new pitch keeps fixed; got {keep!r}.')
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise InvalidInput(f"jobs must be a whole number of processes, at least 1; got {jobs!r}.")
     for name, goal in (goals or {}).items():

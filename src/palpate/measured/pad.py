@@ -234,7 +234,7 @@ class Measured:
         )  # fmt: skip
         if self._excess(found).min() > USELESS or found.held_out.min() > NOTHING:
             raise InvalidInput(
-                f"the table does not tell its response: presses that are left out are foretold {100 * found.held_out.min():.0f} % off from the others. Its places are "
+                f"the table does not determine its response: presses that are left out are predicted {100 * found.held_out.min():.0f} % off from the others. Its places are "
                 f"{1e3 * t.spacing:.3g} mm apart: press about as close as the sensors are deep, and check that places, forces and readings belong together."
             )
         return found

@@ -141,7 +141,7 @@ class Table:
             )
         if len(self.places) > MAX_PRESSES:
             raise InvalidInput(
-                f"the table has {len(self.places)} presses, and at most {MAX_PRESSES} are served. Take every so many of them, or average those at one place."
+                f"the table has {len(self.places)} presses, and at most {MAX_PRESSES} are served. Take a part of them, or average those at one place."
             )
         widest = float(np.ptp(distinct, axis=0).max())
         beside = (self.positions.max(axis=0) < distinct.min(axis=0)) | (

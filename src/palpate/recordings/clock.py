@@ -352,8 +352,7 @@ def _mended(
     if len(back) and back.mean() >= DISORDER and (usual is None or np.count_nonzero(back) > 2):
         if log is None:
             raise InvalidInput(
-                f"{source}: the time goes back in {np.count_nonzero(back)} of {number - 1} steps, so that its frames are not in the order of time. "
-                f"To have them so, {remedies[0]}."
+                f"{source}: the time goes back in {np.count_nonzero(back)} of {number - 1} steps, so that its frames are not in the order of time. To sort them, {remedies[0]}."
             )
         words.append(
             f"{np.count_nonzero(back)} of {number} stamps go back: replaced by the time at which each frame was recorded"

@@ -157,7 +157,7 @@ class Format:
         existing file may be replaced.
         """
         if resume:
-            raise InvalidInput(f"{path}: a run into {self.name} cannot go on after it was broken off.")
+            raise InvalidInput(f"{path}: a run into {self.name} cannot be continued after an interruption.")
         if not self.can("write_touch"):
             raise self._cannot("write_touch", path)
         with in_place(path) as fresh:

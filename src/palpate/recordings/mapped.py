@@ -205,7 +205,7 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
         elif not np.isfinite(factor):
             key = "position_unit" if role in ("x", "y") else "unit"
             raise InvalidInput(
-                f"{titles.source}: nothing says what a 1 in the column {title!r} means: give {key} (such as {_example(si)}), or pixel = the size of a pixel where positions "
+                f"{titles.source}: no unit says what a 1 in the column {title!r} means: give {key} (such as {_example(si)}), or pixel = the size of a pixel where positions "
                 "and displacements are in pixels."
             )
         found[role] = factor
@@ -389,7 +389,7 @@ def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Flo
     places, marker = np.unique(where[:, ::-1], axis=0, return_inverse=True)
     if frames > 1 and len(places) * frames > 2 * len(where):
         raise InvalidInput(
-            f"{path}: {len(places)} places in {frames} frames of {len(where) // frames} or so: markers move, and nothing says which is which. Name the column of "
+            f"{path}: {len(places)} places in {frames} frames of {len(where) // frames} or so: markers move, and no column numbers them. Name the column of "
             f"their numbers as marker; the table has {table.titles.listed()}."
         )
     return np.arange(len(places), dtype=np.float64), np.ravel(marker)
@@ -586,7 +586,7 @@ def _check_counted(path: Path, frames: _Frames) -> None:
     if not np.array_equal(whole, frames.marker):
         gone = int(whole[np.argmax(whole != frames.marker)])
         raise InvalidInput(
-            f"{path}: marker {gone} is missing between {frames.marker[0]:g} and {frames.marker[-1]:g}, so that which taxel is which is not clear: name x and y, or add "
+            f"{path}: marker {gone} is missing between {frames.marker[0]:g} and {frames.marker[-1]:g}, so that the others cannot be assigned to taxels: name x and y, or add "
             "a line for it with empty readings."
         )
 

@@ -25,7 +25,7 @@ Found = TypeVar("Found")
 
 
 def text_with_section(text: str, section: str, said: object, numbers: str) -> str:
-    """The text of a skin.toml with a section that names the file of ``numbers``; an old one is replaced, and what was found (``said``) stands in comments.
+    """The text of a skin.toml with a section that names the file of ``numbers``; it replaces an old one, and comments give the findings (``said``).
 
     Examples
     --------

@@ -451,7 +451,7 @@ class _Decimals:
         where = f"{self._path}, line {self._comma[0]}: {self._comma[1]!r}"
         if self._point is not None:
             raise InvalidInput(
-                f"{where} has a comma and {self._point[1]!r} in line {self._point[0]} a point: which is the decimal one is not clear. Save the table with decimal points and "
+                f"{where} has a comma and {self._point[1]!r} in line {self._point[0]} a point: the decimal separator is not clear. Save the table with decimal points and "
                 "without separators of thousands."
             )
         if not self._sure:

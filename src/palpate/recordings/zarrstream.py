@@ -71,7 +71,7 @@ def _growing(
         raise InvalidInput(f"{folder} holds something else; move it away or give another name.")
     if folder.exists() and not (resume or replace):
         raise InvalidInput(
-            f"{folder} holds a run that was broken off. Go on with it by --resume (resume=True), or start again with --force (overwrite=True)."
+            f"{folder} holds an interrupted run. Continue it with --resume (resume=True), or start again with --force (overwrite=True)."
         )
     stream = ZarrStream(folder / folder.name.removesuffix(".partial"), count, record, run, resume=resume)
     try:
@@ -146,7 +146,7 @@ class ZarrStream(Arrays):
                 f"{k} (was {str(interrupted_run.get(k))[:60]}, is {str(wanted.get(k))[:60]})" for k in changed
             )
             raise InvalidInput(
-                f"the run that was broken off was another one: {what}. Give what it was begun with, or start again with --force (overwrite=True)."
+                f"the interrupted run was another one: {what}. Give the arguments of that run, or start again with --force (overwrite=True)."
             )
         zarr = zarr_library()
         with zarr.config.set({"array.write_empty_chunks": True}):  # the store does not state it

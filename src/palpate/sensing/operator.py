@@ -425,7 +425,7 @@ class Operator:
             if boundary == "periodic":
                 if body_of(pad) is not None:
                     raise Unsupported(
-                        f'a {type(pad).__name__} ends where it ends: boundary="periodic" repeats a pad for ever. Use boundary="free", which is the default.'
+                        f'a {type(pad).__name__} has sides: boundary="periodic" repeats a pad endlessly. Use boundary="free", which is the default.'
                     )
                 _check_periodic(array, surface)
         self._weights = [Cached(a.valid.astype(np.float64)) if a.mask is not None else None for a in planes]

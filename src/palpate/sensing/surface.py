@@ -125,7 +125,7 @@ def check_depth(planes: Sequence[Array], surface: Grid) -> None:
         if array.depth > DEEPEST * extent and unknowns > LARGE:
             raise InvalidInput(
                 f"depth = {array.depth:g} m is {array.depth / extent:.3g} times the array's extent of {extent:.3g} m, and asks for a surface of "
-                f"{' x '.join(map(str, surface.shape))} cells of which the readings tell next to nothing. Check the unit of the depth, or give a "
+                f"{' x '.join(map(str, surface.shape))} cells of which the readings determine almost none. Check the unit of the depth, or give a "
                 "surface= of fewer cells."
             )
 

@@ -212,7 +212,7 @@ class Lens:
             )
         except cv2.error as facing:  # boards that all face the camera
             raise InvalidInput(
-                "the pictures of the board do not tell the lens: tilt the board, another way in each picture."
+                "the pictures of the board do not determine the lens: tilt the board, another way in each picture."
             ) from facing
         return cls(matrix, np.ravel(distortion), float(error))
 

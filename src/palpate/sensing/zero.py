@@ -286,7 +286,7 @@ def given_rest(zero: Any, baseline: int, planes: Sequence[Array]) -> Rest | None
     if zero is None:
         return None
     if baseline:
-        raise InvalidInput(f"zero= and baseline={baseline!r} both say what the zero is: leave one out.")
+        raise InvalidInput(f"zero= and baseline={baseline!r} both state the zero: leave one out.")
     return Rest.of(rest_frames(zero, planes))
 
 

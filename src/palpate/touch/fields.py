@@ -43,7 +43,7 @@ class ErrorParts:
         return None if posterior is None else cls(posterior, pad, scale)
 
     def adding(self, more: Mapping[str, Any]) -> ErrorParts:
-        """With further standard deviations by the pad, in quadrature."""
+        """Return the errors with the pad's standard deviations added in quadrature."""
         return replace(self, pad=Stated.added(self.pad, more))
 
 

@@ -4,6 +4,8 @@ that it uses.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from palpate.elastic.pad import Floats
@@ -30,11 +32,30 @@ __all__ = [
     "unit_of",
     "variance_of",
     "variance_of_sums",
+    "with_matrix",
 ]
 
 
 #: Unknowns beside contact are undetermined below this fraction of the largest information on any.
 UNTOLD = 1e-6
+#: Unknowns up to which a hundred solutions take less time from a matrix than by products: on 16 x 16 x 3 with 1863
+#: unknowns 0.3 s instead of 1.3.
+FEW_UNKNOWNS = 2000
+
+
+def with_matrix(model: ContactModel) -> ContactModel:
+    """The model with an explicit matrix and an exact factor, if it was solved by products and has few unknowns: then
+    solutions for many right-hand sides take less time.
+    """
+    face, factor = face_of(model.solution)
+    if not isinstance(factor, Iterative) or model.solution.traction.size > FEW_UNKNOWNS:
+        return model
+    data = model.data.as_matrix()
+    hessian = data.quadratic(model.penalty)
+    if (face.scales != 1.0).any():
+        hessian = hessian.scaled(face.scales)
+    exact = replace(model.solution, factor=hessian.factor(face, factor.more))
+    return replace(model, data=data, hessian=hessian, solution=exact)
 
 
 def carried(solution: Solution, rows: Floats) -> Floats:

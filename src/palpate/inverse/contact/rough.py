@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of
+from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of, with_matrix
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.policy import Policy
@@ -108,7 +108,7 @@ def steps_of(
     )
     rows = readings.white((estimator.shifts / noise[:, None])[observed], observed)
     left = readings.white(((clean - explained) / noise)[observed], observed)
-    told, pull = told_of(model, rows), rows.T @ left
+    told, pull = told_of(with_matrix(model), rows), rows.T @ left
     out = []
     for group in groups:
         step = np.linalg.lstsq(told[np.ix_(group, group)], pull[group], rcond=UNTOLD)[0]

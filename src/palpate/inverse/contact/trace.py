@@ -37,7 +37,7 @@ class Tried:
     Attributes
     ----------
     proposal : str
-        What proposed it: "push", "pull", "offsets", "ramps" or "both".
+        What proposed it: "push", "pull", "offsets", "rows", "ramps" or "both".
     explanation : str
         Such as "push, offset of stress_zz 267 Pa".
     worth : float

@@ -1,5 +1,5 @@
-"""Propose explanations of a frame: contact that pushes, pulls, or both; with or without offsets and ramps in the
-readings.
+"""Propose explanations of a frame: contact that pushes, pulls, or both; with or without offsets (of channels,
+rows and columns) and ramps in the readings.
 
 Each file proposes one kind of explanation. ``propose(search)`` yields rough explanations; each is recorded before the
 next is requested, so that later proposals know the earlier ones. To add a kind, add a file and a line in `PROPOSALS`.
