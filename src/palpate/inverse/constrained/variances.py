@@ -88,8 +88,8 @@ def told_of(model: ContactModel, rows: Floats) -> Floats:
 
 
 def unit_of(rows: Floats) -> Floats:
-    """Length of each column of ``rows`` (reading, unknown). Of rows / unit all unknowns have one unit, as `UNTOLD`
-    needs: an offset in Pa and a ramp in Pa/m differ by the length of the array squared, 1e-9 where it is 50 um.
+    """Length of each column of ``rows`` (reading, unknown). Divide the columns by it before `UNTOLD` compares unknowns:
+    the information on an offset in Pa and on a ramp in Pa/m differs by the square of the array's length [m^2].
     """
     return np.maximum(np.sqrt((rows**2).sum(axis=0)), 1e-300)
 

@@ -175,8 +175,8 @@ def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float,
 def louder(before: float, after: float, readings: int, policy: Policy) -> float:
     """Log likelihood that an explanation gains by leaving ``after`` of the given noise in place of ``before``.
 
-    The given noise may be wrong, which its prior counts as so many readings: (m + n)/2 log((m + n a^2)/(m + n b^2)). Without it a factor of two
-    between true and given noise would outweigh any evidence of an offset.
+    The given noise may be wrong. So this is Student's likelihood, (m + n)/2 log((m + n a^2)/(m + n b^2)) for n readings, whose prior counts as m
+    readings. If the given noise were certain, a factor of two in it would outweigh any evidence of an offset.
     """
     prior = policy.fit.prior_weight
     return 0.5 * (prior + readings) * math.log((prior + readings * before**2) / (prior + readings * after**2))
