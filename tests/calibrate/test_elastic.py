@@ -62,6 +62,7 @@ def test_few_weights_are_helped_by_the_elastic_model(elastic: pp.Skin, presses: 
     assert found.elastic_weight > 0.5
     touch, force = elastic.reconstruct(presses), ASKED
     low, high = touch.interval(0.95, "force")
+    assert touch.calibrated_std is not None
     alone, std = found.force(presses.reshape(len(force), -1))
     assert np.abs(touch.force[:, 2] - force).mean() < 0.8 * np.abs(alone[:, 2] - force).mean()
     assert ((low[:, 2] <= force) & (force <= high[:, 2])).all()
@@ -79,6 +80,8 @@ def test_frames_that_the_elastic_model_does_not_solve_have_the_map(elastic: pp.S
     )  # fmt: skip
     alone, std = found.force(flat)
     force = found.attach(touch, flat)
+    assert force.calibrated is not None
+    assert force.calibrated_std is not None
     assert np.isnan(normal_force(touch)[0][0])
     assert force.calibrated[0] == pytest.approx(alone[0], nan_ok=True)
     assert force.calibrated_std[0] == pytest.approx(std[0], nan_ok=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
-from palpate.calibrate.forcemap import ForceMap, inflation, relative_weights
+from palpate.calibrate.forcemap import PRIOR_PRESSES, ForceMap, inflation, relative_weights
 from palpate.calibrate.labels import Labelled
 from palpate.elastic.channels import channel_unit
 from palpate.elastic.pad import Floats
@@ -21,7 +21,7 @@ from palpate.sensing.readings import plausible
 from palpate.status import Status
 from palpate.touch import Touch
 
-__all__ = ["ElasticCheck", "elastic_check", "joined", "normal_force", "small_unit"]
+__all__ = ["JOINED_FREEDOM", "ElasticCheck", "elastic_check", "joined", "normal_force", "small_unit"]
 
 #: Number of frames that the elastic model is asked to reconstruct, and number that it must reconstruct.
 ASKED, ANSWERED = 6, 3
@@ -36,6 +36,8 @@ MAX_ELASTIC_ERROR = 0.3
 PROBE_FRACTION = 0.01
 #: Half of a 95 % interval in standard deviations of the normal distribution.
 HALF_WIDTH = 1.96
+#: Degrees of freedom of the joined force: its inflation is known from at least ANSWERED presses and the prior.
+JOINED_FREEDOM = PRIOR_PRESSES + ANSWERED
 #: Smallest standard deviation [N], against division by zero.
 TINY = 1e-12
 
