@@ -115,6 +115,7 @@ def test_a_picture_that_the_gel_fills_has_no_rim(looks: dict[str, Any]) -> None:
     assert Region.found(speckled) is None
 
 
+@pytest.mark.long
 def test_dots_are_sought_within_a_region_that_is_given(tmp_path: Path) -> None:
     """Two corners of a rectangle, or a polygon, in pixels of the size that the section names."""
     text = gel_file('scale = "0.1268 mm"\nsize = [160, 120]\nreference = 2\nroi = ROI', thickness="4 mm")
@@ -136,6 +137,7 @@ def test_dots_are_sought_within_a_region_that_is_given(tmp_path: Path) -> None:
         follow(pictures, path, rate=30.0)
 
 
+@pytest.mark.long
 def test_light_on_a_smooth_gel_is_no_texture() -> None:
     """It is as sharp in every picture of a gel at rest, and does not move with the gel."""
     rng = np.random.default_rng(0)
