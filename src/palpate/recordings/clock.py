@@ -401,9 +401,7 @@ def _mended(
 def _explained(
     values: Floats, frames: Ints, usual: float, log: Floats | None, count: float | None, words: list[str]
 ) -> tuple[npt.NDArray[np.bool_], Floats]:
-    """Mask of right stamps, and their times on a clock that continues through restarts: the explanation with the least
-    cost.
-    """
+    """Mask of right stamps, and their times on a clock that runs on through restarts, by least cost."""
     gaps = np.diff(frames)
     steps = np.diff(values)
     recorded = None if log is None else np.diff(log[frames])
@@ -449,9 +447,7 @@ def _explained(
 def _joined(
     values: Floats, frames: Ints, i: int, j: int, usual: float, log: Floats | None, count: float | None
 ) -> tuple[str, float, float]:
-    """Relation of stamp ``j`` to stamp ``i``: its name ("": same clock), the offset of the clock from there on, and
-    the cost.
-    """
+    """Relation of stamp ``j`` to ``i``: its name ("": same clock), the clock's offset from there, and the cost."""
     step, gap = float(values[j] - values[i]), int(frames[j] - frames[i])
     recorded = None if log is None else float(log[frames[j]] - log[frames[i]])
     jumps = bool(_jumps(step, gap, usual, recorded))

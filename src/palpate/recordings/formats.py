@@ -250,16 +250,12 @@ def formats() -> tuple[Format, ...]:
 
 
 def endings(task: str | None = None) -> tuple[str, ...]:
-    """Accepted endings of file names; with ``task``, the name of a method of `Format`, only those of formats that
-    support it.
-    """
+    """Accepted endings of file names; with ``task``, a method of `Format`, only those of formats that support it."""
     return tuple(e for f in formats() if task is None or f.can(task) for e in f.extensions)
 
 
 def find_format(path: str | Path, *, task: str | None = None) -> Format:
-    """The format of a file name that supports ``task``, the name of a method of `Format`; `InvalidInput` if there is
-    none.
-    """
+    """The format of a file name that supports ``task``, a method of `Format`; `InvalidInput` if there is none."""
     suffix = Path(path).suffix.lower()
     for some in (_built_in, _plugged_in):  # those of others are looked for only where these do not serve
         for known in some():
@@ -281,9 +277,7 @@ def file_format(path: str | Path, *, task: str | None = None) -> str:
 
 
 def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
-    """An existing file and its format, by its name, confirmed by its contents; `InvalidInput` gives the reason
-    otherwise.
-    """
+    """An existing file and its format by name, confirmed by its contents; otherwise `InvalidInput` says why."""
     found = Path(path)
     if not found.exists():
         find_format(found)  # report an impossible name first
@@ -461,9 +455,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
 
 def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:
-    """Write to a temporary file of this format beside the target, and move the complete file there; remove it if that
-    fails.
-    """
+    """Write to a temporary file beside the target, and move the complete file there; remove it if that fails."""
     known = find_format(path, task=task)
     if known.folder:
         if Path(path).exists():

@@ -273,9 +273,7 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
 
 
 def whole(path: Path, topic: str) -> tuple[int, int]:
-    """Number of messages of a topic in whole chunks, and number of bytes after the last whole chunk of a damaged file
-    (0: undamaged).
-    """
+    """Messages of a topic in whole chunks, and bytes after the last one of a damaged file (0: undamaged)."""
     _library()
     import mcap.reader
 

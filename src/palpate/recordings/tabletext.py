@@ -90,9 +90,7 @@ class Titles:
         return found
 
     def sliced(self, pattern: str) -> list[int] | None:
-        """Indices of "name[first:after:step]" among the columns name[0], name[1], ..., in Python's notation; of
-        "[::3]" among all columns.
-        """
+        """Indices of "name[first:after:step]" among name[0], name[1] ..., as in Python; "[::3]" of all columns."""
         match = SLICE.fullmatch(pattern)
         if match is None:
             return None
@@ -297,9 +295,7 @@ def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
 
 
 def _names(rows: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], int]:
-    """The titles of the columns, and the number of lines that they take: names, more names, and units in a line of
-    their own.
-    """
+    """The titles of the columns, and the lines that they take: names, more names, units in a line of their own."""
     count = 1
     while count < len(rows) - 1 and _only_words(rows[count]):
         count += 1
