@@ -350,9 +350,7 @@ def write_constants(
 
 
 def _nearest(entries: Sequence[Mapping[str, Any]], method: str, case: Case) -> Constants:
-    """Return the constants that a case takes over: the nearest of its contact, or those of areas with shear, which
-    have every quantity.
-    """
+    """Constants that a case takes over: the nearest of its contact, or of areas with shear, which have all."""
     near = constants(method, case)
     if near.calibrated:
         return near

@@ -316,9 +316,7 @@ def _complete(
     ratio: float | None,
     pictures: list[Path],
 ) -> PixelSize | None:
-    """Raise an error if numbers are missing that no file states. Return the size of a pixel that the pictures state if
-    the user gives none.
-    """
+    """Refuse missing numbers that no file states. Return the size of a pixel, the user's or that of the pictures."""
     from palpate.microscopy import is_field
     from palpate.microscopy.pixelsize import pixel_size_of_all
 

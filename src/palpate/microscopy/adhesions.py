@@ -78,9 +78,7 @@ class Sample:
     score: float = 0.0
 
     def on(self, x: Floats, y: Floats, side: float) -> Floats:
-        """Return the mean traction (2, y, x) [Pa] over squares of side ``side`` [m] that are centred on the columns
-        ``x`` and rows ``y`` [m].
-        """
+        """Mean traction (2, y, x) [Pa] over squares of side ``side`` [m] centred on columns ``x``, rows ``y`` [m]."""
         places, variance, forces = self.places, self.variance, self.forces
         if self.profiles is not None:
             places, variance, part, number = profiled(places, variance, self.profiles, side)
@@ -96,22 +94,16 @@ class Sample:
         return out / side**2
 
     def work(self, response: Response, shift: Floats) -> Floats:
-        """Return the work of each blob (blob,) [J]: half its force times the displacement there, from which ``shift``
-        (2,) [m] is subtracted.
-        """
+        """Work of each blob (blob,) [J]: half its force times the displacement there, less ``shift`` (2,) [m]."""
         return np.asarray(work_of(self.places, self.variance, self.forces, response) - 0.5 * self.forces @ shift)
 
     def share(self, x: Floats, y: Floats, side: float, where: Flags) -> Floats:
-        """Return the fraction of each blob (blob,) that lies on the squares of side ``side`` [m] that ``where`` (y, x)
-        marks.
-        """
+        """Fraction of each blob (blob,) that lies on the squares of side ``side`` [m] that ``where`` (y, x) marks."""
         columns, rows = painted(self.places, self.variance, x, y, side)
         return np.asarray(((rows @ where) * columns).sum(axis=1))
 
     def moved(self, places: Floats, variance: float, response: Response) -> Floats:
-        """Return the displacement (2, n) [m] of the gel at ``places`` (n, 2) [m], averaged over a square of variance
-        ``variance`` [m^2].
-        """
+        """Displacement (2, n) [m] of the gel at ``places`` (n, 2) [m], a mean over a square of ``variance`` [m^2]."""
         apart = places[:, None, :] - self.places[None, :, :]
         xx, xy, yy = response.tensor(apart[..., 0], apart[..., 1], self.variance[None, :] + variance)
         fx, fy = self.forces.T
@@ -120,9 +112,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Result of the chains: the ``samples``, the standard deviation of the noise [m], the vectors that were excluded,
-    and notes.
-    """
+    """Result of the chains: ``samples``, standard deviation of the noise [m], excluded vectors, notes."""
 
     samples: list[Sample]
     response: Response
@@ -222,20 +212,17 @@ def sampled(
         wrong = WRONG * COUNTED + float(bad.sum())
         return math.log(wrong / (COUNTED + float((there & ~doubtful).sum()) - wrong))
 
-    for number in range(CHAINS):
+    def burnt_in(rng: np.random.Generator) -> Chain:
+        """Start a chain with the present noise and outliers, past its burn-in."""
         vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
-        rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
-
-        walk = _start_blobs(
-            chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
-            u,
-            there & ~bad,
-            guess,
-            margin,
-            every,
-            window,
-        )
+        start = chain(vectors, noise=level, known=known, odds=odds(), rng=rng)
+        walk = _start_blobs(start, u, there & ~bad, guess, margin, every, window)
         walk.walk(BURN)
+        return walk
+
+    for number in range(CHAINS):
+        rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
+        walk = burnt_in(rng)
         if number == 0:
             left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
             found = _find_outliers(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
@@ -248,17 +235,7 @@ def sampled(
                 )
             if shared > 1.0 or (found != bad).any():
                 bad = found
-                vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
-                walk = _start_blobs(
-                    chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
-                    u,
-                    there & ~bad,
-                    guess,
-                    margin,
-                    every,
-                    window,
-                )
-                walk.walk(BURN)
+                walk = burnt_in(rng)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # the data cannot tell the profile of an adhesion smaller than the window: draw one at random
@@ -282,9 +259,7 @@ def sampled(
 
 
 def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Flags | None]:
-    """Average the field over tiles of ``ratio`` x ``ratio`` vectors, skipping missing ones, and mark the tiles of
-    which most is ``likely``.
-    """
+    """Average a field over tiles of ``ratio`` x ``ratio`` vectors; mark tiles that are mostly ``likely``."""
     rows, columns = (n // ratio for n in field.shape)
 
     def tiles(values: Any) -> Any:
@@ -353,17 +328,13 @@ def _start_blobs(
 
 
 def _find_outliers(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
-    """Return the vectors whose residuals mark them as outliers. ``DETAIL`` allows for adhesions that blobs do not
-    describe exactly.
-    """
+    """Vectors whose residuals mark them as outliers; ``DETAIL`` allows for what blobs do not describe exactly."""
     size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
     return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))
 
 
 def _shared(left: Floats, there: Flags) -> float:
-    """Return the sum of the correlations of each residual with its neighbours' residuals; 1 if residuals are
-    independent.
-    """
+    """Sum of the correlations of each residual with its neighbours' residuals; 1 if residuals are independent."""
     r = np.where(there, left, 0.0)
     power = float((r**2).sum()) / max(float(there.sum()), 1.0)
 
@@ -422,9 +393,7 @@ class Maps:
 
 @dataclass(frozen=True, kw_only=True)
 class Adhesions(Method):
-    """Makes the samples of a field look like a reconstruction method, so that the result is a `palpate.touch.Touch`
-    like any other.
-    """
+    """Makes samples look like a reconstruction method, so that the result is a `palpate.touch.Touch`."""
 
     name: ClassVar[str] = "adhesions"
     summary: ClassVar[str] = "adhesions, sampled"

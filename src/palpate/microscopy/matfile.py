@@ -25,9 +25,7 @@ DEEPEST = 12
 
 
 def read_mat(path: Path, name: str | None) -> Found:
-    """Read the field in a .mat file, or in an HDF5 file that MATLAB did not write. Matrices of the latter are not
-    transposed.
-    """
+    """Read the field in a .mat file, or an HDF5 file. Matrices that MATLAB did not write are not transposed."""
     return chosen(path, fields_of(path), name)
 
 
@@ -187,9 +185,7 @@ def _words(value: Any) -> str:
 
 
 def _stated(tree: dict[str, Any]) -> tuple[str | None, str | None, float | None]:
-    """Return the units of positions and displacements, and the size of a pixel [m] from PIVlab's calibration, as far
-    as a struct states them.
-    """
+    """Units of positions and displacements, and size of a pixel [m], as far as PIVlab's calibration states them."""
     lower = {key.lower(): value for key, value in tree.items()}
     place = unit = None
     for key in UNIT_NAMES:

@@ -177,21 +177,12 @@ class PillarForces:
         return self.quantities[name]
 
     def summary(self) -> str:
-        """Return the numbers as text, one to a line.
-
-        Examples
-        --------
-        >>> print(found.summary())  # doctest: +SKIP
-        """
+        """Return the numbers as text, one to a line."""
         return "\n".join(str(q) for q in self.quantities.values())
 
     def write_table(self, path: str | Path) -> None:
         """Write one row for each post: position, deflection, force and its errors, and the magnitude of the force with
         its 95 % interval.
-
-        Examples
-        --------
-        >>> found.write_table("forces.csv")  # doctest: +SKIP
         """
         held = io.StringIO()
         writer = csv.writer(held, lineterminator="\n")

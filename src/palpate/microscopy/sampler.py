@@ -365,9 +365,7 @@ class Chain:
                 self._leave(stay, blobs, evidence)
 
     def forces(self) -> tuple[Floats, Floats]:
-        """Return the posterior mean of drift and forces (drift and blob * 2,), and the forces (blob, 2) [N] of one
-        draw.
-        """
+        """Posterior mean of drift and forces (drift and blob * 2,), and the forces (blob, 2) [N] of one draw."""
         found = self._factor(self.gram, self.linear, self.blobs, self.noise)
         if found is None:
             raise RuntimeError("an accepted state has a factor")

@@ -397,9 +397,7 @@ def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
 
 
 def _cells(touch: Touch, truth: Floats, sought: list[int]) -> float:
-    """Return the fraction of cells in contact (truly or as estimated) whose traction is in its interval, for the
-    estimated components.
-    """
+    """Fraction of cells in contact (truly or as estimated) with traction in its interval, of estimated components."""
     if not touch.has_intervals:
         return np.nan
     low, high = (np.asarray(side)[sought] for side in touch.interval(0.95))
