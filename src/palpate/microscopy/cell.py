@@ -58,8 +58,8 @@ class Quantity:
     --------
     >>> from palpate.microscopy import Quantity
     >>> energy = Quantity("strain energy", "J", 2.0e-13, 0.1e-13)
-    >>> [round(end, 15) for end in energy.interval], str(energy)
-    ([1.8e-13, 2.2e-13], 'strain energy: 200 +- 10 fJ')
+    >>> [round(end, 15) for end in energy.interval], energy.scaled(), str(energy)
+    ([1.8e-13, 2.2e-13], ('200', '10', 'fJ'), 'strain energy: 200 +- 10 fJ')
     """
 
     label: str
@@ -72,25 +72,11 @@ class Quantity:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Return the lower and upper end of the 95 % interval.
-
-        Examples
-        --------
-        >>> from palpate.microscopy import Quantity
-        >>> Quantity("net force", "N", 0.0, 1.0).interval
-        (-1.96, 1.96)
-        """
+        """Return the lower and upper end of the 95 % interval."""
         return self.ends or (self.value - SIDE * self.std, self.value + SIDE * self.std)
 
     def scaled(self) -> tuple[str, str, str]:
-        """Return value, standard deviation and unit as text, with a suitable prefix of the unit.
-
-        Examples
-        --------
-        >>> from palpate.microscopy import Quantity
-        >>> Quantity("net force", "N", 2.34e-9, 0.5e-9).scaled()
-        ('2.3', '0.5', 'nN')
-        """
+        """Return value, standard deviation and unit as text, with a suitable prefix of the unit."""
         size = max(abs(self.value), self.std)
         if not math.isfinite(size) or size == 0:
             return f"{self.value:g}", f"{self.std:g}", self.unit
