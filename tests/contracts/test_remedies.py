@@ -28,10 +28,7 @@ def raised_in(error: BaseException | None) -> set[str]:
     return found
 
 
-CASES = [
-    pytest.param(r, id=re.sub(r"\W+", "-", r.words).strip("-"), marks=[pytest.mark.long] if r.slow else [])
-    for r in REMEDIES
-]
+CASES = [pytest.param(r, id=re.sub(r"\W+", "-", r.words).strip("-")) for r in REMEDIES]
 
 
 @pytest.mark.parametrize("remedy", CASES)
@@ -46,12 +43,12 @@ def test_what_is_advised_works(remedy: Remedy, tmp_path: Path, monkeypatch: pyte
         raise
 
 
-REFUSED = [case.values[0] for case in CASES if case.values[0].slow and case.values[0].given is None]
+REFUSED = [remedy for remedy in REMEDIES if not remedy.slow and remedy.given is None]
 
 
 @pytest.mark.parametrize("remedy", [pytest.param(r, id=re.sub(r"\W+", "-", r.words).strip("-")) for r in REFUSED])
 def test_what_is_refused_says_why(remedy: Remedy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The refusal alone, where it needs no file; `test_what_is_advised_works` causes each refusal, with the long tests."""
+    """The refusal alone, where it is quick and needs no file; `test_what_is_advised_works` causes every one, with the long tests."""
     monkeypatch.chdir(tmp_path)
     refused(remedy)
 
