@@ -106,6 +106,7 @@ WITH_ERRORS = {"displacements, second derivative", "a layer", "a line of displac
 LONG = {
     "taxels wider than cells",
     "three stresses",
+    "displacements, second derivative",
     "displacements, first derivative",
     "some components",
     "two planes",
