@@ -10,6 +10,7 @@ import pytest
 
 import palpate as pp
 from camera_scenes import gel_file
+from long_runs import long_runs
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("av")
@@ -73,7 +74,7 @@ def test_a_gel_without_dots_is_refused_with_what_to_do() -> None:
         Displacements(pictures, VIEW, rate=30.0)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, *long_runs(1)])
 def test_dots_at_random_that_keep_a_distance_are_a_print(seed: int) -> None:
     rng = np.random.default_rng(seed)
     places: list[np.ndarray] = []
