@@ -22,6 +22,7 @@ from palpate.microscopy.names import UNIT_NAMES, VECTORS, units_of, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
 from palpate.microscopy.pixelsize import PixelSize, differing
 from palpate.recordings import Recording
+from palpate.recordings.damage import DAMAGE_OF_PACKED
 from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
@@ -172,7 +173,6 @@ def _array(path: Path) -> Any:
 
 def _npz(path: Path, name: str | None) -> Found:
     import zipfile
-    import zlib
 
     try:
         # open the file here: the library leaves a file open if it cannot read it
@@ -183,19 +183,7 @@ def _npz(path: Path, name: str | None) -> Found:
             arrays = {key: np.asarray(file[key]) for key in file.files}
     except InvalidInput:
         raise
-    except (
-        ValueError,
-        OSError,
-        EOFError,
-        KeyError,
-        zipfile.BadZipFile,
-        zlib.error,
-        NotImplementedError,
-        RuntimeError,
-        SyntaxError,
-        TypeError,
-        AttributeError,
-    ) as error:
+    except DAMAGE_OF_PACKED as error:
         raise InvalidInput(
             f"{path}: cannot be read as .npz ({str(error)[:80]}); it is truncated, damaged or of another format."
         ) from error
