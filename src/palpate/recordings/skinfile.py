@@ -43,6 +43,7 @@ pixel = "0.06 mm"                # what a 1 means; or unit (of readings) and pos
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
 import tomllib
@@ -577,53 +578,19 @@ def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
     return AreaGrid(shape=surface.shape, spacing=surface.spacing, center=_center(surface.center, 2))
 
 
-#: Keys of skin files, for suggestions if one is misspelt.
-KEYS = (
-    *(
-        "kind",
-        "file",
-        "contact_radius",
-        "indenter",
-        "youngs_modulus",
-        "poissons_ratio",
-        "thickness",
-        "prony",
-        "layer",
-        "base",
-        "boundary",
-        "pad",
-        "plane",
-        "surface",
-        "stream",
-        "columns",
-    ),
-    *(
-        "uncertainty",
-        "calibration",
-        "camera",
-        "roi",
-        "texture",
-        "shape",
-        "pitch",
-        "depth",
-        "channels",
-        "aperture",
-        "noise",
-        "noise_correlation",
-        "limits",
-        "center",
-        "count",
-        "spacing",
-    ),
-    *("positions", "positions_file", "positions_unit", "topic", "unit", "gain"),
-)
+@functools.cache
+def _keys() -> tuple[str, ...]:
+    """Every key of a skin file, for suggestions if one is misspelt."""
+    schema = SkinFile.model_json_schema()
+    tables = (schema, *schema["$defs"].values())
+    return tuple(dict.fromkeys(key for table in tables for key in table.get("properties", ())))
 
 
 def _likely_keys(key: str) -> str:
     """Likely keys for a misspelt one."""
     import difflib
 
-    matches = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.7)
+    matches = difflib.get_close_matches(key, _keys(), n=1, cutoff=0.7)
     return (
         f": is {matches[0]} meant?"
         if matches and matches[0] != key
