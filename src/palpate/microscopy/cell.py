@@ -510,7 +510,7 @@ def _sums(
 
 
 def _work(estimate: Inverted, field: Field, region: npt.NDArray[np.bool_]) -> Floats:
-    """Return half the work (draw,) [J] of the traction in the part ``where`` of the field of view. The work of the
+    """Return half the work (draw,) [J] of the traction in the part ``region`` of the field of view. The work of the
     estimate comes first unless the estimate is the mean of the samples.
     """
     if estimate.samples is not None and estimate.work is not None:
