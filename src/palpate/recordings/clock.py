@@ -269,8 +269,8 @@ def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: l
         plausible = EPOCH[0] <= (typical - begin) * length <= EPOCH[1]
         # Read as seconds, days with such steps would mean more than 20000 frames a second.
         if plausible and (too_late if length < 1.0 else unit is None and 0.0 < step < 5e-5):
-            reason = "" if unit is None else ", because in the unit that is said they lie beyond the year 2242"
-            words.append(f"its times ({typical:.12g}) are taken as {name}{reason}")
+            remark = "" if unit is None else ", because in the unit that is said they lie beyond the year 2242"
+            words.append(f"its times ({typical:.12g}) are taken as {name}{remark}")
             return (values - begin) * length
     if too_late:
         words.append(f"its times ({typical:.12g}) are beyond 2**33 s, and no date in a unit that is known")
