@@ -13,6 +13,7 @@ from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import gain_of
+from palpate.inverse.contact.screening import shallow
 
 __all__ = ["without_outliers"]
 
@@ -36,8 +37,12 @@ def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed
     for _ in range(max(int(policy.screening.most * observed.sum()), 1)):
         size = np.abs(clean) / readings.std
         others = np.where(counted & ~estimator.outermost, size, 0.0).max(initial=0.0)
-        may = counted & (~estimator.outermost | (size > policy.screening.outermost * others))
-        residual = np.where(may, np.abs(clean - best.explained) / readings.std, 0.0)
+        residual = np.where(counted, np.abs(clean - best.explained) / readings.std, 0.0)
+        may = ~estimator.outermost | (size > policy.screening.outermost * others)
+        if estimator.large:
+            around = policy.screening.outermost_alone * _of_neighbours(residual, estimator)
+            may |= ~shallow(estimator.operator.planes_of, policy) & (residual > around)
+        residual = np.where(may, residual, 0.0)
         worst = int(np.argmax(residual))
         largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
         # An outlier among n readings raises the residual to its own size over sqrt(n). With few readings it inflates
@@ -66,8 +71,13 @@ def _like_the_worst(residual: Floats, limit: float, estimator: Prepared) -> Flag
     """Mask of the readings whose residuals are beyond the limit and at least half the largest. Of neighbours only the
     worse: its residual is also seen in theirs.
     """
-    highest = residual.copy()
-    for i, j in (estimator.pairs, estimator.pairs[::-1]):
-        np.maximum.at(highest, i, residual[j])
     half = estimator.policy.explanations.half * float(residual.max())
-    return np.asarray((residual > limit) & (residual >= half) & (residual >= highest))
+    return np.asarray((residual > limit) & (residual >= half) & (residual >= _of_neighbours(residual, estimator)))
+
+
+def _of_neighbours(residual: Floats, estimator: Prepared) -> Floats:
+    """The largest residual among the neighbours of each reading."""
+    largest = np.zeros_like(residual)
+    for i, j in (estimator.pairs, estimator.pairs[::-1]):
+        np.maximum.at(largest, i, residual[j])
+    return largest
