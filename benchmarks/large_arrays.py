@@ -232,7 +232,7 @@ def sizes_of(records: list[dict[str, Any]]) -> Iterator[str]:
         times = [r["time"] for r in mine]
         silent = sum(judge(r).silent for r in mine if "status" in r)
         p50, p90 = np.quantile(times, [0.5, 0.9])
-        memory = max(r["memory"] for r in mine)
+        memory = max(r["memory"] for r in mine if "memory" in r)
         yield f"| {n} x {n} | {len(mine)} | {silent} | {p50:.1f}, {p90:.1f}, {max(times):.1f} | {sum('late' in r for r in mine)} | {memory:.0f} |"
 
 
