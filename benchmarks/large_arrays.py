@@ -225,7 +225,7 @@ def _row(name: str, records: list[dict[str, Any]]) -> str:
 
 
 def sizes_of(records: list[dict[str, Any]]) -> Iterator[str]:
-    yield "| size | frames | wrong without a word | time p50, p90, max [s] | not in time | memory [MiB] |"
+    yield "| size | frames | wrong without a word | time p50, p90, max [s] | not in time | memory of all in one process [MiB] |"
     yield "|---|---|---|---|---|---|"
     for n in sorted({r["n"] for r in records}):
         mine = [r for r in records if r["n"] == n]
