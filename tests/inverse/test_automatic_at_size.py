@@ -262,6 +262,54 @@ def test_broken_readings_are_found_in_windows(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.long
+def steps_of(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Counts the steps of conjugate gradients."""
+    steps, apply = [0], Iterative._apply
+
+    def counted(self: Iterative, *args: Any, **options: Any) -> Any:
+        steps[0] += 1
+        return apply(self, *args, **options)
+
+    monkeypatch.setattr(Iterative, "_apply", counted)
+    return steps
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_scattered_outliers_are_removed_together(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two per cent of the readings are wrong, a third of them at the edge, where a load beyond it would reach neighbours too."""
+    skin = skin_of(24, depth=1.8e-3)
+    readings, noise = noisy(skin, ball(skin, 3e-3), 0.005)
+    rng = np.random.default_rng(0)
+    largest = float(np.abs(readings).max())
+    bad = rng.random(readings.shape) < 0.02
+    readings = np.where(bad, rng.uniform(-1.5, 1.5, readings.shape) * largest, readings)
+    obvious = bad & (np.abs(readings - skin.sense(ball(skin, 3e-3))) > 0.3 * largest)
+    skin = skin_of(24, depth=1.8e-3, noise=noise if given else None)
+    steps = steps_of(monkeypatch)
+    touch = skin.reconstruct(readings)
+    assert touch.outliers is not None
+    assert touch.outliers[obvious.ravel()].all()
+    assert (touch.outliers & ~bad.ravel()).sum() < 0.2 * bad.sum()  # neighbours of those at the edge
+    assert touch.fit > 0.01
+    assert float(touch.force[2]) == pytest.approx(
+        float(np.prod(skin.surface.spacings) * ball(skin, 3e-3)[2].sum()), rel=0.03
+    )
+    assert steps[0] < 2000  # 32 000 where those at the edge stay in
+
+
+def test_noise_given_far_too_small_takes_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wide contacts that slide, deep below a given noise of a fifth of the true one."""
+    skin = skin_of(24, depth=1.8e-3)
+    readings, noise = noisy(skin, ball(skin, 9e-3), 0.005)
+    steps = steps_of(monkeypatch)
+    touch = skin_of(24, depth=1.8e-3, noise=0.2 * noise).reconstruct(readings)
+    assert touch.fit < 0.01
+    assert float(touch.force[2]) == pytest.approx(
+        float(np.prod(skin.surface.spacings) * ball(skin, 9e-3)[2].sum()), rel=0.03
+    )
+    assert steps[0] < 3000
+
+
 def test_nothing_and_pulls_at_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
     skin = skin_of(10)

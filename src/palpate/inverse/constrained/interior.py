@@ -35,6 +35,9 @@ STEPS = 40
 #: The iteration fails if neither residual nor gap has decreased by the factor SMALLER in PATIENCE steps. From a start that
 #: is far too large the gap falls with the objective, so that their ratio stays.
 SMALLER, PATIENCE = 0.99, 8
+#: Tolerance of the gradient, as a part of that of the traction. Products leave a residual of single precision, while the gap
+#: would fall for ever: then FEWER steps without progress are enough.
+RESIDUAL, FEWER = 1e-2, 2
 #: Distance of the start from the boundary, as a fraction of the largest pressure and of the largest gradient; and the
 #: fraction of the way to the boundary that a step may go.
 INSIDE, NEAR = 0.1, 0.99
@@ -57,9 +60,9 @@ def interior(
     converged.
 
     ``tolerance`` is that of `palpate.inverse.constrained.cone.minimise` for traction; the tolerance of the objective
-    is its square, at least `GAP`.
+    is its square, that of the gradient a part of it (`RESIDUAL`); both are at least `GAP`.
     """
-    goal = max(GAP, tolerance * abs(tolerance))
+    goal, accuracy = max(GAP, tolerance * abs(tolerance)), max(GAP, tolerance * RESIDUAL)
     kind = _Second if cone.coupled else _Half
     x = cone.project(start)
     gradient = hessian.product(x) - linear
@@ -75,15 +78,17 @@ def interior(
             dual = hessian.product(x) - linear - s
             gap = float(kind.product(x, s).sum())
             worth = abs(0.5 * float((x * (dual + s - linear)).sum()))
-            left = max(gap / max(worth, _TINY), float(np.abs(dual).max()) / largest)
+            # How many times too large the gap and the residual are.
+            apart, missed = gap / max(worth, _TINY) / goal, float(np.abs(dual).max()) / largest / accuracy
+            left = max(apart, missed)
             if not np.isfinite(left):
                 break
             if left < SMALLER * least:
                 best, least, since = x, left, 0
             else:
-                since = 0 if gap < SMALLER * narrowest else since + 1
+                since = 0 if gap < SMALLER * narrowest and apart > missed else since + 1
             narrowest = min(narrowest, gap)
-            if left <= goal or since > PATIENCE:
+            if left <= 1.0 or since > (PATIENCE if apart > missed else FEWER):
                 break
             scaling = kind(x, s)
             factor = hessian.factor(scaling.face, scaling.more)
@@ -96,7 +101,7 @@ def interior(
             if not (length > 0 and np.isfinite(ahead).all() and np.isfinite(beside).all()):
                 break
             x, s = x + length * ahead, s + length * beside
-    return best, least <= goal
+    return best, least <= 1.0
 
 
 def _step(scaling: _Second | _Half, factor: Factor, dual: Floats, target: Floats) -> tuple[Floats, Floats]:

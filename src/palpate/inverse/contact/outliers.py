@@ -13,6 +13,7 @@ from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import gain_of
+from palpate.inverse.contact.screening import shallow
 
 __all__ = ["without_outliers"]
 
@@ -21,7 +22,7 @@ Flags = npt.NDArray[np.bool_]
 
 def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> tuple[Explanation, Flags]:
     """The explanation solved without outliers, and the mask of the readings used. Outliers are removed one at a time,
-    worst first.
+    worst first; on a large array, where each solution takes long, with all that are nearly as bad.
     """
     policy = estimator.policy
     readings, n = estimator.readings, len(data)
@@ -36,24 +37,47 @@ def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed
     for _ in range(max(int(policy.screening.most * observed.sum()), 1)):
         size = np.abs(clean) / readings.std
         others = np.where(counted & ~estimator.outermost, size, 0.0).max(initial=0.0)
-        may = counted & (~estimator.outermost | (size > policy.screening.outermost * others))
-        residual = np.where(may, np.abs(clean - best.explained) / readings.std, 0.0)
+        residual = np.where(counted, np.abs(clean - best.explained) / readings.std, 0.0)
+        may = ~estimator.outermost | (size > policy.screening.outermost * others)
+        if estimator.large:
+            around = policy.screening.outermost_alone * _of_neighbours(residual, estimator)
+            may |= ~shallow(estimator.operator.planes_of, policy) & (residual > around)
+        residual = np.where(may, residual, 0.0)
         worst = int(np.argmax(residual))
         largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
         # An outlier among n readings raises the residual to its own size over sqrt(n). With few readings it inflates
         # the noise that is used to judge it.
         part = 1.0 if estimator.at_size else policy.explanations.half
-        if not residual[worst] > max(part * policy.screening.deviations * best.left, policy.screening.gross * largest):
+        limit = max(part * policy.screening.deviations * best.left, policy.screening.gross * largest)
+        if not residual[worst] > limit:
             break
         fewer = counted.copy()
-        fewer[worst] = False
+        fewer[_like_the_worst(residual, limit, estimator) if estimator.large else worst] = False
+        start = best.left if h.noise is None and estimator.noise_known else h.noise
+        left_out = int(counted.sum() - fewer.sum())
         filled = np.where(fewer, clean, best.explained)
-        found = rough(estimator, filled, fewer, total, estimator.shifts[:, h.present], h.noise, best.traction)
+        found = rough(estimator, filled, fewer, total, estimator.shifts[:, h.present], start, best.traction)
         floor = max(found.left, estimator.least_noise(data))
         if not (
-            gain_of(found.free, max(best.left, floor), floor) > policy.screening.broken + math.log(n)
+            gain_of(found.free, max(best.left, floor), floor) > left_out * (policy.screening.broken + math.log(n))
             and abs(clean[worst] - found.explained[worst]) / readings.std[worst] > policy.screening.deviations * floor
         ):
             break
         counted, best = fewer, found
     return replace(h, rough=best), counted
+
+
+def _like_the_worst(residual: Floats, limit: float, estimator: Prepared) -> Flags:
+    """Mask of the readings whose residuals are beyond the limit and at least half the largest. Of neighbours only the
+    worse: its residual is also seen in theirs.
+    """
+    half = estimator.policy.explanations.half * float(residual.max())
+    return np.asarray((residual > limit) & (residual >= half) & (residual >= _of_neighbours(residual, estimator)))
+
+
+def _of_neighbours(residual: Floats, estimator: Prepared) -> Floats:
+    """The largest residual among the neighbours of each reading."""
+    largest = np.zeros_like(residual)
+    for i, j in (estimator.pairs, estimator.pairs[::-1]):
+        np.maximum.at(largest, i, residual[j])
+    return largest

@@ -215,6 +215,10 @@ class Screening:
     )
     explained: float = number(0.7, "and explains this part of what that does")
     outermost: float = number(8.0, "the outermost taxels are broken only where they read so many times the others")
+    outermost_alone: float = number(
+        5.0,
+        "or where their residuals are so many times their neighbours', on a large array: a load beyond the edge gives those a quarter",
+    )
     alone: float = number(4.0, "a reading so many times all others is alone, whatever a linear model makes of it")
     shallow: float = number(0.6, "taxels less deep, in pitches, feel next to nothing of what their neighbours do")
     window: tuple[int, int] = number((20, 6), "half the taxels of a window of a large array, on a line and on an area")

@@ -121,6 +121,8 @@ class Prepared(ABC):
         )
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
+        #: Whether wide contacts are solved by products, so that each solution takes long.
+        self.large = self.at_size or self.taxels >= self.policy.explanations.many_taxels
         #: Whether the linear model can fit any readings, noise included. It then gives no information on noise or
         #: offsets.
         self.ambiguous = problem.ambiguous

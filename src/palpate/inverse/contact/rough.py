@@ -46,6 +46,9 @@ def rough(
     known = 1.0 if certain else noise_at_first or policy.screening.first_noise * total
     filled = data.copy()
     linear = estimator.orders[1]
+    if certain and estimator.large and noise_at_first is not None:
+        # With a noise far below the residual, products take hundreds of steps.
+        known = max(noise_at_first, 1.0)
     cells = estimator.operator.surface.shape
     first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
     explained = np.zeros_like(data)
@@ -67,7 +70,7 @@ def rough(
         filled = np.where(observed, data, explained)
         if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
             break
-        if (certain and left <= known) or left <= floor:
+        if (certain and left <= known and (turn > 0 or known <= 1.0)) or left <= floor:
             break
         before, gain = gain, gain_of(free, total, left, floor)
         if (certain and turn >= 2) or gain < min(before, beat):

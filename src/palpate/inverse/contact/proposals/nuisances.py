@@ -60,7 +60,7 @@ def _in_turn(
     step = 0.0
     for turn in range(rules.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
-        found = rough(estimator, clean, observed, search.total, columns[:, present], search.noise, near, beat)
+        found = rough(estimator, clean, observed, search.total, columns[:, present], search.first_noise, near, beat)
         near = found.traction
         if best is not None:
             # sizes from the outermost taxels are no fit yet: better ones may gain as much as makes no difference less

@@ -17,5 +17,5 @@ def propose(search: Search) -> Iterator[Explanation]:
     """
     if -1 not in search.signs or not (search.estimator.far or search.worth_more(search.tried[0])):
         return
-    found = rough(search.estimator, -search.data, search.observed, search.total, None, search.noise)
+    found = rough(search.estimator, -search.data, search.observed, search.total, None, search.first_noise)
     yield Explanation(-1, found, search.none, search.none > 0)

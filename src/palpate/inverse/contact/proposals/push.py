@@ -13,5 +13,5 @@ __all__ = ["propose"]
 
 def propose(search: Search) -> Iterator[Explanation]:
     """Yield a push without nuisances."""
-    found = rough(search.estimator, search.data, search.observed, search.total, None, search.noise)
+    found = rough(search.estimator, search.data, search.observed, search.total, None, search.first_noise)
     yield Explanation(1, found, search.none, search.none > 0)

@@ -45,6 +45,13 @@ class Search:
             if all(h.rough.gain > o.rough.gain for o in alike):
                 self.tried = [o for o in self.tried if not any(o is s for s in alike)] + [h]
 
+    @cached_property
+    def first_noise(self) -> float | None:
+        """Noise from which rough solutions start; None: the given noise, or a part of the readings."""
+        if self.noise is None and self.estimator.noise_known and self.estimator.large:
+            return self.estimator.start.estimated_noise(self.data, self.total)
+        return self.noise
+
     @property
     def none(self) -> Floats:
         """Zero for every nuisance."""
@@ -76,5 +83,4 @@ class Search:
     def hopeless(self) -> Sequence[int]:
         """Signs of contact that no offset can make the best; valid once push and pull were tried."""
         estimator = self.estimator
-        large = estimator.at_size or estimator.taxels >= estimator.policy.explanations.many_taxels
-        return hopeless_signs(self.tried, estimator.policy) if large and not estimator.far else []
+        return hopeless_signs(self.tried, estimator.policy) if estimator.large and not estimator.far else []
