@@ -96,9 +96,6 @@ class Detection:
     )
     unexplained_signal: float = number(0.03, "and this part of the signal, a convention")
     most_left: float = number(0.5, "a contact that leaves most of the readings tells nothing of them")
-    heavy_tails: float = number(
-        4.0, "log likelihood of heavy tails from which a few readings stand out: none of 40 Gaussian frames has 3"
-    )
     student: float = number(
         2.0, "degrees of freedom of Student's distribution: as heavy as noise that still has a scale"
     )
