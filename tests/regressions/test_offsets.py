@@ -159,3 +159,17 @@ def test_noise_given_half_too_small_is_learned_beside_an_offset(seed: int) -> No
     low, high = touch.interval(0.95, "force")
     assert low[2] < force < high[2]
     assert touch.force[2] == pytest.approx(force, rel=0.1)
+
+
+def test_an_offset_of_a_quarter_is_no_contact() -> None:
+    """A ball of 1 N, and a quarter of 8 x 8 taxels that reads 30 % too much: at least 1.36 N before, as a second contact."""
+    pad = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.48)
+    skin = pp.Skin(pad, pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"]))
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=3e-3, force=1.0).shifted(-1e-3, 2e-3)))
+    readings = clean + 0.01 * clean.max() * np.random.default_rng(0).standard_normal(clean.shape)
+    readings[0, :4, 4:] += 0.3 * clean.max()
+    touch = skin.reconstruct(readings)
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 1.0 < high[2]
+    assert touch.force[2] == pytest.approx(1.0, rel=0.1)
+    assert any("offset of stress_zz in the lower right quarter" in note for note in touch.notes)

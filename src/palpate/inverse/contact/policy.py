@@ -126,7 +126,7 @@ class Explanations:
     nuisance_rounds: int = number(
         12, "rounds of nuisances and contact in turn: they settle in three, in ten where hard to tell apart"
     )
-    rows: int = number(3, "rows and columns of a channel with an offset of their own, one after another")
+    groups: int = number(3, "groups of taxels with an offset of their own, one after another")
     per_nuisance: float = number(3.0, "gain that each nuisance, or another sign than pushing, must bring")
     largest_nuisance: float = number(
         0.4, "part of the largest reading of its kind that one is at most: sensors are zeroed"
