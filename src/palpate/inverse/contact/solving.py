@@ -62,7 +62,7 @@ class _Solving:
         self.levels: Floats | None = None
         self.known, self.given, self.coarse = self._noise_at_first()
         #: Number of times the noise and the offsets were re-estimated.
-        self.learned, self.refined = 0, 0
+        self.learned, self.refined, self.as_given = 0, 0, False
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
         self.leading: ContactModel | None = None
@@ -280,15 +280,20 @@ class _Solving:
         return float(left * (self.noise[0] / estimator.readings.std[0]))
 
     def _given_noise(self, left: float) -> bool:
-        """Lower noise that is given up to a factor (`score.noise_beyond`) to what the leading model leaves: coarse cells
-        leave more than fine ones.
+        """Update noise that is given up to a factor (`score.noise_beyond`): lower it to what the leading model leaves,
+        because coarse cells leave more than fine ones. If it comes to rest far above the given noise, try that once.
         """
-        rules, now = self.policy.noise, self.coarse if self.known is None else self.known
-        free = float(self.observed.sum()) - taken_by(self.first_model)
-        learned = max(noise_beyond(self.given, left, max(free, 0.0), self.policy), self.floor)
-        if self.learned == rules.turns or learned * rules.again > now:
+        policy, now = self.policy, self.coarse if self.known is None else self.known
+        again, free = policy.noise.again, float(self.observed.sum()) - taken_by(self.first_model)
+        learned = max(noise_beyond(self.given, left, max(free, 0.0), policy), self.floor)
+        if learned * again < now and self.learned < policy.noise.turns:
+            self.known = learned if learned > again * self.given else self.given
+        elif now > policy.detection.unexplained * self.given and not self.as_given:
+            self.known, self.as_given = self.given, True
+        elif self.as_given and now == self.given and learned > again * now:
+            self.known = learned
+        else:
             return False
-        self.known = learned if learned > rules.again * self.given else self.given
         return True
 
     def _learned_noise(self, left: float, ratio: float) -> bool:
