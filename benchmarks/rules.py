@@ -72,6 +72,7 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "screening": {"parts.screening": False},
     "outliers": {"parts.outliers": False},
     "patches that noise explains": {"detection.patch": 0.0},
+    "contact that leaves most": {"detection.most_left": 2.0},
     "doubt": {"explanations.doubt": 0.0},
     "loaded edge asks for offsets": {"explanations.edge": 2.0},
     "largest nuisance": {"explanations.largest_nuisance": math.inf},

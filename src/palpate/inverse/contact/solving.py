@@ -298,11 +298,15 @@ class _Solving:
 
     def _learned_noise(self, left: float, ratio: float) -> bool:
         """Update noise that is not given."""
-        rules = self.policy.noise
+        policy, readings = self.policy, self.estimator.readings
         if self.follows and ratio < 1.0:
             ratio = 1.0 / ratio  # the first estimate was an upper limit
-        if self.learned == rules.turns_of_all or ratio < rules.again:
+        if self.learned == policy.noise.turns_of_all or ratio < policy.noise.again:
             return False
+        white = readings.white((self.data / readings.std)[self.observed], self.observed)
+        total = float(np.sqrt(np.mean(white**2)))
+        if left > max(policy.detection.most_left * total, policy.detection.unexplained * self.scale):
+            return False  # most of the signal is in the residual: a pull, not noise
         self.known = left
         return True
 
