@@ -288,7 +288,7 @@ class _Solving:
         learned = max(noise_beyond(self.given, left, max(free, 0.0), policy), self.floor)
         if learned * again < now and self.learned < policy.noise.turns:
             self.known = learned if learned > again * self.given else self.given
-        elif now > policy.detection.unexplained * self.given and not self.as_given:
+        elif now > policy.screening.deviations * self.given and not self.as_given:
             self.known, self.as_given = self.given, True
         elif self.as_given and now == self.given and learned > again * now:
             self.known = learned
