@@ -39,7 +39,6 @@ READINGS = 200
 TABLE = Path(__file__).resolve().parents[1] / "docs" / "_generated" / "rules.md"
 #: Rules by name: what replaces their numbers.
 RULES: Mapping[str, Mapping[str, Any]] = {
-    "given noise exceeded": {"fit.most_louder": 1.0},
     "rival weighed where doubted": {"fit.doubted": 0.0},
     "rival in place of a refuted one": {"explanations.followed": 0},
     "short line may be all contact": {"detection.short_line": 0},

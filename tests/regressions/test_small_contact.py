@@ -184,3 +184,19 @@ def test_a_ball_in_the_middle_of_four_taxels(radius: float, seed: int) -> None:
     assert float(touch.force[2]) == pytest.approx(1.0, abs=0.5)
     assert float(touch.fit) > 0.05
     assert any(note.startswith("small contact") for note in touch.notes)
+
+
+def test_a_spike_on_few_taxels_is_broken() -> None:
+    """A ball of 1 N on 4 x 4 taxels, one reading of which is 20 times the largest: "undecided", up to 70 N, before readings were compared with all others."""
+    pad = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.48)
+    array = pp.AreaArray(shape=(4, 4), pitch=4e-3, depth=3e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(pad, array)
+    rng = np.random.default_rng(0)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=4e-3, force=1.0).shifted(1e-3, -2e-3)))
+    largest = float(np.abs(clean).max())
+    readings = clean + 0.01 * largest * rng.standard_normal(clean.shape)
+    readings[0, 2, 1] = -20.0 * largest
+    touch = skin.reconstruct(readings)
+    assert touch.status == pp.Status.SOLVED
+    assert np.flatnonzero(np.asarray(touch.outliers)).tolist() == [2 * 4 + 1]
+    assert float(touch.force[2]) == pytest.approx(1.0, rel=0.1)

@@ -6,17 +6,19 @@ marginalised: readings that a nuisance could explain do not become contact, and 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import AreaArray, Array
 
-__all__ = ["DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "check_nuisance", "nuisances", "rows_and_columns"]
+__all__ = ["DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "check_nuisance", "groups", "nuisances"]
 
 #: Kinds of nuisance by their short names.
 NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
@@ -37,7 +39,7 @@ class Nuisance:
     Attributes
     ----------
     kind : str
-        How it is sought: one of `NUISANCES`, or "row" (`rows_and_columns`).
+        How it is sought: one of `NUISANCES`, or "group" (`groups`).
     label : str
         Such as "offset of stress_zz".
     unit : str
@@ -117,8 +119,9 @@ def nuisances(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
     return found
 
 
-def rows_and_columns(planes: Sequence[Array]) -> list[Nuisance]:
-    """Offset of each row and each column of every channel of stress or strain, which share a cable or a converter.
+def groups(planes: Sequence[Array]) -> list[Nuisance]:
+    """Offset of each row, column, half and quarter of every channel of stress or strain, which share a cable or a
+    converter.
 
     None for a channel of displacement, whose readings come from an image, and for arrays without rows.
     """
@@ -129,16 +132,26 @@ def rows_and_columns(planes: Sequence[Array]) -> list[Nuisance]:
         where = f" in plane {number}" if len(planes) > 1 else ""
         n = int(array.valid.sum())
         if isinstance(array, AreaArray) and min(array.shape) > 1:
-            places = np.nonzero(array.valid)
+            masks = _groups_of(array)
             for i, channel in enumerate(array.channels):
                 kind = find_channel(channel).kind
                 if kind.absolute:
                     continue
-                for name, place in zip(("row", "column"), places):
-                    for k in np.unique(place):
-                        rows = np.zeros(total)
-                        rows[start + i * n : start + (i + 1) * n] = place == k
-                        at = f"{name} {k}{where}"
-                        found.append(Nuisance("row", f"offset of {channel} in {at}", kind.unit, rows, at))
+                for at, here in masks.items():
+                    rows = np.zeros(total)
+                    rows[start + i * n : start + (i + 1) * n] = here
+                    found.append(Nuisance("group", f"offset of {channel} in {at}{where}", kind.unit, rows, at + where))
         start += sizes[number]
+    return found
+
+
+def _groups_of(array: AreaArray) -> dict[str, npt.NDArray[np.bool_]]:
+    """Masks (taxel,) of taxels that may share a cable or a converter: rows, columns, halves and quarters."""
+    places = np.nonzero(array.valid)
+    found = {f"{name} {k}": p == k for name, p in zip(("row", "column"), places) for k in np.unique(p)}
+    low, left = (p < n // 2 for p, n in zip(places, array.shape))
+    halves = {"lower": low, "upper": ~low, "left": left, "right": ~left}
+    found |= {f"the {name} half": here for name, here in halves.items()}
+    for a, b in itertools.product(("lower", "upper"), ("left", "right")):
+        found[f"the {a} {b} quarter"] = halves[a] & halves[b]
     return found

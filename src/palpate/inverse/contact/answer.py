@@ -14,7 +14,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
-from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, noise_ratio, proportional_part
+from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, proportional_part
 from palpate.inverse.contact.no_contact import WIDE, detection_limit
 from palpate.inverse.contact.notes import single_taxel_share, smallness
 from palpate.inverse.contact.observed import Observed
@@ -98,7 +98,6 @@ def combined(
     members = [m for r in runs for m in r.members]
     large = any(m.data.at_size for m in members)
     summary = Summary(members, prepared.posterior)
-    summary.noise_ratio = noise_ratio(prepared, run, left)
     summary.gain = prepared.problem.uncertainty.assumed_gain
     summary.whites = [
         prepared.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members

@@ -12,7 +12,7 @@ from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.fit import MIN_DEGREES, MODEL_DETAIL, misfit_probability
 
-__all__ = ["drift_probability", "fit_of", "misfit_of", "noise_ratio", "proportional_part"]
+__all__ = ["drift_probability", "fit_of", "misfit_of", "proportional_part"]
 
 
 def fit_of(estimator: Prepared, run: Solved) -> tuple[float, float, float]:
@@ -50,24 +50,6 @@ def proportional_part(estimator: Prepared, run: Solved) -> float:
     best = minus.min(axis=0)
     chosen = int(np.argmin(best))
     return float(shares[chosen]) if best[0] - best[chosen] > estimator.policy.fit.shows else 0.0
-
-
-def noise_ratio(estimator: Prepared, run: Solved, left: float) -> float:
-    """Ratio of the residual noise to the given noise, at least 1. ``left`` is the root mean square of the residual in
-    units of the given noise.
-
-    Least-squares errors are scaled by this ratio (R. T. Birge, Phys. Rev. 40, 1932, 207-227). Unequal gains, for
-    example, leave more than noise but not enough to fail the fit test.
-    """
-    policy = estimator.policy
-    if not estimator.noise_known:
-        return 1.0
-    count, total = int(run.observed.sum()), sum(m.weight for m in run.members)
-    free = count - sum(m.weight / total * taken_by(m) for m in run.members)
-    if free < MIN_DEGREES:
-        return 1.0
-    ratio = left * math.sqrt(count / free)
-    return min(ratio, policy.fit.most_louder) if ratio > 1.0 + policy.explanations.sure / math.sqrt(2.0 * free) else 1.0
 
 
 def misfit_of(estimator: Prepared, run: Solved, residual: Floats, taken: float, largest: float) -> float:

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
-from palpate.inverse.contact.few_cells import heavy_tails
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
@@ -19,7 +18,7 @@ from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise", "unproven"]
+__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise"]
 
 #: Half-width of a 95 % interval, in standard deviations.
 WIDE = 1.96
@@ -65,23 +64,6 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)
 
 
-def unproven(estimator: Prepared, run: Solved, fit: float) -> bool:
-    """Whether "no contact" may be wrong: either noise explains the readings poorly (``fit``), or the noise is not
-    given and has heavier tails than Gaussian noise, as a contact on few taxels would cause.
-    """
-    if fit < PROVEN or estimator.noise_known:
-        return fit < PROVEN
-    data, channel = (run.data / estimator.readings.std)[run.observed], estimator.noise.index[run.observed]
-    count = np.maximum(np.bincount(channel, None, estimator.noise.count), 1)
-    level = np.sqrt(np.bincount(channel, data**2, estimator.noise.count) / count)[channel]
-    relative = np.divide(data, level, out=np.zeros_like(data), where=level > 0)
-    return bool(
-        len(data)
-        and relative.any()
-        and heavy_tails(relative, channel, len(data), estimator.policy) > estimator.policy.detection.heavy_tails
-    )
-
-
 def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
     """Net force (component,) of a contact over most of a short line that would explain readings taken for noise; None
     if the noise is given or no such contact fits.
@@ -117,11 +99,11 @@ def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
 
 
 def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
-    """Errors of a frame without contact, and the reason if they are wider than ``errors``: 0 not wider, 1 because of
-    `unproven`, 2 because of `short_line_load`.
+    """Errors of a frame without contact, and the reason if they are wider than ``errors``: 0 not wider, 1 because noise
+    explains the readings poorly (``fit``), 2 because of `short_line_load`.
     """
     why = 0
-    if unproven(estimator, run, fit):
+    if fit < PROVEN:
         # As large as the largest reading allows.
         why, largest = 1, float(np.abs(run.data / estimator.readings.std).max(initial=0.0))
         errors = estimator.undetected(largest, run.data)

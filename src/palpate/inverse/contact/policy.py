@@ -96,9 +96,6 @@ class Detection:
     )
     unexplained_signal: float = number(0.03, "and this part of the signal, a convention")
     most_left: float = number(0.5, "a contact that leaves most of the readings tells nothing of them")
-    heavy_tails: float = number(
-        4.0, "log likelihood of heavy tails from which a few readings stand out: none of 40 Gaussian frames has 3"
-    )
     student: float = number(
         2.0, "degrees of freedom of Student's distribution: as heavy as noise that still has a scale"
     )
@@ -129,7 +126,7 @@ class Explanations:
     nuisance_rounds: int = number(
         12, "rounds of nuisances and contact in turn: they settle in three, in ten where hard to tell apart"
     )
-    rows: int = number(3, "rows and columns of a channel with an offset of their own, one after another")
+    groups: int = number(3, "groups of taxels with an offset of their own, one after another")
     per_nuisance: float = number(3.0, "gain that each nuisance, or another sign than pushing, must bring")
     largest_nuisance: float = number(
         0.4, "part of the largest reading of its kind that one is at most: sensors are zeroed"
@@ -148,9 +145,6 @@ class Explanations:
     many_taxels: int = number(
         400, "so many taxels tell an offset too small to be sought: the search took a third of a frame of 32 x 32 x 3"
     )
-    sure: float = number(
-        2.0, "standard errors, 1/sqrt(2 n), by which a root mean square exceeds the noise that was given"
-    )
     bends: float = number(
         0.6,
         "a push that leaves less than this part of the readings free bends to them: pushes that took up an offset of 1 to 10 % left 0.30 to 0.55, wide balls without one 0.69 and more",
@@ -168,7 +162,6 @@ class Fit:
         0.05, "one that takes another's place explains the frame as well as one good frame in twenty"
     )
     doubted: float = number(0.1, "below it, one good frame in ten, a rival that gained nearly as much is weighed too")
-    most_louder: float = number(3.0, "given noise is exceeded by this at most in the errors: more is a misfit")
     shows: float = number(
         4.0, "log likelihood at which a part of the residual in proportion to the readings shows: a clean frame in 400"
     )

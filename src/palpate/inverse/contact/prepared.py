@@ -44,7 +44,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
 from palpate.sensing.limits import ends_of
-from palpate.sensing.nuisance import DRIFTS, LATER, USUAL, Nuisance, nuisances, rows_and_columns
+from palpate.sensing.nuisance import DRIFTS, LATER, USUAL, Nuisance, groups, nuisances
 
 __all__ = ["Prepared"]
 
@@ -138,7 +138,7 @@ class Prepared(ABC):
         if self.terms and problem.nuisance is None:
             self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]
             if not problem.zeroed and self.taxels <= self.policy.explanations.many_taxels:
-                self.terms += rows_and_columns(operator.planes_of)
+                self.terms += groups(operator.planes_of)
         windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
         self.ring = ring_of(self.outside)

@@ -14,12 +14,11 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of, with_matrix
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Explanation, Rough
-from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
 
-__all__ = ["exceeded", "rough", "rough_fit", "steps_of"]
+__all__ = ["rough", "rough_fit", "steps_of"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -141,9 +140,3 @@ def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags
         return 1.0
     taken = float(observed.sum()) - h.rough.free
     return misfit_probability(residual / size, observed, estimator.pairs, taken=taken, known=False)
-
-
-def exceeded(h: Explanation, observed: Flags, policy: Policy) -> bool:
-    """Whether the residual is far above the given noise. It is then treated as noise, and the fit test fails."""
-    misfit = h.rough.left * math.sqrt(h.rough.free / max(float(observed.sum()), 1.0))
-    return misfit > policy.detection.unexplained

@@ -37,6 +37,7 @@ __all__ = [
     "likelier_signs",
     "louder",
     "more_than_noise",
+    "noise_beyond",
     "rival_odds",
     "rivals_of",
     "same",
@@ -180,6 +181,15 @@ def louder(before: float, after: float, readings: int, policy: Policy) -> float:
     """
     prior = policy.fit.prior_weight
     return 0.5 * (prior + readings) * math.log((prior + readings * before**2) / (prior + readings * after**2))
+
+
+def noise_beyond(given: float, left: float, free: float, policy: Policy) -> float:
+    """The noise, at least ``given``, if it is known up to a factor: ``left`` is the root mean square of the residual, with ``free`` degrees of freedom.
+
+    sqrt((m given^2 + free left^2)/(m + free)): the mean of the scaled inverse chi-squared posterior whose prior counts as m readings, as in `louder`.
+    """
+    prior = policy.fit.prior_weight
+    return max(given, math.sqrt((prior * given**2 + free * left**2) / (prior + free)))
 
 
 def gain_without_cone(readings: float, push: tuple[float, float], free: tuple[float, float]) -> float:

@@ -25,8 +25,7 @@ from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals.levels import in_range
-from palpate.inverse.contact.rough import exceeded
-from palpate.inverse.contact.score import more_than_noise
+from palpate.inverse.contact.score import more_than_noise, noise_beyond
 from palpate.inverse.contact.screening import loaded
 from palpate.inverse.contact.systematic import change_of_nuisances
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -61,9 +60,9 @@ class _Solving:
         self.follows = estimator.ambiguous or self._follows()
         #: Noise of each channel, in units of the whitening, if learned from the contact; `known` is the common noise.
         self.levels: Floats | None = None
-        self.known, self.given, self.coarse, self.finer = self._noise_at_first()
+        self.known, self.given, self.coarse = self._noise_at_first()
         #: Number of times the noise and the offsets were re-estimated.
-        self.learned, self.refined = 0, 0
+        self.learned, self.refined, self.as_given = 0, 0, False
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
         self.leading: ContactModel | None = None
@@ -79,27 +78,27 @@ class _Solving:
         alone = estimator.evidence(estimator.orders[1], self.rows, None)
         return alone.scale < self.policy.noise.followed * self.h.rough.left
 
-    def _noise_at_first(self) -> tuple[float | None, float | None, float, float]:
-        """Initial noise (None: from the linear model); the given noise; and the residual noise of coarse and of fine
-        cells beyond it.
+    def _noise_at_first(self) -> tuple[float | None, float, float]:
+        """Initial noise (None: from the linear model); the given noise; and the residual noise of coarse cells beyond
+        it.
         """
         estimator, h = self.estimator, self.h
         known: float | None = None
-        coarse, least = 0.0, estimator.least_noise(self.data)
+        coarse, least, given = 0.0, estimator.least_noise(self.data), 1.0
         if estimator.noise_known and self.rounding > self.policy.noise.step:
-            known = math.hypot(1.0, self.rounding)
-        given = known
+            known = given = math.hypot(1.0, self.rounding)
         if not h.sign:
             pass
         elif estimator.noise_known:
-            if exceeded(h, self.frame.usable, self.policy):
-                known = coarse = max(h.rough.left, least)
+            learned = noise_beyond(given, h.rough.left, h.rough.free, self.policy)
+            if learned > self.policy.noise.again * given:
+                known = coarse = max(learned, least)
         elif h.present.any() or ((self.follows or not self.frame.usable.all()) and h.rough.left > 0):
             # A linear model takes the edges of filled-in regions for noise.
             known = max(h.rough.left, least)
         if h.noise is not None:
             known = max(h.noise, least)
-        return known, given, coarse, 0.0
+        return known, given, coarse
 
     # -- attempts
 
@@ -254,7 +253,7 @@ class _Solving:
             return False
         left = self._left_by_leading()
         ratio = max(left, self.floor) / max(self.scale, self.floor)
-        changed = self._given_noise(left, ratio) if estimator.noise_known else self._learned_noise(left, ratio)
+        changed = self._given_noise(left) if estimator.noise_known else self._learned_noise(left, ratio)
         self.learned += changed
         return changed
 
@@ -275,22 +274,24 @@ class _Solving:
         where a linear model could.
         """
         estimator, leading = self.estimator, self.first_model
-        took = taken_by(leading) if self.follows or leading.compact else None
+        took = taken_by(leading) if self.follows or leading.compact or estimator.noise_known else None
         freedom = estimator.effective_freedom(self.evidence[1].parameter)
         left = estimator.noise.left(leading, self.first_traction, self.y, self.observed, freedom, took)
         return float(left * (self.noise[0] / estimator.readings.std[0]))
 
-    def _given_noise(self, left: float, ratio: float) -> bool:
-        """Update noise that is given but exceeded: finer cells may reduce the residual to the given noise, or below
-        that of coarse cells.
+    def _given_noise(self, left: float) -> bool:
+        """Update noise that is given up to a factor (`score.noise_beyond`): lower it to what the leading model leaves,
+        because coarse cells leave more than fine ones. If it comes to rest far above the given noise, try that once.
         """
-        again = self.policy.noise.again
-        if self.learned == 0 and ratio * again < 1.0:
-            self.known, self.finer = self.given, max(left, self.floor)
-        elif self.learned == 1 and ratio > self.policy.detection.unexplained:
-            self.known = self.finer
-        elif self.learned == 1 and ratio > again:
-            self.known = left
+        policy, now = self.policy, self.coarse if self.known is None else self.known
+        again, free = policy.noise.again, float(self.observed.sum()) - taken_by(self.first_model)
+        learned = max(noise_beyond(self.given, left, max(free, 0.0), policy), self.floor)
+        if learned * again < now and self.learned < policy.noise.turns:
+            self.known = learned if learned > again * self.given else self.given
+        elif now > policy.screening.deviations * self.given and not self.as_given:
+            self.known, self.as_given = self.given, True
+        elif self.as_given and now == self.given and learned > again * now:
+            self.known = learned
         else:
             return False
         return True

@@ -186,7 +186,6 @@ class Summary:
             for p, m in zip(self._parts, members)
         ]
         self._weights = np.array([m.weight for m in members])
-        self.noise_ratio = 1.0  # residual over the given noise
         self.gain = 0.0  # assumed relative error of the gains
         self.whites: list[Floats] = []  # the readings of each model, whitened
         self.doubted = 0.0  # fraction of the normal force that may not exist
@@ -197,7 +196,7 @@ class Summary:
         within = np.stack([getattr(p, name)[1] for p in self._sure])
         mean = np.tensordot(self._weights, values, 1)
         at_size = name in SUMS and any(m.data.at_size for m in self.members)
-        within = ((self.policy.errors.sums_at_size if at_size else 1.0) * self.noise_ratio) ** 2 * within
+        within = (self.policy.errors.sums_at_size if at_size else 1.0) ** 2 * within
         return mean, np.tensordot(self._weights, within + (values - mean) ** 2, 1)
 
     def stated(self) -> Stated | None:

@@ -1,5 +1,5 @@
-"""Propose explanations of a frame: contact that pushes, pulls, or both; with or without offsets (of channels,
-rows and columns) and ramps in the readings.
+"""Propose explanations of a frame: contact that pushes, pulls, or both; with or without offsets (of channels
+and groups of taxels) and ramps in the readings.
 
 Each file proposes one kind of explanation. ``propose(search)`` yields rough explanations; each is recorded before the
 next is requested, so that later proposals know the earlier ones. To add a kind, add a file and a line in `PROPOSALS`.
@@ -19,7 +19,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.proposals import both, offsets, pull, push, ramps, rows
+from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough_fit
 from palpate.inverse.contact.score import best_of, rivals_of, worth_of
@@ -34,7 +34,7 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
     push.propose,
     pull.propose,
     offsets.propose,
-    rows.propose,
+    groups.propose,
     ramps.propose,
     both.propose,
 )

@@ -30,6 +30,6 @@ def propose(search: Search) -> Iterator[Explanation]:
     if not (np.abs(tilted) * unit > estimator.policy.explanations.nuisance * level)[ramps].any():
         return
     for sign in likelier_signs(search.tried, search.hopeless):
-        found = with_nuisances(search, sign, tilted, np.array([term.kind != "row" for term in search.terms]))
+        found = with_nuisances(search, sign, tilted, np.array([term.kind != "group" for term in search.terms]))
         if found is not None:
             yield found

@@ -1,4 +1,4 @@
-"""Propose contact with offsets of single rows and columns of a channel, which share a cable or a converter."""
+"""Propose contact with offsets of groups of taxels that share a cable or a converter: a row, column, half or quarter."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """Yield contact with the row or column that reduces its residual most, then with another; first beside the best
-    explanation so far, then beside contact alone, because offsets may have taken the place of a row.
+    """Yield contact with the group that reduces its residual most, then with another; first beside the best
+    explanation so far, then beside contact alone, because offsets may have taken the place of a group.
     """
     policy = search.estimator.policy
     signed = [h for h in search.tried if h.sign]
-    if not any(term.kind == "row" for term in search.terms) or not signed:
+    if not any(term.kind == "group" for term in search.terms) or not signed:
         return
     best = max(signed, key=lambda h: worth_of(h, policy))
     yield from _beside(search, best)
@@ -32,16 +32,16 @@ def propose(search: Search) -> Iterator[Explanation]:
 
 
 def _beside(search: Search, h: Explanation) -> Iterator[Explanation]:
-    """Yield an explanation with one more row or column at a time, of one channel or of all, as long as it is worth
+    """Yield an explanation with one more group at a time, of one channel or of all, as long as it is worth
     more. All are candidates, so that each must also gain the log of their number.
     """
     policy = search.estimator.policy
-    each = [[i] for i, term in enumerate(search.terms) if term.kind == "row"]
+    each = [[i] for i, term in enumerate(search.terms) if term.kind == "group"]
     names = dict.fromkeys(search.terms[i].group for (i,) in each)
     together = [[i for (i,) in each if search.terms[i].group == name] for name in names]
     groups = each + [g for g in together if len(g) > 1]
     choice = math.log(len(groups))
-    for _ in range(policy.explanations.rows):
+    for _ in range(policy.explanations.groups):
         steps = steps_of(search.estimator, h, search.data, search.observed, groups)
         worth = [
             -math.inf if h.present[g].any() else gain - policy.explanations.per_nuisance * len(g)
