@@ -252,7 +252,10 @@ def weighed(oracles: Path, seeds: range, only: str) -> list[str]:
                 value, std = made.predict(flat[k:])
                 student = scipy.special.stdtrit(made.freedom, 0.975)
                 error, row = np.abs(value - known[k:]), []
-                for half in (student * std, student * np.sqrt(std**2 - (made.run_share * value) ** 2)):
+                for half in (
+                    student * std,
+                    student * np.sqrt(std**2 - (made.run_share * value) ** 2 - made.run_zero**2),
+                ):
                     row += [float((error <= half).mean()), 200.0 * float(half.mean()) / usual]
                 held.append(row)
                 off["palpate"].append(float(error.mean() / usual))

@@ -110,10 +110,7 @@ class SkinCalibration:
         zero; NaN for components without labels.
         """
         flat = np.atleast_2d(np.asarray(readings, dtype=np.float64))
-        if flat.shape[-1] != self.readings:
-            raise InvalidInput(
-                f"this calibration is for {self.readings} readings a frame; got {flat.shape[-1]}. Calibrate the skin with the taxels that it has now."
-            )
+        self.check_readings(flat.shape[-1])
         value, std = np.full((len(flat), 3), math.nan), np.full((len(flat), 3), math.nan)
         good = np.isfinite(flat).all(axis=1)
         for i, name in enumerate(FORCES):
@@ -192,10 +189,7 @@ class SkinCalibration:
         minus their zero.
         """
         batch = touch.batch
-        if np.shape(flat)[-1] != self.readings:
-            raise InvalidInput(
-                f"this calibration is for {self.readings} readings a frame; got {np.shape(flat)[-1]}. Calibrate the skin with the taxels that it has now."
-            )
+        self.check_readings(np.shape(flat)[-1])
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
         place = self.center(rows, value, std)
@@ -240,6 +234,13 @@ class SkinCalibration:
         return replace(
             touch, status=np.where(quiet, int(Status.NO_CONTACT), status).astype(np.int8), touching=~quiet & ~missing
         )
+
+    def check_readings(self, count: int) -> None:
+        """Raise an error for frames with another number of readings."""
+        if count != self.readings:
+            raise InvalidInput(
+                f"this calibration is for {self.readings} readings a frame; got {count}. Calibrate the skin with the taxels that it has now."
+            )
 
     def check_options(self, given: Mapping[str, Any]) -> None:
         """Raise an error for options of the elastic model if that was rejected."""
