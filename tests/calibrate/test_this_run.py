@@ -88,7 +88,7 @@ def test_the_correction_is_the_mean_of_the_joint_normal(calibrated: pp.Skin) -> 
     readings, force = new_run(12, 1003)
     flat = readings.reshape(12, -1)
     labels = RunLabels(flat[:1], force[:1], np.zeros(1), np.zeros(1, dtype=np.int64))
-    value, std = labels.corrected(one, one.errors(flat[1:]))
+    value, std = labels.corrected(one.errors(flat[1:]), one.errors(flat[:1]))
     errors: FrameErrors = one.errors(flat)
     joint = errors.covariance(errors) + np.diag(errors.noise**2 + errors.shared**2)
     assert np.linalg.eigvalsh(joint).min() > 0.0
@@ -141,9 +141,7 @@ def test_one_weight_and_the_zero_of_the_calibration(skin: pp.Skin) -> None:
     ("options", "uncalibrated"),
     [({}, True), ({"constants": ["youngs_modulus"]}, False), ({"pad_models": ["bonded"]}, False)],
 )
-def test_what_this_run_needs(
-    calibrated: pp.Skin, skin: pp.Skin, options: dict[str, Any], uncalibrated: bool
-) -> None:
+def test_what_this_run_needs(calibrated: pp.Skin, skin: pp.Skin, options: dict[str, Any], uncalibrated: bool) -> None:
     readings, force = new_run(3, 1003)
     with pytest.raises(InvalidInput, match="this_run=True"):
         (skin if uncalibrated else calibrated).calibrate(readings, reference=force, this_run=True, **options)

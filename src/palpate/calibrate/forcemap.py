@@ -100,7 +100,7 @@ class ForceMap:
         frames = self.errors(readings)
         if self.this_run is None:
             return frames.mean, frames.std
-        return self.this_run.corrected(self, frames)
+        return self.this_run.corrected(frames, self.errors(self.this_run.readings))
 
     def errors(self, readings: Floats) -> FrameErrors:
         """Return the value of each frame for a run without labels, and the parts of its error."""
@@ -116,7 +116,9 @@ class ForceMap:
         # use the typical value for readings of this size: a component that is 0 by chance is not known better for that
         novel = self.novelty(readings) * p.unit * scaled.size
         local = np.sqrt(np.maximum(self.inflation**2 * square - noise - shared, 0.0) + novel**2)
-        return FrameErrors(mean, scaled, np.sqrt(noise), np.sqrt(shared), local, self.run_share, self.run_zero)
+        return FrameErrors(
+            mean, scaled, np.sqrt(noise), np.sqrt(shared), local, self.run_share, self.run_zero, self.runs
+        )
 
     def novelty(self, readings: Floats) -> Floats:
         """Return the standard deviation due to frames (frame, reading) that resemble no label, relative to the typical

@@ -15,16 +15,12 @@ determines most of the gain, and of the error of the map at places like its own.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.calibrate.process import JITTER, Scaled
 from palpate.elastic.pad import Floats
-
-if TYPE_CHECKING:
-    from palpate.calibrate.forcemap import ForceMap
 
 __all__ = ["FrameErrors", "RunLabels"]
 
@@ -47,7 +43,9 @@ class FrameErrors:
     gain : float
         Of the run, relative.
     zero : float
-        Of the run.
+        Of the run [N].
+    runs : float
+        Number of runs that tell the spread of gains.
     """
 
     mean: Floats
@@ -57,6 +55,7 @@ class FrameErrors:
     local: Floats
     gain: float
     zero: float
+    runs: float
 
     @property
     def std(self) -> Floats:
@@ -93,30 +92,31 @@ class RunLabels:
     std: Floats
     press: npt.NDArray[np.int64]
 
-    def corrected(self, one: ForceMap, frames: FrameErrors) -> tuple[Floats, Floats]:
-        """Return the values of the frames given these labels, and their standard deviations."""
-        labels = self._errors(one)
+    def corrected(self, frames: FrameErrors, labels: FrameErrors) -> tuple[Floats, Floats]:
+        """Return the values of the frames given these labels, of which the map has the errors ``labels``, and their
+        standard deviations.
+        """
+        labels = self._learnt(labels)
         frames = replace(frames, gain=labels.gain)
         across, inverse = frames.covariance(labels), self._inverse(labels)
         mean = frames.mean + across @ inverse @ (self.values - labels.mean)
         known = np.einsum("ij,jk,ik->i", across, inverse, across)
         return mean, np.sqrt(np.maximum(frames.std**2 - known, frames.noise**2 + frames.shared**2))
 
-    def gain(self, one: ForceMap) -> tuple[float, float]:
+    def gain(self, labels: FrameErrors) -> tuple[float, float]:
         """Return the gain of this run over the map, and its standard deviation."""
-        labels = self._errors(one)
+        labels = self._learnt(labels)
         inverse, across = self._inverse(labels), labels.gain**2 * labels.mean
         mean = 1.0 + float(across @ inverse @ (self.values - labels.mean))
         return mean, float(np.sqrt(max(labels.gain**2 - float(across @ inverse @ across), 0.0)))
 
-    def _errors(self, one: ForceMap) -> FrameErrors:
+    def _learnt(self, found: FrameErrors) -> FrameErrors:
         """Return the errors of the map at these labels. If there are several presses, the standard deviation of the gain
         takes in what they show of it, as one run more.
 
         That is its square, less its variance by the scatter between presses: one press does not tell the gain of the run
         from an error of the map at its place.
         """
-        found = one.errors(self.readings)
         presses = np.unique(self.press)
         square = np.array([found.mean[self.press == p] @ found.mean[self.press == p] for p in presses])
         each = np.array([found.mean[self.press == p] @ (self.values - found.mean)[self.press == p] for p in presses])
@@ -124,7 +124,7 @@ class RunLabels:
             return found
         gain = each.sum() / square.sum()
         scatter = float(((each - gain * square) ** 2).sum()) / square.sum() ** 2 * len(presses) / (len(presses) - 1)
-        known = one.runs
+        known = found.runs
         return replace(
             found, gain=float(np.sqrt((known * found.gain**2 + max(gain**2 - scatter, 0.0)) / (known + 1.0)))
         )

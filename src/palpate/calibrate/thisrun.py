@@ -59,7 +59,7 @@ def run_calibration(before: SkinCalibration, data: Labelled, said: list[str]) ->
         new = RunLabels(data.flat[at], value[at], std, data.press[at])
         maps[name] = replace(one, this_run=new)
         if name == "fz":
-            gain, gain_std = new.gain(one)
+            gain, gain_std = new.gain(one.errors(new.readings))
             unit, unit_std = unit * gain, math.hypot(unit_std, gain_std)
             words.insert(
                 0,
