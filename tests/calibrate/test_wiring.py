@@ -11,7 +11,7 @@ import palpate as pp
 from calibrate_scenes import PAD, bench, taxels
 from palpate.calibrate import calibrate
 from palpate.calibrate.labels import Labelled
-from palpate.calibrate.wiring import ranks, swapped_taxels, turned_taxels
+from palpate.calibrate.wiring import ranks, wrong_wiring
 
 PUBLISHED = Path(__file__).parents[3] / "shared" / "data" / "tactileforce"
 SKIN = pp.Skin(PAD, taxels())
@@ -24,7 +24,7 @@ def labelled(readings: np.ndarray, force: np.ndarray) -> Labelled:
 
 
 def said(readings: np.ndarray, force: np.ndarray, skin: pp.Skin = SKIN) -> list[str]:
-    return turned_taxels(skin, labelled(readings, force)) + swapped_taxels(skin, labelled(readings, force))
+    return wrong_wiring(skin, labelled(readings, force))
 
 
 @pytest.mark.parametrize("seed", range(2000, 2006))
@@ -60,7 +60,7 @@ def test_masked_taxels_keep_their_numbers() -> None:
     readings[:, 0, 2, 3] *= -1.0
     flat = readings.reshape(40, -1)[:, valid.ravel()]
     data = labelled(flat, force)
-    assert turned_taxels(skin, data)[0].startswith("stress_zz of taxel 11: ")
+    assert wrong_wiring(skin, data)[0].startswith("stress_zz of taxel 11: ")
 
 
 def test_presses_without_any_reading_or_too_few_say_nothing() -> None:

@@ -39,7 +39,7 @@ from palpate.calibrate.labels import (
 from palpate.calibrate.prior import SHEAR_SHARE, likely_maps
 from palpate.calibrate.process import Process
 from palpate.calibrate.thisrun import THIS_RUN_NEEDS, quantity, run_calibration
-from palpate.calibrate.wiring import swapped_taxels, turned_taxels
+from palpate.calibrate.wiring import wrong_wiring
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
@@ -200,7 +200,7 @@ def calibrate(
     true = data if gains is None else data.over(unflat(skin.planes, gains))
     checked = elastic_check(skin, true, main)
     said += checked.said
-    said += silent_readings(skin, data) + turned_taxels(skin, data) + swapped_taxels(skin, data)
+    said += silent_readings(skin, data) + wrong_wiring(skin, data)
     said += hysteresis(main)
     if len(runs) == 1 and before is None:
         said.append(ONE_RECORDING_NOTE)

@@ -13,7 +13,7 @@ from palpate.elastic.pad import Floats
 if TYPE_CHECKING:
     from palpate.calibrate.labels import Labelled
 
-__all__ = ["reading_names", "swapped_taxels", "turned_taxels"]
+__all__ = ["reading_names", "wrong_wiring"]
 
 #: Frames with more than these fractions of the largest force, or of the largest readings, are used.
 STRONG_FORCE, STRONG_READINGS = 0.3, 0.1
@@ -50,40 +50,55 @@ def normal_channels(skin: Any) -> Iterator[tuple[Floats, slice]]:
             start += count
 
 
-def turned_taxels(skin: Any, data: Labelled) -> list[str]:
-    """Return sentences on taxels whose readings have the opposite sign of those of the other taxels.
+def wrong_wiring(skin: Any, data: Labelled) -> list[str]:
+    """Return sentences on taxels of turned sign, and on pairs of taxels that are swapped.
 
-    Under a press all normal readings have one sign. Many taxels are compared with their neighbours (`neighbours`); of few, the strongest
-    responses to a force are compared.
+    Many taxels are compared with their neighbours (`neighbours`); of few, the signs of the strongest responses to a force are
+    compared. Signs that look turned are turned back before swaps are sought.
     """
     names, found = reading_names(skin), []
     for places, readings in normal_channels(skin):
-        many = neighbours(data, places, readings)
-        turned = few_turned(data, readings) if len(places) < TAXELS[0] else []
-        if many is not None:
-            alike, apart = many
-            scores = []
-            for i in range(len(places)):
-                sign = np.ones(len(places))
-                sign[i] = -1.0
-                scores.append((float((ranks(alike * np.outer(sign, sign)) * apart).sum()), [i]))
-            turned = best_change(float((ranks(alike) * apart).sum()), scores)
-        if len(turned):
-            listed = ", ".join(names[readings.start + i] for i in turned)
+        own, values = names[readings], data.flat[:, readings].copy()
+        turned = turned_taxels(data, places, values)
+        if turned:
             found.append(
-                f"{listed}: the sign looks opposite to that of the other taxels. Turn the sign of the column, or check the wiring"
+                f"{', '.join(own[i] for i in turned)}: the sign looks opposite to that of the other taxels. Turn the sign of the column, or check the wiring"
+            )
+            values[:, turned] *= -1.0
+        pair = swapped_taxels(data, places, values)
+        if pair:
+            found.append(
+                f"{' and '.join(own[i] for i in pair)} look swapped: each feels what the neighbours of the other feel. Check the order of the columns"
             )
     return found
 
 
-def few_turned(data: Labelled, readings: slice) -> list[int]:
+def turned_taxels(data: Labelled, places: Floats, values: Floats) -> list[int]:
+    """Return the taxels whose readings ``values`` (label, taxel) have the opposite sign of the others: under a press all
+    normal readings have one sign.
+    """
+    if len(places) < TAXELS[0]:
+        return few_turned(data, values)
+    many = neighbours(data, places, values)
+    if many is None:
+        return []
+    alike, apart = many
+    scores = []
+    for i in range(len(places)):
+        sign = np.ones(len(places))
+        sign[i] = -1.0
+        scores.append((float((ranks(alike * np.outer(sign, sign)) * apart).sum()), [i]))
+    return best_change(float((ranks(alike) * apart).sum()), scores)
+
+
+def few_turned(data: Labelled, values: Floats) -> list[int]:
     """Return the taxels that respond to a force with the opposite sign; none if not all have a sign."""
     force = data.known.get("fz", np.zeros(0))
     at = np.flatnonzero(np.isfinite(force) & (np.abs(force) > STRONG_FORCE * np.nanmax(np.abs(force), initial=0.0)))
     top = max(3, round(TOP * len(at)))
     if len(at) < top:
         return []
-    response = data.flat[at, readings] / force[at, None]
+    response = values[at] / force[at, None]
     order = np.argsort(-np.abs(response), axis=0)[:top]
     sign = np.sign(np.take_along_axis(response, order, axis=0)).mean(axis=0)
     if len(sign) < 3 or not (np.abs(sign) >= AGREED).all():
@@ -92,28 +107,19 @@ def few_turned(data: Labelled, readings: slice) -> list[int]:
     return [int(i) for i in turned] if len(turned) <= TURNED * len(sign) else []
 
 
-def swapped_taxels(skin: Any, data: Labelled) -> list[str]:
-    """Return sentences on pairs of taxels whose readings resemble those of their neighbours (`neighbours`) only if they are
-    swapped.
-    """
-    names, found = reading_names(skin), []
-    for places, readings in normal_channels(skin):
-        many = neighbours(data, places, readings)
-        if many is None:
-            continue
-        alike, apart = ranks(many[0]), many[1]
-        usual, scores = float((alike * apart).sum()), []
-        for i, j in itertools.combinations(range(len(places)), 2):
-            # a swap changes two rows and columns
-            others = np.delete(np.arange(len(places)), [i, j])
-            change = (alike[i, others] - alike[j, others]) @ (apart[j, others] - apart[i, others])
-            scores.append((usual + 2.0 * float(change), [i, j]))
-        pair = [names[readings.start + k] for k in best_change(usual, scores)]
-        if pair:
-            found.append(
-                f"{' and '.join(pair)} look swapped: each feels what the neighbours of the other feel. Check the order of the columns"
-            )
-    return found
+def swapped_taxels(data: Labelled, places: Floats, values: Floats) -> list[int]:
+    """Return two taxels whose readings ``values`` (label, taxel) resemble those of their neighbours only if they are swapped."""
+    many = neighbours(data, places, values)
+    if many is None:
+        return []
+    alike, apart = ranks(many[0]), many[1]
+    usual, scores = float((alike * apart).sum()), []
+    for i, j in itertools.combinations(range(len(places)), 2):
+        # a swap changes two rows and columns
+        others = np.delete(np.arange(len(places)), [i, j])
+        change = (alike[i, others] - alike[j, others]) @ (apart[j, others] - apart[i, others])
+        scores.append((usual + 2.0 * float(change), [i, j]))
+    return best_change(usual, scores)
 
 
 def best_change(usual: float, scores: list[tuple[float, list[int]]]) -> list[int]:
@@ -125,13 +131,12 @@ def best_change(usual: float, scores: list[tuple[float, list[int]]]) -> list[int
     return taxels if clear else []
 
 
-def neighbours(data: Labelled, places: Floats, readings: slice) -> tuple[Floats, Floats] | None:
+def neighbours(data: Labelled, places: Floats, values: Floats) -> tuple[Floats, Floats] | None:
     """Return the correlation of the readings of two taxels over presses, of frames scaled to one size, and the ranks of how
     close they are. None if taxels or presses are too few.
 
     Taxels side by side feel the same presses, so the two have a high rank correlation, whatever the pad.
     """
-    values = data.flat[:, readings]
     size = np.sqrt((values**2).sum(axis=1))
     strong = size > STRONG_READINGS * size.max()
     if not TAXELS[0] <= len(places) <= TAXELS[1] or len(np.unique(data.press[strong])) < PRESSES:
