@@ -6,10 +6,8 @@ A picture that cannot be used (it cannot be decoded, or its size differs from th
 
 from __future__ import annotations
 
-import lzma
 import re
 import time as clock
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Sized
 from dataclasses import dataclass
 from fractions import Fraction
@@ -24,6 +22,7 @@ from palpate._files import ordinary
 from palpate.camera.messages import picture_frames, picture_topics
 from palpate.camera.stacks import check_axes, check_page, check_size, pages_claimed, rate_of, size_claimed
 from palpate.errors import InvalidInput
+from palpate.recordings.damage import DAMAGE_OF_PACKED
 from palpate.recordings.robots import is_bag
 from palpate.sensing.view import grey, opencv
 
@@ -358,17 +357,7 @@ def _stack(path: Path, rate: float | None) -> Pictures:
             except InvalidInput as error:
                 yield None, None, str(error).rstrip(".")
                 continue
-            except (
-                tifffile.TiffFileError,
-                OSError,
-                ValueError,
-                IndexError,
-                TypeError,
-                MemoryError,
-                RuntimeError,  # of the library that unpacks
-                zlib.error,
-                lzma.LZMAError,
-            ) as error:
+            except (tifffile.TiffFileError, *DAMAGE_OF_PACKED) as error:
                 yield (
                     None,
                     None,

@@ -316,9 +316,7 @@ class Measured:
         return out
 
     def compliance(self, depth: float) -> Floats:
-        """Return the compliance (6, 6) [1/Pa] of that half-space, which is so stiff that no warnings about strain are
-        given.
-        """
+        """Compliance (6, 6) [1/Pa] of that half-space, which is so stiff that no warnings about strain are given."""
         return _STANDS_FOR.compliance(depth)
 
     def mean_compliance(self, depth: float) -> Floats | None:
