@@ -326,7 +326,7 @@ REMEDIES = [
     run(
         'presses.nc more.nc --weight "200 g, 2.5 s to 3.5 s"',
         'presses.nc --weight "200 g, 2.5 s to 3.5 s"',
-        "--weight says when on the clock of one recording",
+        "the times in --weight belong to the clock of one recording",
     ),
     value(
         "this_run=True (--this-run) corrects a calibration by one recording of today",

@@ -221,7 +221,9 @@ def open_pictures(source: Any, *, rate: float | None = None, topic: str | None =
     if topic is not None and not (is_bag(path) or path.suffix.lower() == ".mcap"):
         raise InvalidInput(f"topic={topic!r} belongs to an MCAP file or a bag; {path} is neither. Leave it out.")
     if not path.exists():
-        raise InvalidInput(f"{path}: no such file or folder. A camera is named by its number (0) or /dev/video0.")
+        raise InvalidInput(
+            f"{path}: no such file or folder. For a camera give its number, such as 0, or its device, such as /dev/video0."
+        )
     if is_bag(path) or path.suffix.lower() == ".mcap":
         if rate is not None:
             raise InvalidInput(f"{path} has times of its own: leave out rate.")

@@ -122,8 +122,8 @@ class Chain:
     def _factor(
         self, gram: Floats, linear: Floats, blobs: Floats, noise: float
     ) -> tuple[Floats, Floats, Floats] | None:
-        """Return the Cholesky factor of the posterior precision of the used unknowns (scaled to unit variance), the
-        solution of the factor for the right side, and the scales.
+        """Return L, L^-1 b and the scales. L is the lower Cholesky factor of the posterior precision of the unknowns that
+        are not fixed, each divided by its scale (its prior standard deviation); b is the scaled right side.
         """
         count = self.fixed + 2 * len(blobs)
         scale = np.concatenate([self.scales, np.repeat(np.exp(blobs[:, 3]), 2)])

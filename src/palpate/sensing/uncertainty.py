@@ -44,13 +44,13 @@ class Uncertainty:
     Parameters
     ----------
     youngs_modulus : float, optional
-        Relative standard deviation of the modulus of the whole pad, common to all layers. Every force from strain or
+        Relative standard deviation of the modulus of the pad; all layers are wrong by the same factor. Every force from strain or
         displacement is proportional to it; stress does not depend on it. Default: 15 %; 0 means exact.
     thickness : float, optional
-        Relative standard deviation of the thickness of bonded layers, common to all. Default: 10 % in constrained
+        Relative standard deviation of the thickness of bonded layers; all layers are wrong by the same factor. Default: 10 % in constrained
         methods, exact in linear ones.
     depth : float, optional
-        Relative standard deviation of the depth of the sensing elements, common to all; default as for thickness.
+        Relative standard deviation of the depth of the sensing elements; all are wrong by the same factor. Default as for thickness.
     gain : float, optional
         Relative standard deviation of the gain of each reading, independent of the others. Default: 5 % in the net
         force of constrained methods; 0 means exact.
