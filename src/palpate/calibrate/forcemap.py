@@ -184,7 +184,7 @@ class ForceMap:
         """
         p = self.process
         size = Scaled.of(p.readings, p.scale).size
-        rest = size < AT_REST * size.max()
+        rest = (size < AT_REST * size.max()) & (np.abs(p.values) < AT_REST * np.abs(p.values).max())
         known = float((self.left_out[rest] ** 2).mean()) if rest.any() else 0.0
         zeros = p.unit * np.asarray(sum(w * m.run_zeros for w, m in zip(self.weights, self.members)))
         zeros = zeros[np.isfinite(zeros)]

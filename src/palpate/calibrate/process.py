@@ -79,7 +79,7 @@ REACH, JITTER, LEAST = 5.0, 1e-9, 1e-3
 #: Each reading is divided by its own magnitude, of whose square at least this fraction is that of the typical reading, so
 #: that channels with only noise stay small.
 FLOOR = 0.1
-#: Labels whose readings are below this fraction of the largest are at rest.
+#: Labels whose readings and values are below this fraction of the largest are at rest.
 AT_REST = 0.05
 
 
@@ -327,7 +327,7 @@ class Process:
             at = np.flatnonzero(self.run == run)
             off = np.linalg.solve(inverse[np.ix_(at, at)], alpha[at])
             gains.append(float(off @ z[at]) / max(float(z[at] @ z[at]), JITTER))
-            rest = a.size[at] < AT_REST * a.size.max()
+            rest = (a.size[at] < AT_REST * a.size.max()) & (np.abs(z[at]) < AT_REST * np.abs(z).max())
             zeros.append(float(off[rest].mean()) if rest.any() else np.nan)
         return Fitted(log, without, factor, alpha, error * self.unit, std * self.unit, np.array(gains), np.array(zeros))
 
