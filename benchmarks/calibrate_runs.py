@@ -15,6 +15,7 @@ import argparse
 import itertools
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +27,12 @@ from palpate.calibrate import ForceMap, likely_maps
 from palpate.calibrate.forcemap import usual_scale
 from palpate.calibrate.labels import press_numbers, spread_over
 from palpate.calibrate.process import Process
+from palpate.calibrate.run import RunLabels
 
 sys.path.insert(0, str(Path(__file__).parent))
 from real import bonded
 
-from calibrate import METHODS, Array, Split, eflesh
+from calibrate import METHODS, Array, Split, eflesh, ridge
 
 GENERATED = Path(__file__).parents[1] / "docs" / "_generated" / "calibrate_runs.md"
 LABELS, ASKED = 100, 400
@@ -137,12 +139,71 @@ def rows(data: Path) -> list[str]:
     return lines
 
 
+def run_presses(run: Run) -> list[Array]:
+    """Frames near the largest force of each press of a run; a run without releases is cut into pieces."""
+    _readings, force, time = run
+    piece = press_numbers(time, force, np.zeros(len(force), dtype=np.int64))
+    found = [np.flatnonzero(piece == p) for p in np.unique(piece)]
+    found = [at[force[at] > 0.9 * force[at].max()] for at in found]
+    return [at for at in found if force[at].max() > 0.3 * force.max()]
+
+
+def labelled_rows(data: Path, seeds: range) -> list[str]:
+    """Error and coverage on a run of which some presses have one labelled frame each."""
+    lines = [
+        "",
+        f"With one labelled frame in each of some presses of the run that is asked (`this_run=True`), means over {len(seeds)} draws of these presses; the error is on frames of the other presses. The regression has the labels of both runs; the last column is the regression of the first run, times the factor that fits the labels of the second.",
+        "",
+        "| calibrated on, asked about | labels of the new run | mean error [N] | held by the 95 % interval | linear [N] | linear times factor [N] |",
+        "|---|---|---|---|---|---|",
+    ]
+    runs = streams(data / "tactileforce")
+    skin = pp.Skin(bonded(8e-3, 1e5), pp.AreaArray(shape=(2, 2), pitch=12e-3, depth=8e-3, channels=["stress_zz"]))
+    pairs = [
+        (f"tactileforce, stream {i} to {j}", skin, 2, runs[i], runs[j]) for i, j in itertools.permutations(range(3), 2)
+    ]
+    for split in itertools.islice(eflesh(data / "eflesh", np.random.default_rng(0)), 2):
+        first = split.readings, split.force, split.time
+        pairs.append((split.name, split.skin, split.component, first, (split.held_readings, split.held_force, None)))
+    for name, skin, component, first, (readings, force, time) in pairs:
+        base = fitted(skin, component, [first])
+        old = base.process
+        where = run_presses((readings, force, np.arange(len(force)) / 30.0 if time is None else time))
+        found: dict[int, list[list[float]]] = {0: [], 1: [], 3: []}
+        for seed in seeds:
+            rng = np.random.default_rng([seed, *name.encode()])
+            chosen = [int(rng.choice(where[k])) for k in rng.permutation(len(where))[:3]]
+            close = np.concatenate([at for at in where if np.isin(chosen, at).any()])
+            asked = np.setdiff1d(np.arange(len(force)), close)
+            asked = asked[np.linspace(0, len(asked) - 1, ASKED).astype(int)]
+            for count, held in found.items():
+                at = np.array(chosen[:count], dtype=int)
+                told = RunLabels(readings[at], force[at], np.zeros(count), np.arange(count))
+                value, std = (replace(base, this_run=told) if count else base).predict(readings[asked])
+                half = float(scipy.special.stdtrit(base.freedom, 0.975)) * std
+                x, y = np.concatenate([old.readings, readings[at]]), np.concatenate([old.values, force[at]])
+                plain, known = (ridge(old.readings, old.values, r)[0] for r in (readings[asked], readings[at]))
+                factor = float(known @ force[at] / (known @ known)) if count else 1.0
+                both = ridge(x, y, readings[asked])[0]
+                off = [np.abs(v - force[asked]) for v in (value, both, factor * plain)]
+                held.append([off[0].mean(), (off[0] <= half).mean(), off[1].mean(), off[2].mean()])
+        for count, held in found.items():
+            error, inside, both, scaled = np.mean(held, axis=0)
+            lines.append(f"| {name} | {count} | {error:.3f} | {inside:.2f} | {both:.3f} | {scaled:.3f} |")
+            print(lines[-1], file=sys.stderr, flush=True)
+    return lines
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder with tactileforce/ and eflesh/")
+    parser.add_argument(
+        "--first", type=int, default=100, help="first seed of the presses that are labelled in the new run"
+    )
+    parser.add_argument("--draws", type=int, default=8)
     parser.add_argument("--write", action="store_true", help=f"write {GENERATED.name}")
     args = parser.parse_args()
-    text = "\n".join(rows(args.data)) + "\n"
+    text = "\n".join([*rows(args.data), *labelled_rows(args.data, range(args.first, args.first + args.draws))]) + "\n"
     print(text)
     if args.write:
         GENERATED.write_text(text, encoding="utf-8")

@@ -256,7 +256,8 @@ def weighed(oracles: Path, seeds: range, only: str) -> list[str]:
                 value, std = np.asarray(touch.force)[:, 2], touch.calibrated_std[:, 2]
                 student = scipy.special.stdtrit(found.freedom, 0.975)
                 error, row = np.abs(value - known[k:]), []
-                for half in (student * std, student * np.sqrt(std**2 - (found.maps["fz"].run_share * value) ** 2)):
+                one = found.maps["fz"]
+                for half in (student * std, student * np.sqrt(std**2 - (one.run_share * value) ** 2 - one.run_zero**2)):
                     row += [float((error <= half).mean()), 200.0 * float(half.mean()) / usual]
                 held.append(row)
                 off["palpate"].append(float(error.mean() / usual))

@@ -492,7 +492,8 @@ class Skin(SkinProperties):
             Start from the existing calibration of this skin: its labels are kept, and a note says whether the sensor has aged.
         **options
             Of `palpate.calibrate.calibrate`: ``reference`` and ``reference_time`` (a force sensor, on a clock of its own), ``weights``
-            (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``, ``constants``, ``pad_models``.
+            (such as ["200 g, 12 s to 20 s"]), ``time``, ``baseline``, ``labels``, ``constants``, ``pad_models``. ``this_run=True``: the
+            frames to come are of the same run as these presses, of which one corrects the gain of the existing calibration.
 
         Raises
         ------
@@ -513,7 +514,7 @@ class Skin(SkinProperties):
         """
         from palpate.calibrate import calibrate, with_calibration
 
-        out, before = self._uncalibrated(), self._calibration if again else None
+        out, before = self._uncalibrated(), self._calibration if again or options.get("this_run") else None
         return with_calibration(out, calibrate(out, presses, before=before, **options))
 
     def _uncalibrated(self) -> Skin:

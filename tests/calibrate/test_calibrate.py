@@ -9,45 +9,12 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from calibrate_scenes import PAD, ball, bench, taxels
 from palpate import grasp
 from palpate.calibrate import FORCE_ONLY_NOTE, Weight, calibrate, find_delay, read_calibration, write_calibrated
 from palpate.calibrate.regressions import ridge
 from palpate.errors import InvalidInput, NotObservable, Unsupported
 from palpate.status import Status
-
-PITCH, DEPTH = 4e-3, 3e-3
-PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
-
-
-def taxels(depth: float = DEPTH) -> pp.AreaArray:
-    return pp.AreaArray(shape=(4, 4), pitch=PITCH, depth=depth, channels=["stress_zz"])
-
-
-def ball(force: float, x: float = 0.0, y: float = 0.0, *, radius: float = 2e-3, depth: float = DEPTH) -> np.ndarray:
-    """Vertical stress (1, 4, 4) [Pa] under a Hertzian pressure on a half-space: s_zz = 3 P z^3 / (2 pi R^5) for each of 400 point loads (Boussinesq, 1885)."""
-    n = 400
-    share, turn = (np.arange(n) + 0.5) / n, np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
-    away = radius * np.sqrt(
-        1.0 - (1.0 - share) ** (2.0 / 3.0)
-    )  # load within r of Hertz's pressure: 1 - (1 - r^2/a^2)^(3/2)
-    at = np.stack([x + away * np.cos(turn), y + away * np.sin(turn)], axis=1)
-    places = taxels().points
-    squared = ((places[:, None] - at[None]) ** 2).sum(axis=-1) + depth**2
-    return (3.0 * force / n * depth**3 / (2.0 * np.pi) * squared**-2.5).sum(axis=1).reshape(1, 4, 4)
-
-
-def bench(
-    count: int, seed: int, *, unit: float = 41.0, depth: float = 3.4e-3, gains: float = 0.1, noise: float = 0.01
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Readings (press, 1, 4, 4), forces, places of presses on a sensor whose depth and gains the skin does not know."""
-    rng = np.random.default_rng(seed)
-    gain = 1.0 + gains * np.random.default_rng(seed % 1000).normal(size=(1, 4, 4))
-    force, place = rng.uniform(0.5, 5.0, count), rng.uniform(-5e-3, 5e-3, (count, 2))
-    clean = np.stack(
-        [ball(f, *p, radius=r, depth=depth) for f, p, r in zip(force, place, rng.choice([1e-3, 2e-3, 3e-3], count))]
-    )
-    noisy = gain * clean / unit
-    return noisy * (1.0 + 0.0 * noise) + noise * np.abs(noisy).max() * rng.standard_normal(noisy.shape), force, place
 
 
 @pytest.fixture(scope="module")
@@ -405,6 +372,26 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     found = float(done.stdout.split("net force z")[1].split("N")[0])
     assert found == pytest.approx(force[1], rel=0.15)
+    # another day: all readings are a fifth lower, and one weight tells that
+    today = np.c_[time, frames - 0.2 * (frames - 500.0), -load]
+    np.savetxt(tmp_path / "day.csv", today, delimiter=",", header=titles, comments="")
+    weights = [f"--weight={f} N, {2 * k + 2} s to {2 * k + 3} s" for k, f in enumerate(force[:3])]
+    done = run(
+        "calibrate",
+        "day.csv",
+        "--skin=calibrated.toml",
+        "--this-run",
+        "--weight=0 N, 0 s to 1 s",
+        *weights,
+        "--out=today.toml",
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "this run: forces are 1.2" in done.stdout
+    done = run(
+        "reconstruct", "day.csv", "--skin=today.toml", "--baseline=10", "--frame=105", "--out=d.nc", cwd=tmp_path
+    )
+    assert float(done.stdout.split("net force z")[1].split("N")[0]) == pytest.approx(force[4], rel=0.15)
     # a recording that begins under load has no frames for a zero: that of the calibration serves
     pressed = np.c_[time, frames, -load][42:48]
     np.savetxt(tmp_path / "pressed.csv", pressed, delimiter=",", header=titles, comments="")

@@ -328,7 +328,21 @@ REMEDIES = [
         'presses.nc --weight "200 g, 2.5 s to 3.5 s"',
         "the times in --weight belong to the clock of one recording",
     ),
-    run(f"presses.nc {KNOWN} --again", f"presses.nc {KNOWN}", "--again starts from a calibration, and"),
+    value(
+        "this_run=True (--this-run) corrects a calibration by one recording of today",
+        lambda skin: skin.calibrate(pressed(), reference=FORCES, this_run=True),
+        SKIN,
+        SKIN.calibrate(pressed(), reference=FORCES),
+    ),
+    value(
+        "the calibration has maps of {}, and the presses have labels of {}",
+        lambda name: SKIN.calibrate(pressed(), reference=FORCES).calibrate(
+            pressed(), reference={name: FORCES}, this_run=True
+        ),
+        "fx",
+        "fz",
+    ),
+    run(f"presses.nc {KNOWN} --again", f"presses.nc {KNOWN}", "{} starts from a calibration, and"),
     run('presses.nc --reference "fz=Fz"', f"presses.nc {KNOWN}", "--reference takes the columns of a table"),
     run(f"gone.nc {KNOWN}", f"presses.nc {KNOWN}", "no such file. Give the path of a recording"),
     run(

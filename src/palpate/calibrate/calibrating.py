@@ -38,6 +38,8 @@ from palpate.calibrate.labels import (
 )
 from palpate.calibrate.prior import SHEAR_SHARE, likely_maps
 from palpate.calibrate.process import Process
+from palpate.calibrate.thisrun import THIS_RUN_NEEDS, quantity, run_calibration
+from palpate.calibrate.wiring import wrong_wiring
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
@@ -57,7 +59,10 @@ FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
 USUAL_LABELS = 300
 SEED = 41
 #: Note if all labels come from one recording.
-ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it"
+ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it, or label one press on each day (--this-run)"
+#: Sentences of a calibration without a frame at rest.
+NO_REST = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
+STORED_ZERO = "no frame is labelled as at rest: the zero of the calibration serves. Give baseline=, or a frame with the force 0, if the zero has drifted"
 #: Squares of numbers above this, and inverses of numbers below its inverse, would leave double precision (at 1e154).
 LARGEST = 1e100
 #: Largest number of rest frames that are stored, and the noise that is assumed without rest frames, as a fraction of
@@ -96,6 +101,7 @@ def calibrate(
     baseline: int | None = None,
     labels: int = USUAL_LABELS,
     before: SkinCalibration | None = None,
+    this_run: bool = False,
     constants: Sequence[str] = (),
     pad_models: Sequence[str] | None = None,
 ) -> SkinCalibration:
@@ -124,6 +130,9 @@ def calibrate(
     before : SkinCalibration, optional
         An earlier calibration of the same skin to start from: its labels are kept, and a note says whether the sensor
         has aged.
+    this_run : bool
+        The frames to come are of the same run as these presses. The calibration ``before`` stays as it is, and the presses tell how this run
+        differs from it (`palpate.calibrate.run`): one press determines most of the gain. For another run start from ``before`` anew.
     constants : sequence of str
         Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
     pad_models : sequence of str, optional
@@ -132,7 +141,7 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        No labelled frame, labels of another length, clocks that do not match, or labels without any force.
+        No labelled frame, labels of another length, clocks that do not match, or labels without any force; ``this_run`` without a calibration.
 
     Examples
     --------
@@ -148,6 +157,8 @@ def calibrate(
     >>> round(float(force[0, 2]), 1)
     2.5
     """
+    if this_run and (before is None or constants or pad_models is not None or isinstance(presses, list | tuple)):
+        raise InvalidInput(THIS_RUN_NEEDS)
     given = list(presses) if isinstance(presses, list | tuple) else [presses]
     runs = [_run(one, skin, time if len(given) == 1 else None) for one in given]
     if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MAX_LABELS:
@@ -168,9 +179,17 @@ def calibrate(
         known.append(one)
         _check_size("known forces", np.concatenate([one[f] for f in FORCES if f in one]))
     zeros = [_zero(run, one, baseline, said) for run, one in zip(runs, known)]
+    stored = before.zero if before is not None and this_run and baseline is None and zeros[0] is None else None
+    if stored is not None:
+        zeros[0] = flat_readings(skin.planes, stored)
+        said[:] = [s for s in said if s != NO_REST] + [STORED_ZERO]
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
     runs = [r if z is None else replace(r, readings=r.readings - unflat(skin.planes, z)) for r, z in zip(runs, zeros)]
     data = _join_runs(runs, flats, known, labels)
+    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest, [zero_drift(r.flat, k) for r, k in zip(runs, known)])
+    if this_run and before is not None:
+        found = run_calibration(before, data, said)
+        return found if stored is not None else replace(found, rest=data.rest, zero=zero, zero_std=zero_std)
     told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
     skin, gains = with_constants(skin, told), reading_gains(skin, told)
     if before is not None:
@@ -182,12 +201,11 @@ def calibrate(
     true = data if gains is None else data.over(unflat(skin.planes, gains))
     checked = elastic_check(skin, true, main)
     said += checked.said
-    said += silent_readings(skin, data)
+    said += silent_readings(skin, data) + wrong_wiring(skin, data)
     said += hysteresis(main)
     if len(runs) == 1 and before is None:
         said.append(ONE_RECORDING_NOTE)
     said += best_press(skin, main)
-    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest, [zero_drift(r.flat, k) for r, k in zip(runs, known)])
     return replace(
         found,
         constants=told,
@@ -363,9 +381,8 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
     at_rest = find_rest(forces, run.flat)
     if at_rest.any():
         return np.asarray(np.median(run.flat[at_rest], axis=0))
-    words = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
-    if words not in said:
-        said.append(words)
+    if NO_REST not in said:
+        said.append(NO_REST)
     return None
 
 
@@ -490,12 +507,7 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None, *, zero_kno
     for i, name in enumerate((*FORCES, *PLACES)):
         if name not in data.known:
             continue
-        value = data.known[name]
-        if name in PLACES:
-            if "fz" not in data.known:
-                raise InvalidInput("places are known but no normal force: the centre needs both. Give fz too.")
-            value = value * data.known["fz"]
-            value = np.where(data.known["fz"] == 0.0, 0.0, value)
+        value = quantity(data, name)
         at = np.isfinite(value)
         if not at.any() or not np.abs(value[at]).max() > 0.0:
             continue
@@ -504,7 +516,7 @@ def _maps(skin: Any, data: Labelled, before: SkinCalibration | None, *, zero_kno
         values = value[at]
         old = None if before is None else before.maps.get(name)
         if old is not None and old.process.readings.shape[1] == flat.shape[1]:
-            p = old.process
+            p = old.labels
             keep = slice(None, max(1, MAX_LABELS - len(values)))
             if seconds is not None and p.time is not None:
                 seconds = np.concatenate([p.time[keep] - 1e9, seconds])

@@ -116,10 +116,7 @@ class SkinCalibration:
         zero; NaN for components without labels.
         """
         flat = np.atleast_2d(np.asarray(readings, dtype=np.float64))
-        if flat.shape[-1] != self.readings:
-            raise InvalidInput(
-                f"this calibration is for {self.readings} readings a frame; got {flat.shape[-1]}. Calibrate the skin with the taxels that it has now."
-            )
+        self.check_readings(flat.shape[-1])
         value, std = np.full((len(flat), 3), math.nan), np.full((len(flat), 3), math.nan)
         good = np.isfinite(flat).all(axis=1)
         for i, name in enumerate(FORCES):
@@ -198,10 +195,7 @@ class SkinCalibration:
         minus their zero.
         """
         batch = touch.batch
-        if np.shape(flat)[-1] != self.readings:
-            raise InvalidInput(
-                f"this calibration is for {self.readings} readings a frame; got {np.shape(flat)[-1]}. Calibrate the skin with the taxels that it has now."
-            )
+        self.check_readings(np.shape(flat)[-1])
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
         freedom = {name: np.full(len(rows), m.freedom) for name, m in self.maps.items()}
@@ -233,7 +227,7 @@ class SkinCalibration:
         solved = np.isfinite(force) & np.isfinite(own) & np.isfinite(value)
         w = np.where(solved, self.elastic_weight, 0.0)
         both, off = joined(np.where(solved, force, value), np.where(solved, own, std), value, std)
-        off = np.hypot(self.elastic_inflation * off, self.maps["fz"].run_share * both)
+        off = np.hypot(self.elastic_inflation * off, self.maps["fz"].gain_std * both)
         joint, alone = w * off**2, (1.0 - w) * (std**2 + w * (both - value) ** 2)
         freedom = (joint + alone) ** 2 / (joint**2 / JOINED_FREEDOM + alone**2 / self.maps["fz"].freedom)
         return w * both + (1.0 - w) * value, np.sqrt(joint + alone), freedom
@@ -264,6 +258,13 @@ class SkinCalibration:
         return replace(
             touch, status=np.where(quiet, int(Status.NO_CONTACT), status).astype(np.int8), touching=~quiet & ~missing
         )
+
+    def check_readings(self, count: int) -> None:
+        """Raise an error for frames with another number of readings."""
+        if count != self.readings:
+            raise InvalidInput(
+                f"this calibration is for {self.readings} readings a frame; got {count}. Calibrate the skin with the taxels that it has now."
+            )
 
     def check_options(self, given: Mapping[str, Any]) -> None:
         """Raise an error for options of the elastic model if that was rejected."""

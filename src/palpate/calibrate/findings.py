@@ -11,6 +11,7 @@ from palpate._numbers import plain_number
 from palpate.calibrate.forcemap import ForceMap
 from palpate.calibrate.prior import draw_presses, reached
 from palpate.calibrate.regressions import REGRESSIONS, cross_validation_errors
+from palpate.calibrate.wiring import reading_names
 from palpate.elastic.pad import Floats
 from palpate.errors import PalpateError
 from palpate.sensing.grids import AreaGrid
@@ -62,12 +63,7 @@ def silent_readings(skin: Any, data: Labelled) -> list[str]:
     if len(data.flat) < ENOUGH or data.flat.shape[1] < 3:
         return []
     size = np.sqrt((data.flat**2).mean(axis=0))
-    names = [
-        f"{c} of taxel {i}"
-        for plane in skin.planes
-        for c in plane.channels
-        for i in np.flatnonzero(plane.valid.ravel())
-    ]
+    names = reading_names(skin)
     silent = np.flatnonzero(size < SILENT * np.median(size))
     if not len(silent):
         return []

@@ -5,13 +5,14 @@ presses that were left out.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from palpate.calibrate.process import FLOOR, JITTER, MEMBERS, NAMES, Fitted, Process, Scaled
+from palpate.calibrate.process import AT_REST, FLOOR, JITTER, MEMBERS, NAMES, Fitted, Process, Scaled
+from palpate.calibrate.run import FrameErrors, RunLabels
 from palpate.elastic.pad import Floats
 
 __all__ = ["ForceMap"]
@@ -54,12 +55,15 @@ class ForceMap:
         They add up to 1.
     inflation : float
         Factor on the members' standard deviations, from cross-validation errors; below 1 where these are smaller than the members say.
+    this_run : RunLabels or None
+        Labels of the run that the frames come from. None: the frames come from a new run, and its gain is unknown.
     """
 
     process: Process
     members: tuple[Fitted, ...]
     weights: Floats
     inflation: float
+    this_run: RunLabels | None = None
 
     @classmethod
     def fit(cls, process: Process) -> ForceMap:
@@ -89,14 +93,28 @@ class ForceMap:
 
     def predict(self, readings: Floats) -> tuple[Floats, Floats]:
         """Return value and standard deviation for each frame."""
+        frames = self.errors(readings)
+        if self.this_run is None:
+            return frames.mean, frames.std
+        return self.this_run.corrected(frames, self.errors(self.this_run.readings))
+
+    def errors(self, readings: Floats) -> FrameErrors:
+        """Return the value of each frame for a run without labels, and the parts of its error."""
         found = [self.process.predict(m, readings) for m in self.members]
         mean = np.asarray(sum(w * m for w, (m, _) in zip(self.weights, found)))
         square = sum(w * (s**2 + (m - mean) ** 2) for w, (m, s) in zip(self.weights, found))
-        own = self.inflation * np.sqrt(square)
         p = self.process
+        scaled = Scaled.of(readings, p.scale)
+        noises = [p.noise(m, scaled) for m in self.members]
+        noise, shared = (
+            np.asarray(self.inflation**2 * sum(w * n[i] for w, n in zip(self.weights, noises))) for i in (0, 1)
+        )
         # use the typical value for readings of this size: a component that is 0 by chance is not known better for that
-        usual = p.unit * Scaled.of(readings, p.scale).size
-        return mean, np.sqrt(own**2 + (self.run_share * mean) ** 2 + (self.novelty(readings) * usual) ** 2)
+        novel = self.novelty(readings) * p.unit * scaled.size
+        local = np.sqrt(np.maximum(self.inflation**2 * square - noise - shared, 0.0) + novel**2)
+        return FrameErrors(
+            mean, scaled, np.sqrt(noise), np.sqrt(shared), local, self.run_share, self.run_zero, self.runs
+        )
 
     def novelty(self, readings: Floats) -> Floats:
         """Return the standard deviation due to frames (frame, reading) that resemble no label, relative to the typical
@@ -115,7 +133,11 @@ class ForceMap:
         """
         p = self.process
         past = beyond(Scaled.of(p.readings, p.scale), Scaled.of(readings, p.scale))
-        return float(max(np.nanmax(self.novelty(readings), initial=0.0), np.nanmax(past, initial=0.0)))
+        most = np.maximum(self.novelty(readings), past)
+        if self.this_run is not None:
+            good = np.isfinite(readings).all(axis=1)
+            most = most[good] * self.predict(readings[good])[1] / self.errors(readings[good]).std
+        return float(np.nanmax(most, initial=0.0))
 
     @cached_property
     def distance_share(self) -> float:
@@ -136,12 +158,54 @@ class ForceMap:
         return float(np.sqrt(max(slope, 0.0) / weight))
 
     @property
+    def runs(self) -> float:
+        """Return the number of runs that tell the spread of gains; the prior counts as `RUNS_OF_PRIOR`."""
+        return RUNS_OF_PRIOR + len(self.members[0].run_gains)
+
+    @property
     def run_share(self) -> float:
         """Return the standard deviation of the gain of a new run: the prior combined with the cross-validation of each
         run.
         """
         gains = np.asarray(sum(w * m.run_gains for w, m in zip(self.weights, self.members)))
-        return float(np.sqrt((RUNS_OF_PRIOR * RUN**2 + (gains**2).sum()) / (RUNS_OF_PRIOR + len(gains))))
+        return float(np.sqrt((RUNS_OF_PRIOR * RUN**2 + (gains**2).sum()) / self.runs))
+
+    @property
+    def gain_std(self) -> float:
+        """Return the standard deviation of the gain of the run that the frames come from."""
+        if self.this_run is None:
+            return self.run_share
+        return self.this_run.gain(self.errors(self.this_run.readings))[1]
+
+    @cached_property
+    def run_zero(self) -> float:
+        """Return the standard deviation of the zero of a new run: the errors at rest when a press is left out, and the
+        mean error at rest of each run when it is left out.
+        """
+        p = self.process
+        size = Scaled.of(p.readings, p.scale).size
+        rest = (size < AT_REST * size.max()) & (np.abs(p.values) < AT_REST * np.abs(p.values).max())
+        known = float((self.left_out[rest] ** 2).mean()) if rest.any() else 0.0
+        zeros = p.unit * np.asarray(sum(w * m.run_zeros for w, m in zip(self.weights, self.members)))
+        zeros = zeros[np.isfinite(zeros)]
+        return float(np.sqrt(known + float((zeros**2).mean()))) if len(zeros) else known**0.5
+
+    @property
+    def labels(self) -> Process:
+        """Return all labels, with those of `this_run` as a run of their own."""
+        p, new = self.process, self.this_run
+        if new is None:
+            return p
+        runs = np.zeros(len(p.values), dtype=np.int64) if p.run is None else p.run
+        return replace(
+            p,
+            readings=np.concatenate([p.readings, new.readings]),
+            values=np.concatenate([p.values, new.values]),
+            std=np.concatenate([p.std, new.std]),
+            press=np.concatenate([p.press, new.press + p.press.max() + 1]),
+            time=None,
+            run=np.concatenate([runs, np.full(len(new.values), runs.max() + 1)]),
+        )
 
     @property
     def left_out(self) -> Floats:
@@ -169,6 +233,8 @@ class ForceMap:
             out["time"] = p.time
         if p.run is not None:
             out["run"] = p.run
+        if self.this_run is not None:
+            out.update({f"this_run_{name}": value for name, value in vars(self.this_run).items()})
         return out
 
     @classmethod
@@ -185,7 +251,10 @@ class ForceMap:
         )  # fmt: skip
         lacks = () if process.physics is not None else ("physics",)
         members = tuple(process.made(row, (*without, *lacks)) for row, without in zip(log, MEMBERS))
-        return cls.of(process, members)
+        made = cls.of(process, members)
+        if "this_run_values" not in held:
+            return made
+        return replace(made, this_run=RunLabels(*(held[f"this_run_{f.name}"] for f in fields(RunLabels))))
 
 
 def beyond(labels: Scaled, frames: Scaled) -> Floats:

@@ -79,6 +79,8 @@ REACH, JITTER, LEAST = 5.0, 1e-9, 1e-3
 #: Each reading is divided by its own magnitude, of whose square at least this fraction is that of the typical reading, so
 #: that channels with only noise stay small.
 FLOOR = 0.1
+#: Labels whose readings and values are below this fraction of the largest are at rest.
+AT_REST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +173,9 @@ class Fitted:
         Weight of each label in a prediction.
     left_out, left_out_std : array (label,)
         Error of each label when its press is left out, and its standard deviation.
-    run_gains : array (run,)
-        Relative error of the values of each run when it is left out; empty for a single run.
+    run_gains, run_zeros : array (run,)
+        Relative error of the values of each run when it is left out, and its mean error at rest in units of
+        `Process.unit` (NaN without a label at rest); empty for a single run.
     """
 
     log: Floats
@@ -182,6 +185,7 @@ class Fitted:
     left_out: Floats
     left_out_std: Floats
     run_gains: Floats
+    run_zeros: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,27 +321,35 @@ class Process:
             at = np.flatnonzero(self.press == press)
             block = np.linalg.inv(inverse[np.ix_(at, at)])
             error[at], std[at] = block @ alpha[at], np.sqrt(np.maximum(np.diag(block), JITTER))
-        gains = []
+        gains, zeros = [], []
         runs = np.zeros(0, dtype=np.int64) if self.run is None else np.unique(self.run)
         for run in runs if len(runs) > 1 else ():
             at = np.flatnonzero(self.run == run)
             off = np.linalg.solve(inverse[np.ix_(at, at)], alpha[at])
             gains.append(float(off @ z[at]) / max(float(z[at] @ z[at]), JITTER))
-        return Fitted(log, without, factor, alpha, error * self.unit, std * self.unit, np.array(gains))
+            rest = (a.size[at] < AT_REST * a.size.max()) & (np.abs(z[at]) < AT_REST * np.abs(z).max())
+            zeros.append(float(off[rest].mean()) if rest.any() else np.nan)
+        return Fitted(log, without, factor, alpha, error * self.unit, std * self.unit, np.array(gains), np.array(zeros))
+
+    def noise(self, member: Fitted, readings: Scaled) -> tuple[Floats, Floats]:
+        """Return the variances of the error of each frame that is new in every frame, and that frames of one press
+        share, in units of the squared quantity.
+        """
+        value, square = np.exp(member.log), readings.size**2
+        lag = 0.0 if self.time is None or "lag" in member.without else value[AT["lag"]]
+        return self.unit**2 * (value[AT["noise"]] + value[AT["share"]] * square), self.unit**2 * lag * square
 
     def predict(self, member: Fitted, readings: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the quantity in frames (frame, reading) that belong to a new press."""
         from scipy.linalg import solve_triangular
 
         a, b = Scaled.of(readings, self.scale), Scaled.of(self.readings, self.scale)
-        value, physics = np.exp(member.log), self.scaled_physics
+        physics = self.scaled_physics
         across = terms(a, b, member.log, physics, member.without).total
         mean = across @ member.weights
         reduced = solve_triangular(member.factor, across.T, lower=True)
         left = variance(a, member.log, physics, member.without) - (reduced**2).sum(axis=0)
-        share = value[AT["share"]] + (0.0 if self.time is None or "lag" in member.without else value[AT["lag"]])
-        left = np.maximum(left, 0.0) + value[AT["noise"]] + share * a.size**2
-        return self.unit * mean, self.unit * np.sqrt(left)
+        return self.unit * mean, np.sqrt(self.unit**2 * np.maximum(left, 0.0) + sum(self.noise(member, a)))
 
 
 def inverted(matrix: Floats) -> tuple[Floats, float]:

@@ -54,6 +54,13 @@ def calibrate(
     again: Annotated[
         bool, typer.Option("--again", help="Start from the calibration in --skin, and say whether the sensor has aged.")
     ] = False,
+    this_run: Annotated[
+        bool,
+        typer.Option(
+            "--this-run",
+            help="Correct the calibration in --skin for the run that these presses belong to: one weight tells most of its gain. For another day, start from the calibration again.",
+        ),
+    ] = False,
     constants: Annotated[
         str | None,
         typer.Option(
@@ -97,11 +104,12 @@ def calibrate(
             or weight
             or columns is not None
             or again
+            or this_run
             or constants
             or pad_models
         ):
             raise InvalidInput(
-                "--ball-diameter learns what colours mean, from the ball alone: leave out --reference, --reference-file, --weight, --map, --again, --constants and --pad-models."
+                "--ball-diameter learns what colours mean, from the ball alone: leave out --reference, --reference-file, --weight, --map, --again, --this-run, --constants and --pad-models."
             )
         calibrate_colours(
             presses,
@@ -140,11 +148,13 @@ def calibrate(
             )
     recordings = [read_recording(press, mapping=mapping_for(press, skin_file, columns)) for press in presses]
     skin = Skin.from_file(skin_file, recording=recordings[0])
-    if again and skin.calibration is None:
-        raise InvalidInput(f"--again starts from a calibration, and {skin_file} has none: leave it out.")
+    if (again or this_run) and skin.calibration is None:
+        option = "--again" if again else "--this-run"
+        raise InvalidInput(f"{option} starts from a calibration, and {skin_file} has none: leave it out.")
     for recording in recordings:
         check_matching(recording, skin)
     options: dict[str, Any] = {"baseline": baseline, "labels": labels, "weights": weight or (), "again": again}
+    options["this_run"] = this_run
     options["constants"] = [c.strip() for c in (constants or "").split(",") if c.strip()]
     options["pad_models"] = None if pad_models is None else [m.strip() for m in pad_models.split(",") if m.strip()]
     if reference is not None:
