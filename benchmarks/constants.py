@@ -22,7 +22,7 @@ import palpate as pp
 from palpate.calibrate.constants import CONSTANTS, REJECTED, fit_constants
 
 sys.path.insert(0, str(Path(__file__).parent))
-from calibrate import METHODS, Split, eflesh, fitted, melexis
+from calibrate import METHODS, Split, eflesh, melexis
 
 GENERATED = Path(__file__).parents[1] / "docs" / "_generated"
 NOISE, RADIUS, PITCH, SHAPE = 0.01, 0.02, 2e-3, (6, 6)
@@ -227,7 +227,7 @@ ASKED = 40
 
 
 def weighed(oracles: Path, seeds: range, only: str) -> list[str]:
-    """Error of the force of presses at places of their own, from known weights at unknown places and one frame at rest, beside regressions on the same frames.
+    """Error of the force of presses at places of their own by `Skin.calibrate` and `Skin.reconstruct`, from known weights at unknown places and one frame at rest, beside regressions on the same frames.
 
     The sensor is that of the same day; "on the same day": without the part of the interval for gains of another day.
     """
@@ -248,11 +248,15 @@ def weighed(oracles: Path, seeds: range, only: str) -> list[str]:
                 flat = np.vstack([np.zeros(readings[0].size), readings.reshape(len(readings), -1)])
                 known, k = np.r_[0.0, force], presses + 1
                 split = Split(bench, skin, 2, flat[:k], known[:k], None, flat[k:], known[k:])
-                made, usual = fitted(split), float(known[k:].mean())
-                value, std = made.predict(flat[k:])
-                student = scipy.special.stdtrit(made.freedom, 0.975)
+                frames, usual = flat.reshape(len(flat), *readings.shape[1:]), float(known[k:].mean())
+                calibrated = skin.calibrate(frames[:k], reference=known[:k])
+                touch, found = calibrated.reconstruct(frames[k:]), calibrated.calibration
+                assert found is not None
+                assert touch.calibrated_std is not None
+                value, std = np.asarray(touch.force)[:, 2], touch.calibrated_std[:, 2]
+                student = scipy.special.stdtrit(found.freedom, 0.975)
                 error, row = np.abs(value - known[k:]), []
-                for half in (student * std, student * np.sqrt(std**2 - (made.run_share * value) ** 2)):
+                for half in (student * std, student * np.sqrt(std**2 - (found.maps["fz"].run_share * value) ** 2)):
                     row += [float((error <= half).mean()), 200.0 * float(half.mean()) / usual]
                 held.append(row)
                 off["palpate"].append(float(error.mean() / usual))

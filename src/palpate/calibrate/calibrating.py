@@ -16,13 +16,12 @@ from palpate._numbers import plain_number
 from palpate.calibrate.applied import reading_gains, with_constants
 from palpate.calibrate.calibration import FORCES, PLACES, SkinCalibration
 from palpate.calibrate.constants import labelled_constants
+from palpate.calibrate.elastic import elastic_check, small_unit
 from palpate.calibrate.findings import (
     ageing,
     best_press,
-    elastic_check,
     hysteresis,
     silent_readings,
-    small_unit,
     table_of,
 )
 from palpate.calibrate.forcemap import MAX_LABELS, RUN, ForceMap, usual_scale
@@ -180,8 +179,8 @@ def calibrate(
     main = maps.get("fz") or next(iter(maps.values()))
     table = table_of(main)
     true = data if gains is None else data.over(unflat(skin.planes, gains))
-    unit, unit_std, error, words = elastic_check(skin, true, main)
-    said += words
+    checked = elastic_check(skin, true, main)
+    said += checked.said
     said += silent_readings(skin, data)
     said += hysteresis(main)
     if len(runs) == 1 and before is None:
@@ -196,9 +195,11 @@ def calibrate(
         zero=zero,
         zero_std=zero_std,
         scale=small_unit(skin, data),
-        unit=unit,
-        unit_std=unit_std,
-        elastic_error=error,
+        unit=checked.unit,
+        unit_std=checked.unit_std,
+        elastic_error=checked.error,
+        elastic_weight=checked.weight,
+        elastic_inflation=checked.inflation,
         said=tuple(said),
         table=table,
     )

@@ -15,6 +15,7 @@ import numpy as np
 from palpate._arrays import from_numpy
 from palpate._numbers import plain_number
 from palpate.calibrate.constants import PadConstants
+from palpate.calibrate.elastic import JOINED_FREEDOM, joined, normal_force
 from palpate.calibrate.forcemap import ForceMap
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, NotObservable
@@ -57,6 +58,9 @@ class SkinCalibration:
     elastic_error : float
         Root mean square error of the elastic model's normal force with one fitted factor, relative to the root mean
         square of the labels; NaN if the model gave no result.
+    elastic_weight, elastic_inflation : float
+        Weight of its normal force joined with the map's, from presses that were left out, and the factor on the
+        standard deviation of the joined force.
     said : tuple of str
         Findings, one sentence each.
     table : tuple of rows
@@ -82,6 +86,8 @@ class SkinCalibration:
     unit: float = math.nan
     unit_std: float = math.nan
     elastic_error: float = math.nan
+    elastic_weight: float = 0.0
+    elastic_inflation: float = 1.0
     said: tuple[str, ...] = ()
     table: tuple[tuple[str, float, float, float], ...] = field(default=())
     rest: Floats | None = None
@@ -198,6 +204,9 @@ class SkinCalibration:
             )
         rows = np.asarray(flat, dtype=np.float64).reshape(-1, self.readings)
         value, std = self.force(rows)
+        freedom = {name: np.full(len(rows), m.freedom) for name, m in self.maps.items()}
+        if self.elastic_weight > 0.0 and "fz" in self.maps:
+            value[:, 2], std[:, 2], freedom["fz"] = self._with_elastic(touch, value[:, 2], std[:, 2])
         place = self.center(rows, value, std)
         notes: tuple[str, ...] = (() if self.elastic else (FORCE_ONLY_NOTE,)) + ((OPEN,) if self.open_zero else ())
         if max(m.unlike(rows) for m in self.maps.values()) > UNLIKE:
@@ -207,12 +216,27 @@ class SkinCalibration:
         changes: dict[str, Any] = {
             "calibrated": value.reshape(*batch, 3),
             "calibrated_std": std.reshape(*batch, 3),
-            "calibrated_freedom": np.full(batch, self.freedom),
+            "calibrated_freedom": np.min(list(freedom.values()), axis=0).reshape(batch),
             "assumptions": (*touch.assumptions, *notes),
         }
         if place is not None:
             changes["calibrated_center"], changes["calibrated_center_std"] = (v.reshape(*batch, 2) for v in place)
         return replace(touch, **changes)
+
+    def _with_elastic(self, touch: Touch, value: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return normal force, its standard deviation and degrees of freedom: an average of the map alone and the map
+        joined with the elastic model of ``touch``. The map alone where that did not solve the frame.
+
+        The degrees of freedom are those of a sum of variances (Satterthwaite, 1946).
+        """
+        force, own = (part.reshape(-1) for part in normal_force(touch))
+        solved = np.isfinite(force) & np.isfinite(own) & np.isfinite(value)
+        w = np.where(solved, self.elastic_weight, 0.0)
+        both, off = joined(np.where(solved, force, value), np.where(solved, own, std), value, std)
+        off = np.hypot(self.elastic_inflation * off, self.maps["fz"].run_share * both)
+        joint, alone = w * off**2, (1.0 - w) * (std**2 + w * (both - value) ** 2)
+        freedom = (joint + alone) ** 2 / (joint**2 / JOINED_FREEDOM + alone**2 / self.maps["fz"].freedom)
+        return w * both + (1.0 - w) * value, np.sqrt(joint + alone), freedom
 
     def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch:
         """Return a touch with only force and centre, whose traction is NaN. ``flat`` are its readings (*batch,

@@ -19,7 +19,8 @@ SECTION = "calibration"
 #: Advice in errors about damaged files.
 REMEDY = "Calibrate again with palpate calibrate, or leave the section out to use the skin without its calibration"
 #: Fields that are numbers, and fields that are arrays; arrays may be None.
-NUMBERS, ARRAYS = ("readings", "unit", "unit_std", "elastic_error", "scale"), ("rest", "zero", "zero_std", "gains")
+NUMBERS = ("readings", "unit", "unit_std", "elastic_error", "elastic_weight", "elastic_inflation", "scale")
+ARRAYS = ("rest", "zero", "zero_std", "gains")
 
 
 def calibrated_text(text: str, found: SkinCalibration, numbers: str) -> str:
@@ -90,7 +91,7 @@ def _made(held: dict[str, Any]) -> SkinCalibration:
     }
     if not maps:
         raise ValueError("holds no map")
-    numbers: dict[str, Any] = {n: held[n].item() for n in NUMBERS}
+    numbers: dict[str, Any] = {n: held[n].item() for n in NUMBERS if n in held}
     arrays: dict[str, Any] = {n: held.get(n) for n in ARRAYS}
     return SkinCalibration(
         maps,

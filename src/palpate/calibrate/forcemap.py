@@ -70,13 +70,9 @@ class ForceMap:
     @classmethod
     def of(cls, process: Process, members: tuple[Fitted, ...]) -> ForceMap:
         """Build the average of fitted models."""
-        square = np.array([(m.left_out**2).mean() for m in members]) + JITTER * process.unit**2
-        weights = (square.min() / square) ** (0.5 * len(process.values) ** TEMPER)
-        made = cls(process, members, weights / weights.sum(), 1.0)
-        squares = np.minimum((made.left_out / made.left_out_std) ** 2, LARGEST)
-        # labels of the same press share their error and count as one
-        each = [float(squares[process.press == p].mean()) for p in np.unique(process.press)]
-        return replace(made, inflation=float(np.sqrt((PRIOR_PRESSES + sum(each)) / (PRIOR_PRESSES + len(each)))))
+        weights = relative_weights(np.array([(m.left_out**2).mean() for m in members]), process)
+        made = cls(process, members, weights, 1.0)
+        return replace(made, inflation=inflation((made.left_out / made.left_out_std) ** 2, process.press))
 
     @property
     def freedom(self) -> float:
@@ -217,3 +213,18 @@ def usual_scale(readings: Floats) -> Floats:
     common = max(FLOOR, ALIKE_LABELS / (len(readings) + ALIKE_LABELS))
     scale = np.sqrt((1.0 - common) * square + common * square.mean())
     return np.asarray(scale * np.sqrt(((readings / scale) ** 2).sum(axis=1).mean()))
+
+
+def relative_weights(squares: Floats, process: Process) -> Floats:
+    """Return the weights of models whose left-out errors have these mean squares; they add up to 1 (see `TEMPER`)."""
+    square = squares + JITTER * process.unit**2
+    weights = (square.min() / square) ** (0.5 * len(process.values) ** TEMPER)
+    return np.asarray(weights / weights.sum())
+
+
+def inflation(squares: Floats, press: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> float:
+    """Return the factor on a model's standard deviations, from squared left-out errors in units of its variances."""
+    squares = np.minimum(squares, LARGEST)
+    # labels of the same press share their error and count as one
+    each = [float(squares[press == p].mean()) for p in np.unique(press)]
+    return float(np.sqrt((PRIOR_PRESSES + sum(each)) / (PRIOR_PRESSES + len(each))))
