@@ -200,9 +200,7 @@ def from_numpy(a: npt.NDArray[Any], like: Any) -> Any:
 
 
 def rfftn(x: Any, shape: Sequence[int]) -> Any:
-    """Return the real FFT over the last ``len(shape)`` axes, zero-padded to ``shape``. Rows of zeros are not
-    transformed.
-    """
+    """Real FFT over the last ``len(shape)`` axes, zero-padded to ``shape``. Rows of zeros are not transformed."""
     axes = tuple(range(-len(shape), 0))
     if is_numpy(x):
         if len(shape) == 2:

@@ -44,6 +44,15 @@ class EdgeError:
         Net normal force found with the endless layer over the true one, of sensors that feel stress.
     kind : str
         "stress": sensors at the base; "displacement": markers on the surface. Others are somewhere between.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.edges import edge_error
+    >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
+    >>> found = edge_error(gel, [pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", channels=["stress_zz"])])
+    >>> round(1e3 * found.reach), 0.0 < found.inner((40e-3, 40e-3)) < 1.0  # [mm]
+    (3, True)
     """
 
     thickness: float
@@ -57,15 +66,6 @@ class EdgeError:
     def reach(self) -> float:
         """Distance from the side [m] below which the error of a press exceeds the assumed error of the modulus (15 %); infinite if the table ends
         before.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.edges import edge_error
-        >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
-        >>> found = edge_error(gel, [pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", channels=["stress_zz"])])
-        >>> round(1e3 * found.reach)  # [mm]
-        3
         """
         felt = np.flatnonzero(self.press > MODULUS)
         if not len(felt):
@@ -76,17 +76,7 @@ class EdgeError:
         return float(np.interp(-MODULUS, -self.press[last : last + 2], self.distance[last : last + 2]))
 
     def inner(self, size: tuple[float, float]) -> float:
-        """Return the fraction of a surface of this size (x, y) [m] that is farther than `reach` from all sides.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.edges import edge_error
-        >>> gel = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
-        >>> found = edge_error(gel, [pp.AreaArray(shape=(4, 4), pitch=4e-3, depth="base", channels=["stress_zz"])])
-        >>> 0.0 < found.inner((40e-3, 40e-3)) < 1.0
-        True
-        """
+        """Return the fraction of a surface of this size (x, y) [m] that is farther than `reach` from all sides."""
         inside = [max(0.0, s - 2.0 * self.reach) / s for s in size]
         return float(inside[0] * inside[1])
 

@@ -133,9 +133,7 @@ def prepare(
 
 
 def _given(model: Model, x: Any, parameters: Mapping[str, Any] | None) -> tuple[Any, dict[str, Any], Any]:
-    """Return arrays and parameters in the precision of the computation, which is that of the input if no parameter
-    varies.
-    """
+    """Arrays and parameters in the precision of the computation, which is that of the input if no parameter varies."""
     given = {name: value for name, value in (parameters or {}).items() if value is not None}
     unknown = sorted(set(given) - set(differentiable.NAMES))
     if unknown:
@@ -284,9 +282,7 @@ _minimum.defvjp(_minimum_forward, _minimum_backward)
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _of_readings(about: _About, flat: Any) -> Any:
-    """Return the minimum if no parameter varies; then everything except the readings is on the processor, in double
-    precision.
-    """
+    """Minimum if no parameter varies; then everything except the readings is on the processor, in double precision."""
     m = about.matrices
     like = jax.ShapeDtypeStruct((*flat.shape[:-1], m.unknowns), flat.dtype)
     return _called(lambda y: minima(m.hessian, _linear(m, y), m.cone), like, flat)  # type: ignore[arg-type]

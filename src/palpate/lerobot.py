@@ -69,7 +69,7 @@ class Episode:
                 )
             if value.ndim > 6:
                 raise InvalidInput(
-                    f"column {name!r} has {value.ndim - 1} axes beside the frame, and the format has 5 at most. Reshape it to fewer axes."
+                    f"column {name!r} has {value.ndim - 1} axes after the frame axis; the LeRobot format allows at most 5. Reshape it to fewer axes."
                 )
             if name in _FRAME:
                 raise InvalidInput(f"column {name!r} is the format's own; leave it out.")

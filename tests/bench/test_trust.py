@@ -299,6 +299,7 @@ def test_lines_count() -> None:
 # -- the command ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_command_writes_table_picture_and_cases(tmp_path: Path) -> None:
     out, figure, every = tmp_path / "trust.md", tmp_path / "trust.png", tmp_path / "trust.csv"
     options = ["--frames", "1", "--rows", "empty,unseen shear", "--seed", "4", "--limit", "20", "--each"]

@@ -109,6 +109,7 @@ def test_force_is_zero_at_rest(calibrated: pp.Skin) -> None:
     assert low[2] < 0.0 < high[2]
 
 
+@pytest.mark.long
 def test_the_elastic_model_holds_and_its_unit_is_found(calibrated: pp.Skin) -> None:
     found = calibrated.calibration
     assert found is not None
@@ -284,6 +285,7 @@ def test_calibration_travels_in_files(calibrated: pp.Skin, tmp_path: Path) -> No
         pp.Skin.from_file(path)
 
 
+@pytest.mark.long
 def test_touch_of_a_calibration_travels_in_files(calibrated: pp.Skin, tmp_path: Path) -> None:
     from palpate.recordings import read_touch, write_touch
     from palpate.recordings.labelled import touch_of
@@ -305,6 +307,7 @@ def test_ageing(calibrated: pp.Skin, gain: float, word: str) -> None:
     assert len(later.calibration.maps["fz"].process.values) == 13 + 8
 
 
+@pytest.mark.long
 def test_a_silent_taxel_is_named(skin: pp.Skin) -> None:
     readings, force, _ = bench(12, 3)
     readings[:, 0, 1, 2] = 0.0
@@ -477,6 +480,7 @@ def test_a_force_sensor_without_a_reading_on_a_clock_of_its_own(skin: pp.Skin) -
     np.testing.assert_allclose(value[:, 2], load[200:300], rtol=0.05)
 
 
+@pytest.mark.long
 def test_a_force_at_the_end_of_its_sensor_is_no_label(skin: pp.Skin) -> None:
     readings, force, _ = bench(30, 9)
     found = calibrate(skin, readings, reference=np.minimum(force, 3.0))
@@ -542,6 +546,7 @@ def test_a_stream_of_a_calibrated_skin_needs_no_zero_where_its_readings_have_one
     assert forces[-1] == pytest.approx(4.0, rel=0.2)
 
 
+@pytest.mark.long
 def test_the_zero_of_a_calibration_serves_where_none_is_taken(skin: pp.Skin, tmp_path: Path) -> None:
     """Raw counts with an offset, and a stream that begins under load: by the calibration's own zero, its scatter in the interval."""
     readings, force, _ = bench(16, 21)
@@ -599,6 +604,7 @@ def test_delay_between_clocks_where_readings_outnumber_frames() -> None:
     assert find_delay(time, readings, clock, late) == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.long
 def test_a_press_that_stands_through_the_zero_is_told_by_the_kept_zero(skin: pp.Skin) -> None:
     readings, force, _ = bench(16, 21)
     rng = np.random.default_rng(3)

@@ -103,3 +103,17 @@ def test_the_weight_of_the_elastic_model_travels(elastic: pp.Skin, tmp_path: Pat
     old = read_calibration(tmp_path / "calibrated.toml")
     assert old is not None
     assert old.elastic_weight == 0.0
+
+
+def test_a_missing_taxel_leaves_the_zero_of_the_others() -> None:
+    """With a taxel missing, the zero was not subtracted before the elastic model was asked."""
+    mask = np.ones(SHAPE, dtype=bool)
+    mask[0, 4] = False
+    skin = pp.Skin(PAD, dataclasses.replace(ARRAY, mask=mask))
+    counts = bench(WEIGHTS, 1)
+    found = skin.calibrate(counts + 512.0 * counts.max(), reference=WEIGHTS).calibration
+    plain = skin.calibrate(counts, reference=WEIGHTS).calibration
+    assert found is not None
+    assert plain is not None
+    assert plain.elastic
+    assert found.unit == pytest.approx(plain.unit, rel=1e-6)

@@ -30,6 +30,7 @@ def forces_of_a_plain_sensor(count: int, shear: float, seed: int) -> tuple[np.nd
     return np.stack([sideways, normal], axis=1) @ SENSOR, sideways, normal
 
 
+@pytest.mark.long
 def test_the_normal_force_tells_how_large_shear_may_be(skin: pp.Skin) -> None:
     """Three presses that hardly shear do not show that shear is small where the normal force is newtons."""
     readings, sideways, normal = forces_of_a_plain_sensor(3, 0.01, 2)

@@ -54,6 +54,7 @@ def test_each_bad_picture_is_said_and_nothing_else_is_lost(tmp_path: Path) -> No
     assert len(overlay(good[-1], touch.isel(time=10)).axes) > 1
 
 
+@pytest.mark.long
 def test_what_cannot_be_used_is_refused_with_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "gel.toml").write_text(SKIN)
     write_video(tmp_path / "cut.mp4", filmed(), rate=30.0)

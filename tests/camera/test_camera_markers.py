@@ -108,7 +108,7 @@ def test_one_broken_dot_does_not_break_the_rest() -> None:
     assert (far.min(axis=1)[found.whole] < 5.0).all()  # none invented, not by the glare's edge either
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *long_runs(1, 2)])
 def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     noise = np.random.default_rng(seed).normal(120, 10, (240, 320))
     with pytest.raises(pp.InvalidInput, match="no dots found"):
@@ -130,7 +130,7 @@ def test_pictures_that_show_nothing_say_so(level: int, words: str) -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="published pictures are not here")
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [0, *long_runs(1)])
 def test_every_whole_dot_of_a_real_gel_is_found(number: int) -> None:
     """The authors' tracker gave Mx, My where dots were at rest, and dx, dy: whole pixels, cut off. Their sum is where they are now."""
     (picture,) = list(open_pictures(REAL / f"{number}.png"))
@@ -286,7 +286,7 @@ def test_dots_that_one_press_moves_by_their_distance_keep_their_names(at: tuple[
     assert np.sqrt(np.mean((error / std) ** 2)) < 1.2
 
 
-@pytest.mark.parametrize(("most", "wide"), [(25.0, 70.0), (35.0, 60.0), (25.0, 100.0)])
+@pytest.mark.parametrize(("most", "wide"), [(25.0, 70.0), *long_runs((35.0, 60.0), (25.0, 100.0))])
 def test_the_match_that_strains_a_print_least_is_the_true_one(most: float, wide: float) -> None:
     """A drag of up to nearly two pitches, some spread, and a tenth of the dots hidden; where it is wide, fewer dots stay than lie where others were."""
     rest = np.stack(np.meshgrid(np.arange(14) * 20.0, np.arange(11) * 20.0), -1).reshape(-1, 2)

@@ -10,6 +10,7 @@ import pytest
 
 import palpate as pp
 from camera_scenes import gel_file
+from long_runs import long_runs
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("av")
@@ -73,7 +74,7 @@ def test_a_gel_without_dots_is_refused_with_what_to_do() -> None:
         Displacements(pictures, VIEW, rate=30.0)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, *long_runs(1)])
 def test_dots_at_random_that_keep_a_distance_are_a_print(seed: int) -> None:
     rng = np.random.default_rng(seed)
     places: list[np.ndarray] = []
@@ -115,6 +116,7 @@ def test_a_picture_that_the_gel_fills_has_no_rim(looks: dict[str, Any]) -> None:
     assert Region.found(speckled) is None
 
 
+@pytest.mark.long
 def test_dots_are_sought_within_a_region_that_is_given(tmp_path: Path) -> None:
     """Two corners of a rectangle, or a polygon, in pixels of the size that the section names."""
     text = gel_file('scale = "0.1268 mm"\nsize = [160, 120]\nreference = 2\nroi = ROI', thickness="4 mm")
@@ -136,6 +138,7 @@ def test_dots_are_sought_within_a_region_that_is_given(tmp_path: Path) -> None:
         follow(pictures, path, rate=30.0)
 
 
+@pytest.mark.long
 def test_light_on_a_smooth_gel_is_no_texture() -> None:
     """It is as sharp in every picture of a gel at rest, and does not move with the gel."""
     rng = np.random.default_rng(0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.camera import Dots, Looks, Markers, Scene, dot_grid
 
 pytest.importorskip("cv2")
@@ -44,7 +45,10 @@ def errors(force: float, diameter: float, *, prints: int = 1, **looks: object) -
 
 @pytest.mark.parametrize(
     ("force", "diameter", "most", "looks"),
-    [(0.5, 0.8e-3, 0.04, {"noise": 8.0}), (3.0, 1.3e-3, 0.055, {}), (1.0, 0.4e-3, 0.04, {"compression": 60})],
+    [
+        (0.5, 0.8e-3, 0.04, {"noise": 8.0}),
+        *long_runs((3.0, 1.3e-3, 0.055, {}), (1.0, 0.4e-3, 0.04, {"compression": 60})),
+    ],
 )
 def test_each_dot_has_a_standard_deviation_of_its_own_that_holds(
     force: float, diameter: float, most: float, looks: dict[str, float]

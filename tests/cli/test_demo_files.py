@@ -47,6 +47,7 @@ def test_the_counts_of_the_page_tell_the_force_that_it_names(tmp_path: Path) -> 
     assert low < 2.0 < high < 2.4
 
 
+@pytest.mark.long
 def test_markers_and_vectors_of_the_page_are_read(tmp_path: Path) -> None:
     for demo in (*commands("demo markers"), *commands("demo field")):
         assert run(*shlex.split(demo)[1:], cwd=tmp_path).returncode == 0

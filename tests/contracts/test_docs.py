@@ -22,8 +22,8 @@ def blocks(page: Path, language: str) -> list[str]:
 
 #: Pages whose examples take a second or more.
 SLOW = (
-    *("archives.md", "calibrate.md", "cells.md", "design.md", "glued.md", "identify.md"),
-    *("live.md", "measured.md", "shear.md", "sinks.md", "solid.md"),
+    *("archives.md", "calibrate.md", "camera.md", "cells.md", "design.md", "first-hour.md", "glued.md", "gradients.md"),
+    *("identify.md", "live.md", "measured.md", "shear.md", "sinks.md", "solid.md", "tutorial.md"),
 )
 OUTPUTS = runpy.run_path(str(ROOT / "docs" / "_outputs.py"))
 WITH_CODE = [p for p in PAGES if blocks(p, "python")]

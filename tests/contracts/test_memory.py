@@ -56,7 +56,9 @@ CASES: dict[str, tuple[Any, dict[str, Any], float, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.long] if n.startswith("2000") else []) for n in CASES]
+)
 def test_refused_before_any_work(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     array, options, free, remedy = CASES[name]
 
@@ -96,7 +98,7 @@ def test_constant_friction_is_refused_before_its_inversion_is_prepared(monkeypat
         skin.prepare(method="constant_friction", friction=0.3)
 
 
-@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16])
+@pytest.mark.parametrize("kind", [np.float64, *long_runs(np.float32, np.int16)])
 def test_a_batch_that_does_not_fit_is_refused_before_any_work(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """100,000 frames of 32 x 32 x 3 ended in a MemoryError after 45 s. The number of frames that is named is taken."""
 
@@ -136,7 +138,7 @@ def test_readings_of_several_planes_and_draws_are_counted(monkeypatch: pytest.Mo
         skin.reconstruct([m[0] for m in many], draws=1_000_000)
 
 
-@pytest.mark.parametrize(("n", "channels"), [(8, STRESS), (24, STRESS), (24, DISPLACEMENT)])
+@pytest.mark.parametrize(("n", "channels"), [(8, STRESS), *long_runs((24, STRESS), (24, DISPLACEMENT))])
 @pytest.mark.parametrize("method", ["tikhonov", "dft"])
 def test_a_batch_takes_no_less_than_is_said(n: int, channels: list[str], method: str) -> None:
     """What is refused would not have fitted; and `MOST` times as much is enough."""
@@ -158,6 +160,7 @@ def test_a_batch_takes_no_less_than_is_said(n: int, channels: list[str], method:
     assert touch.values.nbytes < said
 
 
+@pytest.mark.long
 def test_what_is_known_of_millions_of_readings_takes_no_number_for_each() -> None:
     array = area(2048, DISPLACEMENT)
     tracemalloc.start()

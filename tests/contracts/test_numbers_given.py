@@ -49,6 +49,7 @@ def test_a_number_of_numpy_is_a_number(what: str, kind: Any) -> None:
     TAKES[what](kind(1))
 
 
+@pytest.mark.long
 def test_friction_that_no_surface_has_is_refused_and_its_remedy_reads_the_force() -> None:
     readings = SKIN.sense(pp.solutions.hertz_point(contact_radius=1.2e-3, force=0.5), rng=np.random.default_rng(0))
     for friction in (10.5, 1e4, 1e12):

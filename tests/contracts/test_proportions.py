@@ -101,6 +101,7 @@ def test_noise_that_is_no_number_is_refused(noise: Any) -> None:
         array(noise=noise)
 
 
+@pytest.mark.long
 def test_finer_cells_are_bounded_by_the_readings(monkeypatch: pytest.MonkeyPatch) -> None:
     """108 readings whose noise is stated ten times too small asked for 3672 unknowns, and took ten seconds."""
     unknowns, ratio = [], AdaptiveEstimator._ratio

@@ -103,6 +103,10 @@ MISTAKES = {
         ("track", "taxels.csv", "--skin", "odd.toml", "--map", "time=timestamp_ms,stress_zz=z{},unit=8Pa"),
         "error: odd.toml, line 9: picth is not a key here: is pitch meant?",
     ),
+    "a key of a camera": (
+        ("reconstruct", "r.npz", "--skin", "camera.toml"),
+        "distorsion is not a key here: is distortion meant?",
+    ),
     "too many taxels": (
         ("track", "taxels.csv", "--skin", "wide.toml", "--map", "time=timestamp_ms,stress_zz=z{},unit=8Pa"),
         "2 x 4 = 8: correct shape",
@@ -118,6 +122,7 @@ MISTAKES = {
 def test_mistakes_say_what_to_do(name: str, folder: Path) -> None:
     arguments, words = MISTAKES[name]
     (folder / "odd.toml").write_text(SKIN.replace("pitch", "picth"))
+    (folder / "camera.toml").write_text(f"{SKIN}\n[camera]\ndistorsion = [0.1]\n")
     (folder / "wide.toml").write_text(SKIN.replace("[2, 3]", "[2, 4]"))
     np.save(folder / "taxels.npy", np.zeros((3, 3)))
     from palpate.recordings import write_recording

@@ -28,10 +28,7 @@ def raised_in(error: BaseException | None) -> set[str]:
     return found
 
 
-CASES = [
-    pytest.param(r, id=re.sub(r"\W+", "-", r.words).strip("-"), marks=[pytest.mark.long] if r.slow else [])
-    for r in REMEDIES
-]
+CASES = [pytest.param(r, id=re.sub(r"\W+", "-", r.words).strip("-")) for r in REMEDIES]
 
 
 @pytest.mark.parametrize("remedy", CASES)
@@ -46,9 +43,12 @@ def test_what_is_advised_works(remedy: Remedy, tmp_path: Path, monkeypatch: pyte
         raise
 
 
-@pytest.mark.parametrize("remedy", [pytest.param(*case.values, id=case.id) for case in CASES if case.values[0].slow])
+REFUSED = [remedy for remedy in REMEDIES if not remedy.slow and remedy.given is None]
+
+
+@pytest.mark.parametrize("remedy", [pytest.param(r, id=re.sub(r"\W+", "-", r.words).strip("-")) for r in REFUSED])
 def test_what_is_refused_says_why(remedy: Remedy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The refusal alone, of those whose advice takes so long that it is followed with the long tests."""
+    """The refusal alone, where it is quick and needs no file; `test_what_is_advised_works` causes every one, with the long tests."""
     monkeypatch.chdir(tmp_path)
     refused(remedy)
 

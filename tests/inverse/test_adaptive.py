@@ -150,6 +150,7 @@ def pressed(skin: pp.Skin, contact: Any, noise: float, seed: int = 0) -> tuple[A
     return readings + size * rng.standard_normal(readings.shape), truth
 
 
+@pytest.mark.long
 def test_default_never_pulls_and_keeps_friction() -> None:
     skin = skin_of(THREE)
     readings, truth = pressed(skin, BALL.partial_slip(0.5, 0.3), 0.02)
@@ -173,6 +174,7 @@ def test_no_shear_outside_contact_without_friction_given() -> None:
     assert np.abs(touch.values[:2][:, ~near]).max() == 0
 
 
+@pytest.mark.long
 def test_mirror_images_give_mirror_images() -> None:
     skin = skin_of(THREE)
     readings, _ = pressed(skin, BALL.sliding(0.4).shifted(2e-3, 1e-3), 0.02)

@@ -242,6 +242,7 @@ def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytes
     assert np.std(ratio) < 0.3
 
 
+@pytest.mark.long
 def test_broken_readings_are_found_in_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
     skin = skin_of(16)

@@ -78,6 +78,7 @@ def test_gains_that_spread_by_a_third_widen_the_force_until_it_holds(zeroed: boo
     assert held >= 7
 
 
+@pytest.mark.long
 def test_a_press_that_no_push_explains_is_not_no_contact() -> None:
     """Readings of 200 times the noise and of both signs, as a wrong sign or a lattice makes them."""
     skin = pp.Skin(LAYER, pp.AreaArray(shape=(2, 2), pitch=12e-3, depth="base", channels=["stress_zz"]))
@@ -103,6 +104,7 @@ def test_few_readings_of_unknown_noise_are_undecided_and_a_zero_decides() -> Non
     assert low < 1.0 < high
 
 
+@pytest.mark.long
 def test_an_even_press_wider_than_the_array_has_no_upper_end() -> None:
     """Some 70 kPa all over 12 x 12 mm are 10 N on the array and any more beyond; without a zero it may be an offset as well."""
     skin = pp.Skin(PAD, pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=2e-3, channels=["stress_zz"]))

@@ -158,6 +158,7 @@ def test_rows_on_a_face() -> None:
         np.testing.assert_allclose(one.rows(rows).times(np.eye(expected.shape[1])), expected, atol=1e-12)
 
 
+@pytest.mark.long
 def test_few_readings_are_not_formed() -> None:
     """Neither are many where cells are fewer."""
     formed, unformed, penalty, *_ = problem(shape=(30, 30))
@@ -228,7 +229,7 @@ def test_a_small_operator_kept_as_a_matrix_is_the_operator_and_its_adjoint() -> 
     np.testing.assert_allclose(small.back(data), large.back(data), rtol=1e-10, atol=1e-10)
 
 
-@pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.parametrize("friction", [None, pytest.param(0.5, marks=pytest.mark.long)])
 def test_what_nuisances_tell_is_the_same_by_products_and_from_a_matrix(friction: float | None) -> None:
     array = pp.AreaArray(shape=(14, 14), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)

@@ -103,7 +103,15 @@ LAYOUTS = {
 WITH_ERRORS = {"displacements, second derivative", "a layer", "a line of displacements"}
 
 
-LONG = {"taxels wider than cells", "displacements, first derivative", "some components", "two planes", "a line"}
+LONG = {
+    "taxels wider than cells",
+    "three stresses",
+    "displacements, second derivative",
+    "displacements, first derivative",
+    "some components",
+    "two planes",
+    "a line",
+}
 
 
 @pytest.mark.parametrize("layout", [pytest.param(k, marks=pytest.mark.long) if k in LONG else k for k in LAYOUTS])
@@ -158,6 +166,7 @@ def test_same_parameter(layout, rule, near, either):
     np.testing.assert_allclose(free._errors.posterior.force, dense._errors.posterior.force, rtol=0.05)
 
 
+@pytest.mark.long
 def test_a_shift_of_the_image_is_taken_out_alike(either):
     array = area(shape=(16, 16), depth=0.0, channels=SHIFT)
     skin = pp.Skin(HALF_SPACE, array)
@@ -194,6 +203,7 @@ def test_standard_deviations_of_cells(layout, either):
     np.testing.assert_array_equal(again, either(pad, array, noisy(skin, pressed(skin)))[1]._errors.posterior.traction)
 
 
+@pytest.mark.long
 def test_frames_of_a_batch_are_those_alone(monkeypatch):
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 0)
     skin = pp.Skin(HALF_SPACE, area())

@@ -410,7 +410,8 @@ def same(batch: pp.Touch, index: int, alone: pp.Touch) -> None:
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.long
 def test_random_batches_chunks_and_orders(seed: int) -> None:
     rng = np.random.default_rng(seed)
     skin = pp.Skin(PAD, LINE)

@@ -12,6 +12,7 @@ import palpate as pp
 from palpate.inverse import traced
 
 
+@pytest.mark.long
 def test_the_log_tells_what_was_tried_and_by_which_numbers(caplog: pytest.LogCaptureFixture) -> None:
     array = pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=20.0)
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)

@@ -243,7 +243,7 @@ def test_an_error_of_zero_is_not_known() -> None:
     assert Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6, std=0.0 * u).noise is None
 
 
-@pytest.mark.parametrize("method", ["adhesions", "tikhonov"])
+@pytest.mark.parametrize("method", [pytest.param("adhesions", marks=pytest.mark.long), "tikhonov"])
 def test_intervals_of_sizes_do_not_go_below_zero(method: str) -> None:
     u = np.zeros((2, 12, 12))
     u[0, 5:7, 3:5], u[0, 5:7, 7:9] = 40e-9, -40e-9

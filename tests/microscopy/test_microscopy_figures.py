@@ -47,6 +47,7 @@ def test_arrows_stand_where_traction_differs_from_zero_alone() -> None:
     assert np.abs(places[:, 1] - (7.5 + 16 * 9.5)).max() < 16 * 6  # near the patches
 
 
+@pytest.mark.long
 def test_noise_alone_has_hardly_an_arrow() -> None:
     assert len(arrows(forces_of(0.0).plot())) <= 0.05 * 20 * 24
 

@@ -264,6 +264,7 @@ def test_a_mask_that_would_hold_the_traction_elsewhere_is_questioned():
     assert any("if the mask lay" in note and "up" in note for note in wrong.notes)
 
 
+@pytest.mark.long
 def test_a_vector_is_left_out_or_missing_not_both():
     u = pulled() * PIXEL
     u[:, 2, 12] = 9 * PIXEL

@@ -37,6 +37,7 @@ def test_whitened_vectors_have_one_noise_of_their_own():
     assert np.abs(one - np.diag(np.diag(one))).max() < 0.12
 
 
+@pytest.mark.long
 def test_means_of_tiles_are_whitened_with_what_they_share():
     rng = np.random.default_rng(1)
     pixels = 16 * 48  # windows of 32 pixels every 16

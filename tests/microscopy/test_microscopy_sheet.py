@@ -223,6 +223,7 @@ def test_a_sheet_that_is_pressed_is_questioned(scene):
     assert "are the pictures in order" in found.notes[0]
 
 
+@pytest.mark.long
 def test_a_sheet_that_goes_on_beyond_the_view_is_less_sure(scene):
     known, _ = scene
     field = known["field"]

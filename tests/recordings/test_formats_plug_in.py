@@ -49,6 +49,7 @@ def install(folder: Path, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
     monkeypatch.syspath_prepend(str(folder))
 
 
+@pytest.mark.long
 def test_a_format_of_another_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.words"
     with pytest.raises(pp.InvalidInput, match=r"'\.words' is not known; accepted: \.nc, .*\.csv\b"):

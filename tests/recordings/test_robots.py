@@ -78,6 +78,7 @@ stamp = "sensors[0].time"
 """
 
 
+@pytest.mark.long
 def test_xela_by_a_few_lines_of_toml(tmp_path: Path) -> None:
     folder = bag(tmp_path / "finger", xela(store()), store())
     (tmp_path / "skin.toml").write_text(SKIN + STREAM)

@@ -39,8 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     ("ending", "number", "code"),
     [
         ("nc", signal.SIGINT, 130),
-        ("h5", signal.SIGTERM, 143),
-        *long_runs(("zarr", signal.SIGTERM, 143), ("mcap", signal.SIGINT, 130)),
+        *long_runs(("h5", signal.SIGTERM, 143), ("zarr", signal.SIGTERM, 143), ("mcap", signal.SIGINT, 130)),
     ],
 )
 def test_track_keeps_every_frame_that_was_done(

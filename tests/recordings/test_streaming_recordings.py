@@ -169,6 +169,7 @@ def test_formats_that_say_less(folder: Path, skin: pp.Skin, tmp_path: Path) -> N
     assert set(counts.values()) == {FRAMES}
 
 
+@pytest.mark.long
 def test_creep_goes_through_all_pieces(tmp_path: Path) -> None:
     gel = pp.Viscoelastic(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), prony=[(0.3, 0.05)])
     array = pp.LineArray(count=12, pitch=1e-3, depth=1e-3, channels=["strain_zz"], noise=1e-5)
@@ -252,6 +253,7 @@ def test_workers_that_are_killed_again_and_again_are_said(folder: Path, skin: pp
     assert os.listdir(tmp_path) == ["left"]
 
 
+@pytest.mark.long
 def test_threads(folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path) -> None:
     options: dict[str, Any] = {"method": "dft", "chunk": CHUNK, "workers": 3, "scheduler": "threads"}
     pp.reconstruct_recording(skin, folder / "r.zarr", tmp_path / "t.zarr", **options)
@@ -625,6 +627,7 @@ def cluster() -> Iterator[str]:
         yield found.scheduler_address
 
 
+@pytest.mark.long
 def test_a_dask_scheduler(cluster: str, folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path) -> None:
     done = pp.reconstruct_recording(
         skin, folder / "r.zarr", tmp_path / "t.zarr", method="dft", chunk=CHUNK, scheduler=cluster

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from long_runs import long_runs
 from palpate.camera import Lens, View, overlay
 from palpate.recordings import read_recording, read_touch, recorder, write_touch
 from palpate.recordings.labelled import touch_of, view_of
@@ -54,7 +55,7 @@ def test_a_result_of_a_camera_knows_where_its_picture_lies_after_it_was_in_a_fil
     assert (found.view.lens is None) == (view.lens is None)
 
 
-@pytest.mark.parametrize("ending", [".nc", ".zarr"])
+@pytest.mark.parametrize("ending", [".zarr", *long_runs(".nc")])
 def test_a_stream_records_where_its_pictures_lie_and_a_frame_of_it_is_drawn_over_one(
     tmp_path: Path, ending: str
 ) -> None:

@@ -62,6 +62,7 @@ def test_net_force_of_an_adhesive_contact_is_held(channels: list[str], given: bo
     assert any("pull around it was included" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_a_push_is_not_taken_for_an_adhesive_one() -> None:
     contact = pp.solutions.hertz_point(contact_radius=7e-3, force=0.4)
     clean = np.asarray(pp.Skin(PAD, _array(["stress_zz"])).sense(contact))

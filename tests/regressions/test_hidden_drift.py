@@ -16,6 +16,7 @@ from palpate.touch.fields import ErrorParts
 PAD = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
 
 
+@pytest.mark.long
 def test_an_offset_larger_than_what_contact_says_to_its_channel_is_found() -> None:
     channels = ["stress_xz", "stress_yz", "stress_zz"]
     array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=channels, noise=20.0)

@@ -43,6 +43,7 @@ def test_an_offset_is_no_pull_about_two_balls() -> None:
     assert any("offset of stress_zz" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_an_offset_does_not_outgrow_the_readings() -> None:
     """A punch of 0.70 N with drift in every reading: a pull of 16.7 N (6.3 to 23.4) over an offset of 20 kPa, where the largest reading is 13 kPa."""
     shear_x = [[213, -406, -1052, 2895], [299, -1329, -2816, 4961], [179, 7, -230, 2398], [212, 369, 908, 608]]
@@ -58,6 +59,7 @@ def test_an_offset_does_not_outgrow_the_readings() -> None:
     assert touch.fit < 0.01  # drift that differs from taxel to taxel is no offset
 
 
+@pytest.mark.long
 def test_offsets_beside_a_small_ball_on_many_taxels_are_found() -> None:
     """Offsets of 3, -5 and 10 % of the largest reading beside a small ball on 16 x 16 taxels: 0.48 N for 0.145 N, where their first size was no step."""
     channels = ["stress_xz", "stress_yz", "stress_zz"]
@@ -78,6 +80,7 @@ def test_offsets_beside_a_small_ball_on_many_taxels_are_found() -> None:
     assert touch.force[2] == pytest.approx(force[2], rel=0.1)
 
 
+@pytest.mark.long
 def test_a_wide_press_that_noise_explains_is_no_shift() -> None:
     """A ball that loads the edge of 6 x 6 heights with known noise: 0.79 N for 1 N at a fit of 4e-72, about a shift that leaves nine times the noise."""
     how = {"shape": (6, 6), "pitch": 2e-3, "depth": 1e-3, "channels": ["displacement_z"]}

@@ -13,7 +13,7 @@ class Remedy:
     """A message by words of it ({} is what is filled in), a call that is refused with it, and the call that it advises.
 
     ``room`` is the module that refuses, where others have the same words; ``given`` lays what both calls need into the folder that they are made
-    in, which is empty before; ``right`` is what must be true of what the advised call returns; a ``slow`` one is tried with the long tests.
+    in, which is empty before; ``right`` is what must be true of what the advised call returns; a ``slow`` one is refused with the long tests alone.
     """
 
     words: str

@@ -326,7 +326,7 @@ REMEDIES = [
     run(
         'presses.nc more.nc --weight "200 g, 2.5 s to 3.5 s"',
         'presses.nc --weight "200 g, 2.5 s to 3.5 s"',
-        "--weight says when on the clock of one recording",
+        "the times in --weight belong to the clock of one recording",
     ),
     run(f"presses.nc {KNOWN} --again", f"presses.nc {KNOWN}", "--again starts from a calibration, and"),
     run('presses.nc --reference "fz=Fz"', f"presses.nc {KNOWN}", "--reference takes the columns of a table"),

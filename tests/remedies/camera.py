@@ -203,7 +203,7 @@ REMEDIES = [
     value("rate must be a positive number of pictures a second", lambda r: opened(np.stack(REST), rate=r), 0.0, 30.0),
     value("got a bool", opened, True, np.stack(REST)),
     value(
-        "no such file or folder. A camera is named by its number",
+        "no such file or folder. For a camera give its number",
         opened,
         "lost.png",
         "gel.png",

@@ -151,7 +151,7 @@ REMEDIES = [
     value("readings must have the shape (press,", lambda r: pad(readings=r), readings()[:, :, 0], readings()),
     value("a measured pad is touched on an area; got", lambda a: pad(array=a), pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_zz"]), other()),
     value(
-        "a measured pad is touched on an area, and a", lambda a: skin(array=a), pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_zz"]), None
+        "a measured pad needs taxels spread over an area, and a", lambda a: skin(array=a), pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_zz"]), None
     ),
     value("the surface of a measured pad is an AreaGrid", lambda g: whole().response(whole().array, g), pp.LineGrid(count=5, spacing=1e-3), pp.AreaGrid(shape=(4, 4), spacing=1e-3)),
     value("{} was not measured; the table has", lambda a: skin(array=a), other(channels=["stress_xz", "stress_zz"]), other()),

@@ -61,7 +61,12 @@ WRENCH = np.ones((3, 6))
 REMEDIES = [
     value("an episode needs at least one column", lambda c: Episode(c), {}, {"action": ACTION}),
     value("must hold one entry for each frame, of", lambda v: episode(note=v), ["a", "b", "c"], [1, 2, 3]),
-    value("axes beside the frame, and the format has 5", lambda s: episode(cube=np.ones(s)), (3,) + (1,) * 6, (3, 1)),
+    value(
+        "axes after the frame axis; the LeRobot format allows at most 5",
+        lambda s: episode(cube=np.ones(s)),
+        (3,) + (1,) * 6,
+        (3, 1),
+    ),
     Remedy(
         "is the format's own; leave it out",
         lambda: episode(timestamp=np.arange(3.0)),

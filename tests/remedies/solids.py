@@ -223,7 +223,7 @@ REMEDIES = [
         "the other pad has another shape", lambda given: compared(**given), {"poissons_ratio": 0.3}, {"element": 0.7e-3}
     ),
     value("both pads have the same mesh", lambda e: compared(element=e), 1e-3, 0.7e-3),
-    value("a solid pad is touched on an area", skin, LINE, AREA),
+    value("a solid pad needs taxels spread over an area", skin, LINE, AREA),
     value("a matrix (channel, taxel, component, *surface) of", lambda m: MatrixMap(m, (2,)), MATRIX[:, :1], MATRIX),
     value("the matrix of a map must be finite", lambda m: MatrixMap(m, (2,)), np.nan * MATRIX, MATRIX),
     Remedy(

@@ -30,6 +30,7 @@ class Measured:
         return MatrixMap(dense.reshape(len(array.channels), -1, len(surface.components), *surface.shape), array.shape)
 
 
+@pytest.mark.long
 def test_a_pad_of_ones_own_serves_as_the_one_that_it_copies() -> None:
     exact = pp.Uncertainty(thickness=0.0, depth=0.0)
     own = pp.Skin(Measured(), ARRAY, uncertainty=pp.Uncertainty(depth=0.0))

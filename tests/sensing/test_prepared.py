@@ -50,6 +50,7 @@ def saved(tmp_path: Path) -> Path:
     return tmp_path / "a.prepared"
 
 
+@pytest.mark.long
 def test_nothing_is_worked_out_again(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     skin = skin_of()
     readings = readings_of(skin)

@@ -97,6 +97,7 @@ def test_beads_are_solved_alike(monkeypatch):
     np.testing.assert_allclose(by_rule.noise_std, chosen.noise_std, rtol=0.02)
 
 
+@pytest.mark.long
 def test_cross_validation_over_beads_does_not_run_off(monkeypatch):
     # a surface has more waves than there are beads: the approximation promised a score of nothing where lambda is 1e-8 of the right one
     found = []

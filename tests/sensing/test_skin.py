@@ -51,6 +51,7 @@ def test_noise_is_the_arrays_own() -> None:
         pp.Skin(PAD, area()).sense(np.zeros((3, *pp.Skin(PAD, area()).surface.shape)), rng=np.random.default_rng(0))
 
 
+@pytest.mark.long
 def test_dead_taxels_are_not_heard() -> None:
     mask = np.ones((8, 9), dtype=bool)
     mask[2, 3] = mask[7, 8] = False
@@ -146,6 +147,7 @@ def test_a_batch_is_its_frames() -> None:
     assert batch.parameter.shape == (2, 1)
 
 
+@pytest.mark.long
 def test_noise_and_zero_are_given_with_the_readings() -> None:
     def made(noise: float | None) -> pp.Skin:
         pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)

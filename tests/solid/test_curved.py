@@ -343,6 +343,7 @@ def test_written_and_read(tmp_path: Path, touch: pp.Touch) -> None:
         np.testing.assert_array_equal(again.positions, grid.positions)
 
 
+@pytest.mark.long
 def test_a_picture_is_unrolled_and_in_space(skin: pp.Skin, touch: pp.Touch) -> None:
     figure = touch.plot(taxels=skin.planes)
     panels = [a for a in figure.axes if a.get_title(loc="left")]
@@ -352,6 +353,7 @@ def test_a_picture_is_unrolled_and_in_space(skin: pp.Skin, touch: pp.Touch) -> N
     assert np.isnan(np.asarray(panels[0].images[0].get_array().filled(np.nan))).any()  # nothing beside the surface
 
 
+@pytest.mark.long
 def test_a_skin_file_of_a_dome(tmp_path: Path) -> None:
     (tmp_path / "skin.toml").write_text(
         """

@@ -253,6 +253,7 @@ def written(path: Path, *, scale: float = 1.0, turned: bool = False) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_mesh_from_a_file_is_the_box(pad: pp.SolidPad, tmp_path: Path) -> None:
     path = written(tmp_path / "gel.msh", scale=1e-3, turned=True)
     found = pp.SolidPad.from_mesh(path, base="glue", contact="skin", scale=1e-3, turned=True, **MATERIAL)

@@ -80,6 +80,7 @@ def test_alva_homogeneous(tables: Path, name: str, x: float, y: float) -> None:
             assert abs(value - printed) < 1.2e-4, (channel, row["pos_mm"], value, printed)
 
 
+@pytest.mark.long
 def test_beads_through_the_command_line(tables: Path, tmp_path: Path) -> None:
     """Real bead displacements on a gel: the traction that another program published, at its own parameter."""
     import h5py

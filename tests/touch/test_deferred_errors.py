@@ -61,6 +61,7 @@ def test_one_frame_works_them_out_when_asked(skin: pp.Skin, monkeypatch: pytest.
     assert not touch._errors.posterior.force.flags.writeable
 
 
+@pytest.mark.long
 def test_copies_and_joined_results_have_them(skin: pp.Skin) -> None:
     touch = skin.reconstruct(frame(skin))
     known = skin.reconstruct(frame(skin))

@@ -118,6 +118,7 @@ def test_a_missing_frame_among_others(touch: pp.Touch) -> None:
         Forces().table()
 
 
+@pytest.mark.long
 def test_a_csv_opens_in_any_program(touch: pp.Touch, tmp_path: Path) -> None:
     """A line of titles, a line a frame, nothing else; seconds since 1970 keep their digits."""
     late = pp.Touch(touch.values, touch.surface, touch.components, "dft", time=1.7e9 + np.arange(4) / 1024)

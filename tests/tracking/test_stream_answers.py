@@ -215,6 +215,7 @@ def pressed_tracker(skin: pp.Skin, load: float = 1.0) -> tuple[Any, Any]:
     return tracker, lambda: load * full + size * rng.standard_normal(full.shape)
 
 
+@pytest.mark.long
 def test_a_tracker_that_a_single_solve_contradicts_begins_anew_and_its_interval_meets_the_other() -> None:
     """Said once, and only there."""
     skin = pp.Skin(PAD, TAXELS)
@@ -236,6 +237,7 @@ def test_a_tracker_that_a_single_solve_contradicts_begins_anew_and_its_interval_
         assert float(touch.force[2]) == pytest.approx(3.0, rel=0.2)
 
 
+@pytest.mark.long
 def test_a_frame_that_a_single_solve_does_not_explain_is_unexplained_when_it_is_followed() -> None:
     tracker, frame = pressed_tracker(pp.Skin(PAD, TAXELS))
     honest = tracker._alone

@@ -109,6 +109,7 @@ def test_error_bars_need_no_columns(skin: pp.Skin, monkeypatch: pytest.MonkeyPat
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6 * max(float(np.abs(other).max()), 1e-300))
 
 
+@pytest.mark.long
 def test_a_penalty_that_the_load_has_outgrown_is_dropped(skin: pp.Skin) -> None:
     """Learned from a touch and taken up in a press, it read 0.000 N for 0.3 N."""
     tracker = skin.track(baseline=10, friction=0.6, budget=0.05)

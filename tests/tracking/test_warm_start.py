@@ -33,6 +33,7 @@ def stream() -> tuple[Any, list[tuple[float, float]]]:
     return skin, found
 
 
+@pytest.mark.long
 def test_the_answer_is_nearer_to_the_force_than_one_even_penalty_alone(stream: Any) -> None:
     answered, own = np.array(stream[1][14:42]).T
     assert np.median(np.abs(answered - 1.0)) < 0.9 * np.median(np.abs(own - 1.0))

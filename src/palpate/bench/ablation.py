@@ -49,9 +49,7 @@ JOINT_PARTS: dict[str, tuple[str, ...]] = {
 
 
 def variants(*, thresholds: bool = True) -> dict[str, Policy]:
-    """Return every row of the table: the method without each part and, with ``thresholds``, with each number halved
-    and doubled that no derivation fixes.
-    """
+    """Rows of the table: the method without each part; with ``thresholds``, underived numbers halved and doubled."""
     whole = Policy()
     out: dict[str, Policy] = {}
     for one in numbers():

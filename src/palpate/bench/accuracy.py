@@ -168,9 +168,7 @@ def accuracy(
     jobs: int = 1,
     report: Callable[[Record], None] | None = None,
 ) -> list[Record]:
-    """Measure every contact of the layouts at every noise level, ``draws`` times, by ``method`` (default: the
-    automatic one).
-    """
+    """Measure every contact of the layouts at every noise level, ``draws`` times; the default method is automatic."""
     tasks = [
         (name, noise, contact, draws, seed, method, comparisons)
         for name in layouts
@@ -204,9 +202,7 @@ def _one_contact(task: tuple[str, float, str, int, int, Method | None, bool]) ->
 
 
 def ratios(records: Sequence[Record], method: str = DEFAULT) -> dict[tuple[str, str, float], float]:
-    """Return the mean error over draws, relative to the clairvoyant filter's, for each layout, contact and noise
-    level.
-    """
+    """Mean error over draws, relative to the clairvoyant filter's, for each layout, contact and noise level."""
     groups: dict[tuple[str, str, float], list[float]] = {}
     for r in records:
         if r.method == method:
@@ -215,9 +211,7 @@ def ratios(records: Sequence[Record], method: str = DEFAULT) -> dict[tuple[str, 
 
 
 def coverage(records: Sequence[Record], level: float, method: str = DEFAULT) -> dict[str, float]:
-    """Return the fraction of true values inside the interval of this level, for each quantity; all contacts and noise
-    levels have equal weight.
-    """
+    """Fraction of true values inside the interval of this level, by quantity; contacts and noise weigh equally."""
     inside: dict[str, dict[tuple[str, str, float], list[float]]] = {}
     zero, one, none = np.asarray(0.0), np.asarray(1.0), np.asarray(-math.inf)
     for record in records:

@@ -63,7 +63,7 @@ def population(
             width = float(np.exp(rng.uniform(math.log(0.6), math.log(min(9.0, 0.8 * reach)))))
             parts.append((kind, float(rng.uniform(-1, 1) * (reach - width)), width, float(rng.uniform(0.4, 1.0))))
         return Layout("line", _body(body, ratio, depth, rng), array, {}), line_contact(*parts), noise
-    ambiguous, few = contact == AMBIGUOUS, (contact or "").endswith(FEW)
+    ambiguous, few_taxels = contact == AMBIGUOUS, (contact or "").endswith(FEW)
     shear = rng.random() < 0.3
     shear = shear if contact is None else ambiguous or contact.startswith("area with shear")
     size = int(rng.integers(14, 25 if shear else 33)) if not ambiguous else int(rng.integers(6, 10))
@@ -71,7 +71,7 @@ def population(
     channels = CHANNELS[sensing][int(shear)] if not ambiguous else ["displacement_x", "displacement_y"]
     shape = (size, size)
     smallest, largest = 1.2, 0.28 * size
-    if few:
+    if few_taxels:
         shape = (int(rng.integers(3, 12)), int(rng.integers(3, 12)))
         size, depth = min(shape), float(rng.uniform(0.45, 2.0))
         smallest, largest = 0.5, 0.4 * size
@@ -90,13 +90,13 @@ def population(
     )
     components = ("x", "y", "z") if shear else ("z",)
     pad = _body(body, ratio, depth, rng)
-    told = shear
+    friction_known = shear
     if ambiguous:
         layer = Layer(
             thickness=depth + float(rng.uniform(0.8, 3.0)), youngs_modulus=1.0, poissons_ratio=min(ratio, 0.49)
         )
-        pad, told = BondedLayers([layer]), bool(rng.random() < 0.5)
-    return Layout("area", pad, area, {}, components, mu if told else None), traction, noise
+        pad, friction_known = BondedLayers([layer]), bool(rng.random() < 0.5)
+    return Layout("area", pad, area, {}, components, mu if friction_known else None), traction, noise
 
 
 def _body(body: str, ratio: float, depth: float, rng: np.random.Generator) -> Pad:
@@ -163,8 +163,8 @@ def _across_markers(rng: np.random.Generator) -> tuple[Layout, Traction, float]:
     patch = Patch(kind, (float(center[0]), float(center[1])), (float(a), float(b)), 1.0, float(rng.uniform(0, 3)))
     mu = float(rng.uniform(0.2, 0.9))
     traction = area_contact(patch, shear=str(rng.choice(["slide", "stick", "twist", ""])), friction=mu)
-    told = mu if rng.random() < 0.5 else None
-    return Layout("markers", BondedLayers([layer]), array, {}, ("x", "y", "z"), told), traction, noise
+    friction = mu if rng.random() < 0.5 else None
+    return Layout("markers", BondedLayers([layer]), array, {}, ("x", "y", "z"), friction), traction, noise
 
 
 def calibration(
@@ -185,8 +185,8 @@ def calibration(
     """
     z: dict[Case, dict[str, list[Floats]]] = {}
     tasks = [(seed, i, method, contact, sensing, body) for i in range(frames)]
-    for i, (case, found) in enumerate(spread_over(_one_frame, tasks, jobs)):
-        for quantity, values in found.items():
+    for i, (case, errors) in enumerate(spread_over(_one_frame, tasks, jobs)):
+        for quantity, values in errors.items():
             z.setdefault(case, {}).setdefault(quantity, []).append(values)
         if report is not None:
             report(i + 1)
@@ -194,9 +194,9 @@ def calibration(
     return {
         case: {
             quantity: _fit(values, shifted=quantity in SHIFTED and method != Local.name)
-            for quantity, values in sorted(found.items())
+            for quantity, values in sorted(errors.items())
         }
-        for case, found in ordered
+        for case, errors in ordered
     }
 
 
@@ -224,11 +224,11 @@ def _one_pulled(rng: np.random.Generator) -> tuple[Case, dict[str, Floats]]:
         return touch.calibration_case, {}
     strong = np.hypot(*frame.truth)
     on = strong > 0.05 * strong.max()
-    whole = np.concatenate([frame.truth, np.zeros((1, *on.shape))])
-    moment = (moment_rows(touch.surface)[2] * whole).sum()
+    traction = np.concatenate([frame.truth, np.zeros((1, *on.shape))])
+    moment = (moment_rows(touch.surface)[2] * traction).sum()
     z = {
         "traction": ((frame.truth - np.asarray(touch.values)[:2]) / np.asarray(errors.traction)[:2])[:, on].ravel(),
-        "force": (touch.surface.total_force(whole) - np.asarray(touch.force))[:2] / np.asarray(errors.force)[:2],
+        "force": (touch.surface.total_force(traction) - np.asarray(touch.force))[:2] / np.asarray(errors.force)[:2],
         "moment": (moment - np.asarray(touch.moment)[2:]) / np.asarray(errors.moment)[2:],
     }
     return touch.calibration_case, {name: np.concatenate([v, -v]) for name, v in z.items()}
@@ -350,9 +350,7 @@ def write_constants(
 
 
 def _nearest(entries: Sequence[Mapping[str, Any]], method: str, case: Case) -> Constants:
-    """Return the constants that a case takes over: the nearest of its contact, or those of areas with shear, which
-    have every quantity.
-    """
+    """Constants that a case takes over: the nearest of its contact, or of areas with shear, which have all."""
     near = constants(method, case)
     if near.calibrated:
         return near

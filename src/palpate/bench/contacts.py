@@ -78,9 +78,7 @@ class Patch:
 
 
 def area_contact(*patches: Patch, shear: str = "", friction: float = 0.0) -> Traction:
-    """Return patches in area contact with shear inside the friction cone: "slide", "stick" (growing outwards) or
-    "twist".
-    """
+    """Patches in area contact with shear inside the friction cone: "slide", "stick" (growing outwards) or "twist"."""
 
     def cells(grid: Grid) -> Floats:
         y, x = np.meshgrid(*grid.axes, indexing="ij")

@@ -72,9 +72,7 @@ class Layout:
 
     @cached_property
     def skin(self) -> Skin:
-        """The skin that a user would make without stating noise. The pad is exact, so that intervals test only the
-        method.
-        """
+        """The skin of a user who states no noise. The pad is exact, so that intervals test only the method."""
         return Skin(self.pad, self.array, uncertainty=EXACT)
 
     @cached_property
@@ -92,9 +90,7 @@ class Layout:
         return np.nan_to_num(np.asarray(self.maker.sense(fine))), mean
 
     def clairvoyant(self, traction: Traction, noise: float) -> float:
-        """Return the smallest expected relative error of a linear shift-invariant filter that knows the true spectrum
-        (see the module).
-        """
+        """Smallest expected relative error of a linear shift-invariant filter that knows the true spectrum."""
         array = self.array
         if isinstance(array, ScatteredArray):
             raise Unsupported("the clairvoyant filter needs a regular array; got a ScatteredArray.")

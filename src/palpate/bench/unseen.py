@@ -120,9 +120,7 @@ def unseen(rng: np.random.Generator, kind: str) -> Sample:
 
 
 def _contact(rng: np.random.Generator, shape: tuple[int, ...], depth: float, mu: float, *, adhesive: bool) -> Traction:
-    """Return one or two indenters whose sizes range from twice what the depth resolves to a third of the array; one in
-    seven crosses the edge.
-    """
+    """One or two indenters, from twice what the depth resolves to a third of the array; one in seven across an edge."""
     half = 0.5 * np.asarray(shape[::-1], dtype=np.float64)  # x, then y
     smallest, largest = max(1.0, 0.8 * depth), max(1.3, 0.8 * depth + 0.3, 0.6 * float(half.min()))
     edge = rng.random() < 0.15

@@ -169,6 +169,7 @@ def calibrate(
         _check_size("known forces", np.concatenate([one[f] for f in FORCES if f in one]))
     zeros = [_zero(run, one, baseline, said) for run, one in zip(runs, known)]
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
+    runs = [r if z is None else replace(r, readings=r.readings - unflat(skin.planes, z)) for r, z in zip(runs, zeros)]
     data = _join_runs(runs, flats, known, labels)
     told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
     skin, gains = with_constants(skin, told), reading_gains(skin, told)
@@ -445,7 +446,7 @@ def _join_runs(runs: list[Run], flats: list[Floats], known: list[dict[str, Float
             )
         at = at[spread_over(np.nan_to_num(forces[at]), per_run)]
         rows["flat"].append(flat[at])
-        rows["planes"].append(run.readings[at] - _as_planes(run, flat))
+        rows["planes"].append(run.readings[at])
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
         rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
@@ -475,19 +476,12 @@ def _rest_readings(runs: list[Run], flats: list[Floats], known: list[dict[str, F
         if run.rest is not None:
             found.append(run.rest[np.isfinite(run.rest).reshape(len(run.rest), -1).all(axis=1)][:REST_KEPT])
         at = np.flatnonzero(find_rest(list(forces), flat))
-        found.append((run.readings[at] - _as_planes(run, flat))[:REST_KEPT])
+        found.append(run.readings[at][:REST_KEPT])
     rest = np.concatenate(found)[:REST_KEPT]
-    if len(rest) >= 5 and rest.std(axis=0).max() > 0.0:
+    if len(rest) >= 5 and np.nanmax(rest.std(axis=0)) > 0.0:
         return np.asarray(rest)
     noise = ASSUMED_NOISE * float(np.sqrt(np.nanmean(pressed**2)))
     return noise * np.random.default_rng(SEED).standard_normal((REST_KEPT, *pressed.shape[1:]))
-
-
-def _as_planes(run: Run, flat: Floats) -> Any:
-    """Return the zero in the shape of the readings; 0 (no subtraction) if taxels are missing."""
-    zero = (run.flat - flat)[0]
-    shape = run.readings.shape[1:]
-    return zero.reshape(shape) if zero.size == math.prod(shape) else 0.0
 
 
 def _maps(skin: Any, data: Labelled, before: SkinCalibration | None, *, zero_known: bool) -> dict[str, ForceMap]:

@@ -218,8 +218,10 @@ def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Labelled frames: readings minus their zero (label, reading), the same as planes (label, channel, *array), and
-    the labels of each.
+    """Frames of which something is known.
+
+    ``flat`` are the readings minus the zero of their run (label, reading), ``planes`` the same by channel and taxel
+    (label, channel, *array). ``known`` has force, place and ball radius of each frame, NaN where unknown.
     """
 
     flat: Floats

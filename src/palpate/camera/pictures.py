@@ -6,10 +6,8 @@ A picture that cannot be used (it cannot be decoded, or its size differs from th
 
 from __future__ import annotations
 
-import lzma
 import re
 import time as clock
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Sized
 from dataclasses import dataclass
 from fractions import Fraction
@@ -24,6 +22,7 @@ from palpate._files import ordinary
 from palpate.camera.messages import picture_frames, picture_topics
 from palpate.camera.stacks import check_axes, check_page, check_size, pages_claimed, rate_of, size_claimed
 from palpate.errors import InvalidInput
+from palpate.recordings.damage import DAMAGE_OF_PACKED
 from palpate.recordings.robots import is_bag
 from palpate.sensing.view import grey, opencv
 
@@ -222,7 +221,9 @@ def open_pictures(source: Any, *, rate: float | None = None, topic: str | None =
     if topic is not None and not (is_bag(path) or path.suffix.lower() == ".mcap"):
         raise InvalidInput(f"topic={topic!r} belongs to an MCAP file or a bag; {path} is neither. Leave it out.")
     if not path.exists():
-        raise InvalidInput(f"{path}: no such file or folder. A camera is named by its number (0) or /dev/video0.")
+        raise InvalidInput(
+            f"{path}: no such file or folder. For a camera give its number, such as 0, or its device, such as /dev/video0."
+        )
     if is_bag(path) or path.suffix.lower() == ".mcap":
         if rate is not None:
             raise InvalidInput(f"{path} has times of its own: leave out rate.")
@@ -358,17 +359,7 @@ def _stack(path: Path, rate: float | None) -> Pictures:
             except InvalidInput as error:
                 yield None, None, str(error).rstrip(".")
                 continue
-            except (
-                tifffile.TiffFileError,
-                OSError,
-                ValueError,
-                IndexError,
-                TypeError,
-                MemoryError,
-                RuntimeError,  # of the library that unpacks
-                zlib.error,
-                lzma.LZMAError,
-            ) as error:
+            except (tifffile.TiffFileError, *DAMAGE_OF_PACKED) as error:
                 yield (
                     None,
                     None,

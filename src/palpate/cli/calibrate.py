@@ -124,7 +124,7 @@ def calibrate(
         raise InvalidInput('--reference-file needs --reference, such as "time=t,fz=Fz".')
     if weight and len(presses) > 1:
         raise InvalidInput(
-            "--weight says when on the clock of one recording: give one, and add others later with --again."
+            "the times in --weight belong to the clock of one recording: give one recording, and add each other one in a later run with --again."
         )
     numbers = out.with_name(f"{out.stem}.calibration.npz")
     inputs = [*presses, *skin_files(skin_file), reference_file]

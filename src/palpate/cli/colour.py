@@ -112,9 +112,7 @@ def feel_pictures(
     method: Method | None,
     force: bool,
 ) -> None:
-    """Compute touches from pictures of a gel that is read by colour: `palpate reconstruct PICTURE`, `palpate track
-    VIDEO`.
-    """
+    """Compute touches from pictures of a gel read by colour: `palpate reconstruct PICTURE`, `palpate track VIDEO`."""
     from palpate._plot import plot_forces as drawn
     from palpate.camera import draw_relief, feel
     from palpate.recordings import write_touch

@@ -27,9 +27,7 @@ WINDOW, STEP, NOISE = 24, 12, 0.03
 
 
 def demo_cells(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
-    """Write the files for two cells that pull at six adhesions each. Return the strain energy of both [J] in each
-    frame.
-    """
+    """Write the files for two cells that pull at six adhesions each. Return both strain energies [J] by frame."""
     import scipy.io
     import scipy.ndimage
 

@@ -67,9 +67,7 @@ channels = ["displacement_x", "displacement_y"]
 
 
 def demo_taxels(folder: Path, seed: int, own: Callable[[str], None]) -> Floats:
-    """Write 300 frames of 48 raw counts: a finger presses, slides and leaves. Return the normal force of each frame
-    [N].
-    """
+    """Write 300 frames of 48 raw counts: a finger presses, slides, leaves. Return the normal force [N] by frame."""
     from palpate import solutions
     from palpate.skin import Skin
 

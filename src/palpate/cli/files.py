@@ -63,9 +63,7 @@ def check_output(path: Path, *, inputs: Iterable[Path | None] = (), force: bool,
 def check_outputs(
     named: Mapping[str, Path | None], *, inputs: Iterable[Path | None] = (), force: bool, option: str = "--force"
 ) -> None:
-    """Check all outputs of a command, given by option; no two of them may be the same file, or one lie inside the
-    other.
-    """
+    """Check all outputs of a command, by option: no two may be the same file, or one lie inside the other."""
     sources, before = list(inputs), dict[str, Path]()
     for name, path in named.items():
         if path is None:

@@ -42,9 +42,7 @@ def identify(
     ] = None,
     shape: Annotated[str | None, typer.Option(help="ball or flat, if known.")] = None,
 ) -> None:
-    """Identify what presses: contact patches, radius of a ball or a flat, modulus, stiffness, texture; or the reason why the readings do not
-    determine them.
-    """
+    """Identify what presses: patches, radius of a ball or flat, modulus, stiffness, texture; or why not."""
     import numpy as np
 
     from palpate.recordings import read_recording

@@ -41,9 +41,7 @@ def grasp_monitor(
 
 
 def check_watched(skin: Skin, pressure: str | None, force: str | None) -> None:
-    """Raise an error for limits that these channels cannot watch, because a limit that is never reached would look
-    like safety.
-    """
+    """Refuse limits that these channels cannot watch, because a limit that is never reached would look like safety."""
     if "z" not in skin.components and not (pressure is None and force is None):
         raise InvalidInput(
             f"--max-pressure and --max-force watch the pressure, but these channels measure only {', '.join(skin.components)}: leave them out."
@@ -58,9 +56,7 @@ def numbers(text: str, option: str) -> list[float]:
 
 
 def value_and_std(text: str, kind: str, option: str) -> tuple[float, float]:
-    """Parse a quantity and its relative standard deviation: "8 kPa +- 10 %", "8 kPa +- 0.5 kPa"; the latter is 0 if
-    none is stated.
-    """
+    """Parse a quantity and its relative standard deviation (0 if not stated): "8 kPa +- 10 %", "8 kPa +- 0.5 kPa"."""
     import re
 
     from palpate.units import parse_quantity

@@ -49,9 +49,7 @@ def skin_path(skin_file: Path) -> Path:
 
 
 def assumed_skin(skin_file: Path) -> tuple[Skin, str]:
-    """Return the skin of a file, and the assumptions made. For a camera whose dots are not described, a typical
-    pattern of dots is assumed.
-    """
+    """The skin of a file, and what was assumed: a typical pattern where a camera's dots are not described."""
     from palpate.camera import dot_grid, gel_skin
     from palpate.recordings import read_camera
     from palpate.skin import Skin

@@ -38,9 +38,7 @@ LONG = 120.0
 
 
 class Bar:
-    """A progress bar with the remaining time, which a callback updates. Without a terminal it prints a line every half
-    minute.
-    """
+    """A progress bar that a callback updates, with remaining time; a line every half minute without a terminal."""
 
     def __init__(self, label: str, total: int, *, hint: str = "") -> None:
         from rich.console import Console

@@ -28,9 +28,7 @@ class _Guarded:
 
 @contextlib.contextmanager
 def guarded() -> Iterator[None]:
-    """Escape control characters on standard output and standard error, where headers, names and notes of files are
-    printed.
-    """
+    """Escape control characters on standard output and error, where headers, names and notes of files appear."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _Guarded(before[0]), _Guarded(before[1])
     try:

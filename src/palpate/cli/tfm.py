@@ -194,19 +194,19 @@ def tfm(
         raise InvalidInput("--sheet-poissons-ratio belongs to --monolayer: add it, or leave the ratio out.")
     if monolayer:
         targets |= {e: stem.with_name(stem.name + e) for e in ("-sheet.png", "-sheet.csv")}
-    theirs = [o for o, v in (("--order", order), ("--rule", rule)) if v is not None]
-    if theirs and method != "tikhonov":
-        raise InvalidInput(f"{' and '.join(theirs)} belong to --method tikhonov; --method is {method}.")
+    tikhonov_options = [o for o, v in (("--order", order), ("--rule", rule)) if v is not None]
+    if tikhonov_options and method != "tikhonov":
+        raise InvalidInput(f"{' and '.join(tikhonov_options)} belong to --method tikhonov; --method is {method}.")
     inputs = [*source, mask, image, labels, *skin_files(skin_file)]
-    beside = {"--plot": plot, "--vectors": vectors, "--tiff": tiff}
-    check_outputs({"--out": None, **{str(t): t for t in targets.values()}, **beside}, inputs=inputs, force=force)
+    extra_outputs = {"--plot": plot, "--vectors": vectors, "--tiff": tiff}
+    check_outputs({"--out": None, **{str(t): t for t in targets.values()}, **extra_outputs}, inputs=inputs, force=force)
     for option, path, accepted in (("--plot", plot, (".png", ".svg", ".pdf")), ("--vectors", vectors, (".csv",)), ("--tiff", tiff, (".tif", ".tiff"))):  # fmt: skip
         if path is not None and path.suffix.lower() not in accepted:
             raise InvalidInput(f"{option} {path}: such a file ends in {' or '.join(accepted)}. Give such a name.")
     fields = is_field(source) if all(file.exists() for file in source) else False
     pictures = [*([] if fields else source), *([] if image is None else [image])]
-    stated = _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio, pictures)
-    notes, size_of_pixel = _pixel(pixel, stated, pictures)
+    size_in_pictures = _complete(source, image, pixel, unit, step, skin_file, youngs_modulus, poissons_ratio, pictures)
+    notes, size_of_pixel = _pixel(pixel, size_in_pictures, pictures)
     if cell is not None and mask is None:
         raise InvalidInput("--cell picks a cell of a mask: give --mask.")
     corners = None if mask is None else read_mask(mask, cell=cell, pixel=size_of_pixel)
@@ -233,27 +233,27 @@ def tfm(
         if not still:
             field = field.without_drift()
     else:
-        given = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit), ("--start", start), ("--normal", normal))  # fmt: skip
-        if any(v for _, v in given):
+        of_fields = (("--unit", unit), ("--up", up), ("--v-up", v_up), ("--name", name), ("--follow", follow), ("--position-unit", position_unit), ("--start", start), ("--normal", normal))  # fmt: skip
+        if any(v for _, v in of_fields):
             raise InvalidInput(
-                f"{', '.join(o for o, v in given if v)} belong to displacement fields; {source[0]} is taken as pictures of beads: leave them out."
+                f"{', '.join(o for o, v in of_fields if v)} belong to displacement fields; {source[0]} is taken as pictures of beads: leave them out."
             )
         picks = None if frames is None else [int(n) for n in numbers(frames, "--frames")]
         if picks is not None and len(picks) != 2:
             raise InvalidInput(
                 f"--frames takes two numbers, at rest and pulled, such as --frames=-1,0; got {frames!r}."
             )
-        rest, pulled = read_pair(source, frames=None if picks is None else (picks[0], picks[1]), channel=channel)
+        at_rest, pulled = read_pair(source, frames=None if picks is None else (picks[0], picks[1]), channel=channel)
         if step is not None and step != int(step):
             raise InvalidInput(f"--step of pictures is a whole number of pixels; got {step:g}.")
-        size = size or (int(rest.shape[1]), int(rest.shape[0]))
-        if size != (rest.shape[1], rest.shape[0]):
+        size = size or (int(at_rest.shape[1]), int(at_rest.shape[0]))
+        if size != (at_rest.shape[1], at_rest.shape[0]):
             raise InvalidInput(
-                f"{image} has {size[0]} x {size[1]} pixels and the beads {rest.shape[1]} x {rest.shape[0]}: give the picture of the same field of view."
+                f"{image} has {size[0]} x {size[1]} pixels and the beads {at_rest.shape[1]} x {at_rest.shape[0]}: give the picture of the same field of view."
             )
         with busy("following the beads"):
             field = bead_displacements(
-                rest,
+                at_rest,
                 pulled,
                 pixel=size_of_pixel,
                 window=window or 32,
@@ -273,24 +273,26 @@ def tfm(
     if monolayer:
         with busy("solving the sheet"):
             sheet = sheet_tension(forces, labels=labels, size=size, poissons_ratio=sheet_ratio)
-    told = ", ".join(p.name for p in source)
-    written = [p for p in (*targets.values(), *beside.values()) if p is not None]
-    with whole_result(written) as new:
-        forces.write_report(new[targets[".html"]], title=source[0].stem, source=told, command=command_line())
-        save_figure(forces.plot(), new[targets[".png"]])
-        forces.write_table(new[targets[".csv"]])
-        forces.write_netcdf(new[targets[".nc"]], provenance=provenance(skin_text(skin_file), told))
+    source_names = ", ".join(p.name for p in source)
+    outputs = [p for p in (*targets.values(), *extra_outputs.values()) if p is not None]
+    with whole_result(outputs) as new_files:
+        forces.write_report(
+            new_files[targets[".html"]], title=source[0].stem, source=source_names, command=command_line()
+        )
+        save_figure(forces.plot(), new_files[targets[".png"]])
+        forces.write_table(new_files[targets[".csv"]])
+        forces.write_netcdf(new_files[targets[".nc"]], provenance=provenance(skin_text(skin_file), source_names))
         if plot is not None:
-            save_figure(forces.plot(), new[plot])
+            save_figure(forces.plot(), new_files[plot])
         if vectors is not None:
-            forces.write_vectors(new[vectors])
+            forces.write_vectors(new_files[vectors])
         if tiff is not None:
-            forces.write_tiff(new[tiff])
+            forces.write_tiff(new_files[tiff])
         if labelled is not None:
-            write_labels_table(rows_of(labelled, file=told, frame=0), new[targets["-labels.csv"]])
+            write_labels_table(rows_of(labelled, file=source_names, frame=0), new_files[targets["-labels.csv"]])
         if sheet is not None:
-            save_figure(sheet.plot(), new[targets["-sheet.png"]])
-            sheet.write_table(new[targets["-sheet.csv"]])
+            save_figure(sheet.plot(), new_files[targets["-sheet.png"]])
+            sheet.write_table(new_files[targets["-sheet.csv"]])
     rows, columns = field.shape
     typer.echo(f"{columns} x {rows} vectors, one every {field.step:.3g} px = {1e6 * field.pitch:.3g} um")
     if field.drift is not None:
@@ -302,7 +304,7 @@ def tfm(
         typer.echo(sheet.summary())
     for note in (*forces.notes, *(() if sheet is None else sheet.notes)):
         typer.echo(f"note: {note}", err=True)
-    typer.echo(f"wrote {', '.join(map(str, written))}")
+    typer.echo(f"wrote {', '.join(map(str, outputs))}")
 
 
 def _complete(
@@ -316,26 +318,24 @@ def _complete(
     ratio: float | None,
     pictures: list[Path],
 ) -> PixelSize | None:
-    """Raise an error if numbers are missing that no file states. Return the size of a pixel that the pictures state if
-    the user gives none.
-    """
+    """Refuse missing numbers that no file states. Return the size of a pixel, the user's or that of the pictures."""
     from palpate.microscopy import is_field
     from palpate.microscopy.pixelsize import pixel_size_of_all
 
     for file in source:
         if not file.exists():
             raise InvalidInput(f"{file}: no such file.")
-    stated = None if pixel is not None else pixel_size_of_all(pictures)
+    size_in_pictures = None if pixel is not None else pixel_size_of_all(pictures)
     # a matrix states neither its unit nor its step
     matrix = is_field(source) and all(f.suffix.lower() == ".npy" for f in source)
     needed = [
-        ('--pixel "0.1 um" (the size of a pixel)', pixel is None and stated is None),
+        ('--pixel "0.1 um" (the size of a pixel)', pixel is None and size_in_pictures is None),
         ("--unit px (of the displacements; or um, m)", matrix and unit is None),
         ("--step 8 (pixels from vector to vector)", matrix and step is None and image is None),
         ('--youngs-modulus "8 kPa"', skin is None and modulus is None),
         ("--poissons-ratio 0.48", skin is None and ratio is None),
     ]
-    lacking = [said for said, lacks in needed if lacks]
+    lacking = [option for option, lacks in needed if lacks]
     if lacking:
         gel = (
             " A --skin gel.toml may describe the gel instead."
@@ -343,20 +343,20 @@ def _complete(
             else ""
         )
         raise InvalidInput(f"give what no file states, such as {', '.join(lacking)}.{gel}")
-    return stated
+    return size_in_pictures
 
 
-def _pixel(given: str | None, stated: PixelSize | None, pictures: list[Path]) -> tuple[list[str], float]:
+def _pixel(text: str | None, size_in_pictures: PixelSize | None, pictures: list[Path]) -> tuple[list[str], float]:
     """Return remarks on the size of a pixel, and the size [m], from the user or from the pictures."""
     from palpate.microscopy.pixelsize import differing
     from palpate.units import parse_quantity
 
-    if stated is not None:
-        return [f"a pixel is {stated}: {stated.said} says so"], stated.x
-    size = parse_quantity(given, "length", "--pixel")
+    if size_in_pictures is not None:
+        return [f"a pixel is {size_in_pictures}: {size_in_pictures.said} says so"], size_in_pictures.x
+    size = parse_quantity(text, "length", "--pixel")
     if size <= 0:
-        raise InvalidInput(f"--pixel must be positive; got {given!r}.")
-    return [said for path in pictures if (said := differing(path, size))], size
+        raise InvalidInput(f"--pixel must be positive; got {text!r}.")
+    return [remark for path in pictures if (remark := differing(path, size))], size
 
 
 def _gel(
@@ -373,9 +373,9 @@ def _gel(
         ("--thickness", thickness),
     ]
     if skin_file is not None:
-        said = [o for o, v in options if v is not None] + (["--depth"] if depth != "0 um" else [])
-        if said:
-            raise InvalidInput(f"{', '.join(said)}: {skin_file} describes the gel; give either.")
+        contradicting = [o for o, v in options if v is not None] + (["--depth"] if depth != "0 um" else [])
+        if contradicting:
+            raise InvalidInput(f"{', '.join(contradicting)}: {skin_file} describes the gel; give either.")
         pad, planes, _, _ = read_skin(skin_file, field.recording())
         if len(planes) != 1 or set(planes[0].channels) != {"displacement_x", "displacement_y"}:
             raise InvalidInput(

@@ -127,9 +127,7 @@ class PressModel:
         return np.stack(columns, axis=1), gain * np.abs(self.readings)
 
     def bound(self, kinds: Sequence[str] | None, uncertainty: Uncertainty | None = None) -> Bound:
-        """Return the bound with unknown offsets and other nuisances, and with the ``uncertainty`` of the skin if
-        given.
-        """
+        """Bound with unknown offsets and other nuisances, and with the ``uncertainty`` of the skin if given."""
         weights, others, prior = self.unknowns(kinds, uncertainty)
         own = self.jacobian.shape[1]
         prior = np.concatenate([np.zeros(own), prior])

@@ -42,6 +42,14 @@ class Noticed:
         In the order of the array axes.
     force : array (n,) [N]
         Infinite where the readings do not detect it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.design import Noticed
+    >>> noticed = Noticed(np.zeros((3, 1)), np.array([1.0, 1.0, 9.0]))
+    >>> noticed.median, round(noticed.blind, 2)
+    (1.0, 0.33)
     """
 
     places: Floats
@@ -49,28 +57,12 @@ class Noticed:
 
     @property
     def median(self) -> float:
-        """Smallest detectable force at the median place [N].
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.design import Noticed
-        >>> Noticed(np.zeros((3, 1)), np.array([1.0, 1.0, 9.0])).median
-        1.0
-        """
+        """Smallest detectable force at the median place [N]."""
         return float(np.median(self.force))
 
     @property
     def blind(self) -> float:
-        """Fraction of the places with a smallest detectable force of more than three times the median.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.design import Noticed
-        >>> round(Noticed(np.zeros((3, 1)), np.array([1.0, 1.0, 9.0])).blind, 2)
-        0.33
-        """
+        """Fraction of the places with a smallest detectable force of more than three times the median."""
         median = self.median
         return 1.0 if math.isinf(median) else float((self.force > BLIND * median).mean())
 

@@ -59,16 +59,7 @@ class Placement:
     center_std: Floats = field(repr=False)
 
     def plot(self) -> Figure:
-        """Plot the taxels over the standard deviation of the force (a matplotlib Figure).
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import place
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(4, 4), pitch=4e-3, depth=3e-3, channels=["stress_zz"], noise=100.0)
-        >>> figure = place(pp.Skin(pad, array), count=9, extent=(16e-3, 16e-3)).plot()
-        """
+        """Plot the taxels over the standard deviation of the force (a matplotlib Figure)."""
         from palpate.design.figures import plot_places
 
         return plot_places(self)

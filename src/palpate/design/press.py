@@ -37,8 +37,8 @@ class Press:
     --------
     >>> from palpate.design import Press
     >>> press = Press(force=2.0, contact_radius=2e-3, shear=0.3, friction=0.6)
-    >>> round(press.mean_pressure(2))  # F / (pi a^2) [Pa]
-    159155
+    >>> round(press.mean_pressure(2)), press.contact_area(1)  # F / (pi a^2) [Pa] of an area, 2 a [m] of a line
+    (159155, 0.004)
     """
 
     force: float
@@ -66,25 +66,11 @@ class Press:
             object.__setattr__(self, "center", (float(place[0]), float(place[1])))
 
     def mean_pressure(self, dimensions: int) -> float:
-        """F/(pi a^2) in area contact (2), F/(2 a) in line contact (1) [Pa].
-
-        Examples
-        --------
-        >>> from palpate.design import Press
-        >>> Press(force=100.0, contact_radius=5e-3).mean_pressure(1)
-        10000.0
-        """
+        """F/(pi a^2) in area contact (2), F/(2 a) in line contact (1) [Pa]."""
         return self.force / self.contact_area(dimensions)
 
     def contact_area(self, dimensions: int) -> float:
-        """pi a^2 [m^2] in area contact (2), 2 a [m] in line contact (1).
-
-        Examples
-        --------
-        >>> from palpate.design import Press
-        >>> Press(force=100.0, contact_radius=5e-3).contact_area(1)
-        0.01
-        """
+        """pi a^2 [m^2] in area contact (2), 2 a [m] in line contact (1)."""
         return math.pi * self.contact_radius**2 if dimensions == 2 else 2.0 * self.contact_radius
 
     def components(self, names: tuple[str, ...]) -> dict[str, float]:

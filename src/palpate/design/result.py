@@ -61,10 +61,22 @@ class Design:
     --------
     >>> import palpate as pp
     >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-    >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
+    >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0, limits=(0.0, 2e4))
     >>> found = pp.Skin(pad, array).design(force=1.0, contact_radius=2e-3)
     >>> found.taxels, found.components, bool(0 < found.known.force[0] < found.bound.force[0])
     (64, ('z',), True)
+
+    >>> bool(1e-3 < found.width("z") < 6e-3), found.range < found.linear  # the readings end before the pad does
+    (True, True)
+
+    >>> print(found.lines()[0])
+    64 taxels, 64 readings; a press of 1 N over a radius of 2 mm
+
+    >>> found.notes()[0][:55]
+    'The press of 1 N is beyond the range: a reading reaches'
+
+    >>> sorted(found.numbers())[:4]
+    ['blind', 'center', 'force', 'force_known']
     """
 
     press: Press
@@ -91,15 +103,6 @@ class Design:
         ------
         InvalidInput
             A component that is not estimated.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.LineArray(count=41, pitch=1e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
-        >>> found = pp.Skin(pad, array).design(force=100.0, contact_radius=2e-3)
-        >>> 1e-3 < found.width("z") < 6e-3
-        True
         """
         if component not in self.point_spread:
             raise InvalidInput(f"component must be one of {', '.join(self.components)}; got {component!r}.")
@@ -109,29 +112,11 @@ class Design:
     def range(self) -> float:
         """Largest normal force that can be measured: up to the end of a reading's range or of linear elasticity,
         whichever comes first.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> how = {"pitch": 2e-3, "depth": 2e-3, "channels": ["stress_zz"], "noise": 100.0}
-        >>> found = pp.Skin(pad, pp.AreaArray(shape=(8, 8), limits=(0.0, 2e4), **how)).design(contact_radius=2e-3)
-        >>> found.range < found.linear  # the readings end before the pad does
-        True
         """
         return min(self.saturation, self.linear)
 
     def numbers(self) -> dict[str, float]:
-        """Return one number for each column of a table of designs, in SI units.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.LineArray(count=41, pitch=1e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
-        >>> sorted(pp.Skin(pad, array).design(force=100.0, contact_radius=2e-3).numbers())[:4]
-        ['blind', 'center', 'force', 'force_known']
-        """
+        """Return one number for each column of a table of designs, in SI units."""
         shears = [i for i, c in enumerate(self.components) if c != "z"]
 
         def of(bound: Bound) -> tuple[float, float]:
@@ -162,16 +147,7 @@ class Design:
         return "\n".join(self.lines())
 
     def lines(self) -> list[str]:
-        """Return the numbers, one to a line, then the notes.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
-        >>> print(pp.Skin(pad, array).design(force=1.0, contact_radius=2e-3).lines()[0])
-        64 taxels, 64 readings; a press of 1 N over a radius of 2 mm
-        """
+        """Return the numbers, one to a line, then the notes."""
         d, n = self.dimensions, "N" if self.dimensions == 2 else "N/m"
         over = "radius" if d == 2 else "half-width"
         out = [
@@ -207,16 +183,7 @@ class Design:
         return [*out, *self.notes()]
 
     def notes(self) -> list[str]:
-        """The limits of the design, in plain words.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=8e-3, channels=["stress_zz"], noise=2e3)
-        >>> print(pp.Skin(pad, array).design(force=1.0, contact_radius=2e-3).notes()[0])
-        No pair of tips up to 8 mm apart can be told apart at this noise.
-        """
+        """The limits of the design, in plain words."""
         out = []
         if self.press.shear and not set(self.components) & {"x"}:
             out.append(
@@ -247,15 +214,7 @@ class Design:
         return out
 
     def plot(self) -> object:
-        """Plot the point-spread functions and the smallest detectable force over the array (a matplotlib Figure).
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
-        >>> figure = pp.Skin(pad, array).design(force=1.0, contact_radius=2e-3).plot()
-        """
+        """Plot the point-spread functions and the smallest detectable force over the array (a matplotlib Figure)."""
         from palpate.design.figures import plot_design
 
         return plot_design(self)

@@ -90,11 +90,20 @@ class Sweep:
     >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
     >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=2e3)
     >>> found = sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3, 6e-3], goals={"pair": 3.5e-3})
-    >>> found.ranked("noticed").points[0]
-    {'depth': 0.001}
+    >>> found.ranked("noticed").points[0], found.meets().tolist()
+    ({'depth': 0.001}, [True, True, False])
+
+    >>> bool(found.numbers("noticed")[0] < found.numbers("noticed")[1])  # taxels near the surface notice more
+    True
 
     >>> print(found.notes()[0])
     Deeper than 2 mm a pair 3.5 mm apart cannot be told apart at this noise.
+
+    >>> print(found.text(columns=["force"]).splitlines()[0].split())
+    ['depth', 'force', '[mN]', 'score', 'goals']
+
+    >>> found.csv().splitlines()[0][:30], found.dataset().sizes["design"]
+    ('depth,force,shear,center,radiu', 3)
     """
 
     points: tuple[dict[str, Any], ...]
@@ -112,16 +121,6 @@ class Sweep:
         ------
         InvalidInput
             A number that there is not.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import sweep
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
-        >>> found = sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3])
-        >>> bool(found.numbers("noticed")[0] < found.numbers("noticed")[1])  # taxels near the surface notice more
-        True
         """
         if name == "score":
             return self._scores()
@@ -142,17 +141,7 @@ class Sweep:
         return np.exp(np.mean(logs, axis=0)) if logs else np.ones(len(self))
 
     def meets(self) -> Any:
-        """Whether each design meets all goals.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import sweep
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=2e3)
-        >>> sweep(pp.Skin(pad, array), depth=[2e-3, 6e-3], goals={"pair": 3.5e-3}).meets().tolist()
-        [True, False]
-        """
+        """Whether each design meets all goals."""
         out = np.ones(len(self), dtype=bool)
         for name, goal in self.goals.items():
             out &= self._reaches(name, goal)
@@ -170,16 +159,6 @@ class Sweep:
         ------
         InvalidInput
             A number that there is not.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import sweep
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
-        >>> found = sweep(pp.Skin(pad, array), noise=[500.0, 100.0])
-        >>> [point["noise"] for point in found.ranked(by="force").points]
-        [100.0, 500.0]
         """
         values = self.numbers(by)
         values = np.nan_to_num(-values if by == "range" else values, nan=math.inf, posinf=math.inf)
@@ -189,17 +168,7 @@ class Sweep:
         )
 
     def notes(self) -> list[str]:
-        """The values at which a goal is no longer met, in plain words; and designs that could not be built.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import sweep
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
-        >>> sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3], goals={"pair": 3e-3}).notes()
-        []
-        """
+        """The values at which a goal is no longer met, in plain words; and designs that could not be built."""
         out = []
         for goal, most in self.goals.items():
             reached = self._reaches(goal, most)
@@ -225,17 +194,7 @@ class Sweep:
         return out
 
     def dataset(self) -> xarray.Dataset:
-        """A dataset with the axis "design": the variables, and the numbers in SI units.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import sweep
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
-        >>> sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3]).dataset().sizes["design"]
-        2
-        """
+        """A dataset with the axis "design": the variables, and the numbers in SI units."""
         import xarray
 
         columns: dict[str, Any] = {name: ("design", self.numbers(name)) for name in (*NUMBERS, "score")}
@@ -249,17 +208,7 @@ class Sweep:
         most: int | None = None,
         columns: Sequence[str] = ("force", "shear", "center", "pair", "width", "noticed", "range"),
     ) -> str:
-        """A table, one design a line, in order; columns without any number are left out.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import sweep
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
-        >>> print(sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3]).text(columns=["force"]).splitlines()[0].split())
-        ['depth', 'force', '[mN]', 'score']
-        """
+        """A table, one design a line, in order; columns without any number are left out."""
         axes = list(dict.fromkeys(key for p in self.points for key in p))
         shown = [c for c in columns if not np.isnan(self.numbers(c)).all()]
         head = [*axes, *(f"{c} [{NUMBERS[c][2]}]" for c in shown), "score", *(["goals"] if self.goals else [])]
@@ -277,17 +226,7 @@ class Sweep:
         return "\n".join([*lines, *([f"... and {left} more"] if left else [])])
 
     def csv(self) -> str:
-        """All designs as comma-separated text: the variables, the numbers in SI units, the score.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> from palpate.design import sweep
-        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
-        >>> array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=500.0)
-        >>> sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3]).csv().splitlines()[0]
-        'depth,force,shear,center,radius,friction_reserve,width,pair,wavelength,noticed,blind,range,score'
-        """
+        """All designs as comma-separated text: the variables, the numbers in SI units, the score."""
         axes = list(dict.fromkeys(key for p in self.points for key in p))
         lines = [",".join([*axes, *NUMBERS, "score"])]
         for point, made, score in zip(self.points, self.designs, self._scores()):

@@ -157,9 +157,7 @@ def profile(shapes: Shapes, data: Data, best: Fit, contact: int, rise: float) ->
 
 
 def columns_of(shapes: Shapes, data: Data, best: Fit) -> Floats:
-    """Return orthonormal rows that span the derivatives of the whitened readings with respect to all parameters of a
-    fit.
-    """
+    """Orthonormal rows that span the derivatives of the whitened readings with respect to all parameters of a fit."""
     now = _project(shapes, data, best.shape, best.centers, best.radii)
     slopes = _slopes(shapes, data, best.shape, best.centers, best.radii, now)
     sizes = np.linalg.norm(slopes, axis=1)

@@ -193,9 +193,7 @@ def _curvature(found: Contact, radius: float, force: float) -> float:
 
 
 def _sized(found: Contact, of: Callable[[float, float], float], *, more: float = 0.0) -> Finding:
-    """Return a length that is a function ``of`` (contact radius, force), with its interval from the ends of the
-    profile.
-    """
+    """Length that is a function ``of`` (contact radius, force), with its interval from the ends of the profile."""
     value = of(found.radius, found.force)
     shifted = sum((s * math.log(of(a, f) / value)) ** 2 for a, f, s in found.shifts)
     extra = NORMAL * math.sqrt(shifted + more**2)

@@ -316,9 +316,7 @@ class Measured:
         return out
 
     def compliance(self, depth: float) -> Floats:
-        """Return the compliance (6, 6) [1/Pa] of that half-space, which is so stiff that no warnings about strain are
-        given.
-        """
+        """Compliance (6, 6) [1/Pa] of that half-space, which is so stiff that no warnings about strain are given."""
         return _STANDS_FOR.compliance(depth)
 
     def mean_compliance(self, depth: float) -> Floats | None:
@@ -375,7 +373,7 @@ class Measured:
     def _check(self, array: Array) -> None:
         if not isinstance(array, AreaArray | ScatteredArray) or array.dimensions != 2:
             raise Unsupported(
-                f"a measured pad is touched on an area, and a {type(array).__name__} is in line contact. Use the array of the table (Measured.array)."
+                f"a measured pad needs taxels spread over an area, and a {type(array).__name__} is a line of taxels. Use the array of the table (Measured.array)."
             )
 
     def _rows(self, array: AreaArray | ScatteredArray) -> npt.NDArray[np.intp]:

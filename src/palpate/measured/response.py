@@ -214,9 +214,7 @@ def fitted(
 
 
 def spacing(presses: Floats) -> float:
-    """Return the mean distance of neighbouring presses [m]: that of a square grid with as many places over the same
-    extent.
-    """
+    """Mean distance of neighbouring presses [m]: that of a square grid with as many places over the same extent."""
     places = np.unique(presses, axis=0)
     extent, n = np.ptp(places, axis=0), len(places)
     half = 0.5 * float(extent.sum()) / max(n - 1, 1)

@@ -78,9 +78,7 @@ class Sample:
     score: float = 0.0
 
     def on(self, x: Floats, y: Floats, side: float) -> Floats:
-        """Return the mean traction (2, y, x) [Pa] over squares of side ``side`` [m] that are centred on the columns
-        ``x`` and rows ``y`` [m].
-        """
+        """Mean traction (2, y, x) [Pa] over squares of side ``side`` [m] centred on columns ``x``, rows ``y`` [m]."""
         places, variance, forces = self.places, self.variance, self.forces
         if self.profiles is not None:
             places, variance, part, number = profiled(places, variance, self.profiles, side)
@@ -96,22 +94,16 @@ class Sample:
         return out / side**2
 
     def work(self, response: Response, shift: Floats) -> Floats:
-        """Return the work of each blob (blob,) [J]: half its force times the displacement there, from which ``shift``
-        (2,) [m] is subtracted.
-        """
+        """Work of each blob (blob,) [J]: half its force times the displacement there, less ``shift`` (2,) [m]."""
         return np.asarray(work_of(self.places, self.variance, self.forces, response) - 0.5 * self.forces @ shift)
 
     def share(self, x: Floats, y: Floats, side: float, where: Flags) -> Floats:
-        """Return the fraction of each blob (blob,) that lies on the squares of side ``side`` [m] that ``where`` (y, x)
-        marks.
-        """
+        """Fraction of each blob (blob,) that lies on the squares of side ``side`` [m] that ``where`` (y, x) marks."""
         columns, rows = painted(self.places, self.variance, x, y, side)
         return np.asarray(((rows @ where) * columns).sum(axis=1))
 
     def moved(self, places: Floats, variance: float, response: Response) -> Floats:
-        """Return the displacement (2, n) [m] of the gel at ``places`` (n, 2) [m], averaged over a square of variance
-        ``variance`` [m^2].
-        """
+        """Displacement (2, n) [m] of the gel at ``places`` (n, 2) [m], a mean over a square of ``variance`` [m^2]."""
         apart = places[:, None, :] - self.places[None, :, :]
         xx, xy, yy = response.tensor(apart[..., 0], apart[..., 1], self.variance[None, :] + variance)
         fx, fy = self.forces.T
@@ -120,9 +112,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Result of the chains: the ``samples``, the standard deviation of the noise [m], the vectors that were excluded,
-    and notes.
-    """
+    """Result of the chains: ``samples``, standard deviation of the noise [m], excluded vectors, notes."""
 
     samples: list[Sample]
     response: Response
@@ -151,25 +141,25 @@ def sampled(
     """
     ratio = math.ceil(max(field.shape) / WIDEST)
     if ratio > 1:
-        few, where = _thinned(field, ratio, likely)
+        thinned, tiles_expected = _thinned(field, ratio, likely)
         coarse = sampled(
-            few,
+            thinned,
             pad,
             depth=depth,
             noise=None if noise is None else noise / ratio,
-            likely=where,
+            likely=tiles_expected,
             drift=drift,
             draws=draws,
             seed=seed,
         )
         first = 0.5 * (ratio - 1) * field.pitch
         out = np.zeros(field.shape, dtype=bool)
-        rows, columns = (n * ratio for n in few.shape)
+        rows, columns = (n * ratio for n in thinned.shape)
         out[:rows, :columns] = np.repeat(np.repeat(coarse.left_out, ratio, axis=0), ratio, axis=1)
-        said = f"{field.shape[1]} x {field.shape[0]} vectors are more than the traction needs: means of {ratio} x {ratio} of them are solved"
-        moved = [replace(s, places=s.places + first) for s in coarse.samples]
+        note = f"{field.shape[1]} x {field.shape[0]} vectors are more than the traction needs: means of {ratio} x {ratio} of them are solved"
+        shifted = [replace(s, places=s.places + first) for s in coarse.samples]
         return replace(
-            coarse, samples=moved, noise=coarse.noise * ratio, left_out=out & field.valid, notes=(said, *coarse.notes)
+            coarse, samples=shifted, noise=coarse.noise * ratio, left_out=out & field.valid, notes=(note, *coarse.notes)
         )
     pitch, window, shape = field.pitch, field.aperture, field.shape
     least = max(LEAST, LEAST_PITCHES * pitch)
@@ -177,7 +167,7 @@ def sampled(
     response = Response.of(pad, depth, least, reach)
     # work is done by the displacement of the surface, however deep the beads lie
     surface = response if depth == 0 else Response.of(pad, 0.0, least, reach)
-    there = field.valid
+    valid = field.valid
     u = field.displacement - (np.nanmedian(field.displacement, axis=(1, 2), keepdims=True) if drift else 0.0)
     stated = noise is None and field.std is not None and bool(np.isfinite(field.std).any())
     shape_of_noise, level = Noise.even(shape), noise or 0.0
@@ -188,14 +178,14 @@ def sampled(
         # outliers inflate the estimate: 3 % of them by a factor of 1.4
         level = noise_of(np.where(outliers(u, level), np.nan, u))
     level = max(level, MODEL * float(np.nanquantile(np.abs(u), 0.99)), 1e-300)
-    bad = outliers(u, level * shape_of_noise.relative) & there
+    bad = outliers(u, level * shape_of_noise.relative) & valid
     # an adhesion finer than the spacing of vectors looks like an outlier: the chain samples which of the two it is
-    doubtful = find_doubtful(u, bad, there, level)
-    wrong = np.zeros(shape)
+    doubtful = find_doubtful(u, bad, valid, level)
+    outlier_share = np.zeros(shape)
     bad &= ~doubtful
-    u = np.where(there, u, 0.0)
+    u = np.where(valid, u, 0.0)
     notes: list[str] = []
-    guess, margin = first_guess(u, there & ~bad & ~doubtful, response, pitch, window, level)
+    guess, margin = first_guess(u, valid & ~bad & ~doubtful, response, pitch, window, level)
     power = scipy.ndimage.gaussian_filter((guess**2).sum(axis=0), 0.7)
     inner = tuple(slice(m, m + n) for m, n in zip(margin, shape))
     weight = np.full(power.shape, OUTSIDE)
@@ -208,7 +198,7 @@ def sampled(
     sizes = least, min(max(MIDDLE, MIDDLE_PITCHES * pitch), 0.9 * largest), max(largest, 2.0 * least)
     strong = (power > STRONG * power.max())[inner] if power.max() > 0 else np.zeros(shape, dtype=bool)
     every = _every(field)
-    known = noise is not None
+    noise_known = noise is not None
     rough = level
     samples: list[Sample] = []
     noises = []
@@ -220,45 +210,34 @@ def sampled(
     def odds() -> float:
         """Return the log prior odds that a vector near traction is an outlier."""
         wrong = WRONG * COUNTED + float(bad.sum())
-        return math.log(wrong / (COUNTED + float((there & ~doubtful).sum()) - wrong))
+        return math.log(wrong / (COUNTED + float((valid & ~doubtful).sum()) - wrong))
+
+    def burnt_in(rng: np.random.Generator) -> Chain:
+        """Start a chain with the present noise and outliers, past its burn-in."""
+        vectors = vectors_of(u, valid & ~bad, pitch, window, strong, shape_of_noise, doubtful)
+        start = chain(vectors, noise=level, known=noise_known, odds=odds(), rng=rng)
+        walk = _start_blobs(start, u, valid & ~bad, guess, margin, every, window)
+        walk.walk(BURN)
+        return walk
 
     for number in range(CHAINS):
-        vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
         rng, shapes = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
-
-        walk = _start_blobs(
-            chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
-            u,
-            there & ~bad,
-            guess,
-            margin,
-            every,
-            window,
-        )
-        walk.walk(BURN)
+        walk = burnt_in(rng)
         if number == 0:
-            left = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
-            found = _find_outliers(left, u - left, walk.noise * shape_of_noise.relative, bad, there) & ~doubtful
-            shared = 1.0 if noise is not None or stated else _shared(left, there & ~found)
-            if shared > 1.0:
+            residual = u - walk.modelled(every, walk.forces()[0]).reshape(2, *shape)
+            flagged = (
+                _find_outliers(residual, u - residual, walk.noise * shape_of_noise.relative, bad, valid) & ~doubtful
+            )
+            correlation = 1.0 if noise is not None or stated else _shared(residual, valid & ~flagged)
+            if correlation > 1.0:
                 # noise that neighbours share is this much larger at the wavelengths of traction
-                level, known = walk.noise * math.sqrt(shared), True
+                level, noise_known = walk.noise * math.sqrt(correlation), True
                 notes.append(
-                    f"neighbouring vectors share noise, as windows that overlap do: it counts {math.sqrt(shared):.2g} times in traction"
+                    f"neighbouring vectors share noise, as windows that overlap do: it counts {math.sqrt(correlation):.2g} times in traction"
                 )
-            if shared > 1.0 or (found != bad).any():
-                bad = found
-                vectors = vectors_of(u, there & ~bad, pitch, window, strong, shape_of_noise, doubtful)
-                walk = _start_blobs(
-                    chain(vectors, noise=level, known=known, odds=odds(), rng=rng),
-                    u,
-                    there & ~bad,
-                    guess,
-                    margin,
-                    every,
-                    window,
-                )
-                walk.walk(BURN)
+            if correlation > 1.0 or (flagged != bad).any():
+                bad = flagged
+                walk = burnt_in(rng)
         for _ in range(math.ceil(draws / CHAINS)):
             walk.walk(BETWEEN)
             # the data cannot tell the profile of an adhesion smaller than the window: draw one at random
@@ -267,12 +246,12 @@ def sampled(
             score = float((size - walk.middle).sum()) / SIZE**2
             samples.append(Sample(np.stack([x, y], axis=1), np.exp(2 * size), walk.forces()[1], profiles, score))
             noises.append(walk.noise)
-            wrong[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
-    bad |= wrong > 0.5
+            outlier_share[doubtful] += walk.wrong / (CHAINS * math.ceil(draws / CHAINS))
+    bad |= outlier_share > 0.5
     level = float(np.mean(noises))
     if bad.any():
         notes.append(
-            f"{int(bad.sum())} of {int(there.sum())} vectors are left out as outliers: neither noise nor traction explains them"
+            f"{int(bad.sum())} of {int(valid.sum())} vectors are left out as outliers: neither noise nor traction explains them"
         )
     if max(len(s.forces) for s in samples) >= MOST:
         notes.append(
@@ -282,22 +261,22 @@ def sampled(
 
 
 def _thinned(field: Field, ratio: int, likely: Flags | None) -> tuple[Field, Flags | None]:
-    """Average the field over tiles of ``ratio`` x ``ratio`` vectors, skipping missing ones, and mark the tiles of
-    which most is ``likely``.
-    """
+    """Average a field over tiles of ``ratio`` x ``ratio`` vectors; mark tiles that are mostly ``likely``."""
     rows, columns = (n // ratio for n in field.shape)
 
     def tiles(values: Any) -> Any:
         return values[..., : rows * ratio, : columns * ratio].reshape(*values.shape[:-2], rows, ratio, columns, ratio)
 
-    there = tiles(field.valid).mean(axis=(1, 3))
-    u = tiles(np.nan_to_num(field.displacement)).mean(axis=(2, 4)) / np.where(there > 0.5, there, np.nan)
+    valid = tiles(field.valid).mean(axis=(1, 3))
+    u = tiles(np.nan_to_num(field.displacement)).mean(axis=(2, 4)) / np.where(valid > 0.5, valid, np.nan)
     side = math.sqrt(field.aperture**2 + (ratio**2 - 1) * field.pitch**2)
     std = None
     if field.std is not None:
         s = np.where(field.valid, np.nan_to_num(field.std), 0.0)
-        alone = np.sqrt(tiles(s**2).sum(axis=(2, 4)) / np.maximum(tiles(field.valid * 1.0).sum(axis=(1, 3)), 1.0))
-        std = np.where(np.isfinite(u), alone * math.sqrt(_of_mean(ratio, field)), np.nan)
+        error_of_mean = np.sqrt(
+            tiles(s**2).sum(axis=(2, 4)) / np.maximum(tiles(field.valid * 1.0).sum(axis=(1, 3)), 1.0)
+        )
+        std = np.where(np.isfinite(u), error_of_mean * math.sqrt(_of_mean(ratio, field)), np.nan)
     few = Field(
         displacement=u,
         std=std,
@@ -326,14 +305,14 @@ def _every(field: Field) -> Vectors:
 
 
 def _start_blobs(
-    walk: Chain, u: Floats, there: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
+    walk: Chain, u: Floats, valid: Flags, guess: Floats, margin: tuple[int, int], every: Vectors, window: float
 ) -> Chain:
     """Place blobs at the maxima of the first guess, then at those of the residual, and return the chain."""
     pitch, rng = walk.places.pitch, walk.rng
     for number in range(ROUNDS):
         if number:
-            left = u - walk.modelled(every, walk.forces()[0]).reshape(u.shape)
-            guess, margin = first_guess(left, there, walk.response, pitch, window, walk.noise)
+            residual = u - walk.modelled(every, walk.forces()[0]).reshape(u.shape)
+            guess, margin = first_guess(residual, valid, walk.response, pitch, window, walk.noise)
         power = scipy.ndimage.gaussian_filter((guess**2).sum(axis=0), 0.7)
         if not power.max() > 0:
             break
@@ -341,8 +320,8 @@ def _start_blobs(
             walk.level = 0.5 * math.log(float(power.max()))
         peaks = np.argwhere((power == scipy.ndimage.maximum_filter(power, 3)) & (power > FAINT * power.max()))
         for row, column in sorted(peaks.tolist(), key=lambda p: -float(power[p[0], p[1]]))[:MAXIMA]:
-            near = guess[:, max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
-            force = math.hypot(*near.sum(axis=(1, 2))) * pitch**2
+            around = guess[:, max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+            force = math.hypot(*around.sum(axis=(1, 2))) * pitch**2
             size = math.log(0.4 * pitch) + 0.3 * rng.standard_normal()
             x, y = (pitch * (n - m + 0.2 * rng.standard_normal()) for n, m in ((column, margin[1]), (row, margin[0])))
             size = min(max(size, walk.least + 0.01), walk.largest - 0.01)
@@ -352,25 +331,21 @@ def _start_blobs(
     return walk
 
 
-def _find_outliers(left: Floats, modelled: Floats, noise: Floats, bad: Flags, there: Flags) -> Flags:
-    """Return the vectors whose residuals mark them as outliers. ``DETAIL`` allows for adhesions that blobs do not
-    describe exactly.
-    """
-    size = np.abs(left).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
-    return np.asarray(there & ((size > LEFT) | (bad & (size > BACK))))
+def _find_outliers(residual: Floats, modelled: Floats, noise: Floats, bad: Flags, valid: Flags) -> Flags:
+    """Vectors whose residuals mark them as outliers; ``DETAIL`` allows for what blobs do not describe exactly."""
+    size = np.abs(residual).max(axis=0) / (noise + DETAIL / LEFT * np.hypot(*modelled))
+    return np.asarray(valid & ((size > LEFT) | (bad & (size > BACK))))
 
 
-def _shared(left: Floats, there: Flags) -> float:
-    """Return the sum of the correlations of each residual with its neighbours' residuals; 1 if residuals are
-    independent.
-    """
-    r = np.where(there, left, 0.0)
-    power = float((r**2).sum()) / max(float(there.sum()), 1.0)
+def _shared(residual: Floats, valid: Flags) -> float:
+    """Sum of the correlations of each residual with its neighbours' residuals; 1 if residuals are independent."""
+    r = np.where(valid, residual, 0.0)
+    power = float((r**2).sum()) / max(float(valid.sum()), 1.0)
 
     def of(rows: int, columns: int) -> float:
         first: Any = (slice(0, r.shape[1] - rows), slice(0, r.shape[2] - columns))
         second: Any = (slice(rows, None), slice(columns, None))
-        pairs = float((there[first] & there[second]).sum())
+        pairs = float((valid[first] & valid[second]).sum())
         return (
             float((r[(slice(None), *first)] * r[(slice(None), *second)]).sum()) / max(pairs, 1.0) / max(power, 1e-300)
         )
@@ -422,9 +397,7 @@ class Maps:
 
 @dataclass(frozen=True, kw_only=True)
 class Adhesions(Method):
-    """Makes the samples of a field look like a reconstruction method, so that the result is a `palpate.touch.Touch`
-    like any other.
-    """
+    """Makes samples look like a reconstruction method, so that the result is a `palpate.touch.Touch`."""
 
     name: ClassVar[str] = "adhesions"
     summary: ClassVar[str] = "adhesions, sampled"
@@ -453,17 +426,17 @@ class _Prepared:
         grid: Any = self.grid
         if np.ndim(readings[0]) != 3:
             raise Unsupported("one frame was sampled, and this is a batch.")
-        whole, error = np.zeros((2, 3, *grid.shape))
-        whole[:2], error[:2] = self.maps.mean, self.maps.std
+        traction, error = np.zeros((2, 3, *grid.shape))
+        traction[:2], error[:2] = self.maps.mean, self.maps.std
         nothing = np.zeros(3)
-        center = np.full(len(center_rows(grid, whole[2] + 1.0)), math.nan)
+        center = np.full(len(center_rows(grid, traction[2] + 1.0)), math.nan)
         errors = Errors(
-            traction=error, force=self.maps.force, moment=self.maps.moment, center=center, peak=np.asarray(math.nan), variance_reduction=np.full(whole.shape, math.nan),
-            outside_traction=np.zeros_like(whole), outside_force=nothing, outside_moment=nothing, outside_center=np.zeros(len(center)), outside_peak=np.asarray(0.0), beyond_force=nothing,
+            traction=error, force=self.maps.force, moment=self.maps.moment, center=center, peak=np.asarray(math.nan), variance_reduction=np.full(traction.shape, math.nan),
+            outside_traction=np.zeros_like(traction), outside_force=nothing, outside_moment=nothing, outside_center=np.zeros(len(center)), outside_peak=np.asarray(0.0), beyond_force=nothing,
         )  # fmt: skip
         noise = np.asarray(self.found.noise)
         return Estimate(
-            whole,
+            traction,
             None,
             noise,
             np.asarray(self.found.excess),

@@ -192,9 +192,7 @@ def _evened(image: Floats, length: float) -> Floats:
 
 
 def _shift(a: Floats, b: Floats) -> tuple[int, int]:
-    """Return the shift (row, column) of ``b`` relative to ``a`` in whole pixels, from the cross-correlation of the
-    whole pictures.
-    """
+    """Shift (row, column) of ``b`` relative to ``a`` in whole pixels, by cross-correlation of whole pictures."""
     shape = [scipy.fft.next_fast_len(n, True) for n in a.shape]
     product = np.conj(scipy.fft.rfft2(a, shape)) * scipy.fft.rfft2(b, shape)
     surface = scipy.fft.irfft2(product, shape)
@@ -204,9 +202,7 @@ def _shift(a: Floats, b: Floats) -> tuple[int, int]:
 
 
 def _coarse(a: Floats, b: Floats, grid: Any, window: int) -> Floats:
-    """Return displacements (2, row, column) [px] along x and y on the grid: shift the second picture as a whole, then
-    cross-correlate wide windows.
-    """
+    """Displacements (2, row, column) [px] on the grid: shift the second picture, then correlate wide windows."""
     wide = min(max(64, 2 * window), min(a.shape) // 2)
     row, column = _shift(a, b)
     moved = np.roll(b, (-row, -column), axis=(0, 1))
@@ -341,9 +337,7 @@ class _Fine:
 
 
 def _between(grid: Floats, count: int) -> Floats:
-    """Return the matrix that interpolates linearly from a grid to every pixel along an axis; beyond the ends of the
-    grid it repeats the end values.
-    """
+    """Matrix that interpolates linearly from a grid to every pixel along an axis, and repeats the end values."""
     at = np.clip(np.interp(np.arange(count), grid, np.arange(len(grid))), 0, len(grid) - 1)
     low = np.minimum(at.astype(int), len(grid) - 2)
     out = np.zeros((count, len(grid)), dtype=np.float32)

@@ -58,8 +58,8 @@ class Quantity:
     --------
     >>> from palpate.microscopy import Quantity
     >>> energy = Quantity("strain energy", "J", 2.0e-13, 0.1e-13)
-    >>> [round(end, 15) for end in energy.interval], str(energy)
-    ([1.8e-13, 2.2e-13], 'strain energy: 200 +- 10 fJ')
+    >>> [round(end, 15) for end in energy.interval], energy.scaled(), str(energy)
+    ([1.8e-13, 2.2e-13], ('200', '10', 'fJ'), 'strain energy: 200 +- 10 fJ')
     """
 
     label: str
@@ -72,25 +72,11 @@ class Quantity:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Return the lower and upper end of the 95 % interval.
-
-        Examples
-        --------
-        >>> from palpate.microscopy import Quantity
-        >>> Quantity("net force", "N", 0.0, 1.0).interval
-        (-1.96, 1.96)
-        """
+        """Return the lower and upper end of the 95 % interval."""
         return self.ends or (self.value - SIDE * self.std, self.value + SIDE * self.std)
 
     def scaled(self) -> tuple[str, str, str]:
-        """Return value, standard deviation and unit as text, with a suitable prefix of the unit.
-
-        Examples
-        --------
-        >>> from palpate.microscopy import Quantity
-        >>> Quantity("net force", "N", 2.34e-9, 0.5e-9).scaled()
-        ('2.3', '0.5', 'nN')
-        """
+        """Return value, standard deviation and unit as text, with a suitable prefix of the unit."""
         size = max(abs(self.value), self.std)
         if not math.isfinite(size) or size == 0:
             return f"{self.value:g}", f"{self.std:g}", self.unit
@@ -144,6 +130,14 @@ class CellForces:
         The whole result, beyond the field of view too.
     notes : tuple of str
         Assumptions, and reasons for doubt.
+
+    Examples
+    --------
+    >>> forces = cell_forces(field, gel, mask="cell.png")  # doctest: +SKIP
+    >>> print(forces.summary())  # doctest: +SKIP
+    >>> forces.plot().savefig("traction.pdf")  # doctest: +SKIP
+    >>> forces.write_report("cell.html")  # doctest: +SKIP
+    >>> forces.within("second-cell.png").write_table("second.csv")  # doctest: +SKIP
     """
 
     field: Field
@@ -166,31 +160,21 @@ class CellForces:
 
     @property
     def normal(self) -> tuple[Floats, Floats] | None:
-        """Normal traction (row, column) [Pa], positive where it pulls the gel up, and its standard deviation; None where the field has no displacement out of the plane.
-
-        Examples
-        --------
-        >>> traction, std = forces.normal  # doctest: +SKIP
-        """
-        found = self.done.normal
-        if found is None:
+        """Normal traction (row, column) [Pa], positive where it pulls the gel up, and its standard deviation; None where the field has no displacement out of the plane."""
+        normal = self.done.normal
+        if normal is None:
             return None
         common = self.touch._scale_std
-        return found.traction, np.hypot(np.std(found.draws, axis=0, ddof=1), common * found.traction)
+        return normal.traction, np.hypot(np.std(normal.draws, axis=0, ddof=1), common * normal.traction)
 
     def within(self, mask: Any, *, size: tuple[int, int] | None = None) -> CellForces:
-        """Return the same traction with the numbers of another cell in the field of view.
-
-        Examples
-        --------
-        >>> forces.within("second-cell.png")  # doctest: +SKIP
-        """
+        """Return the same traction with the numbers of another cell in the field of view."""
         corners = read_mask(mask, pixel=self.field.pixel)
         inside = on_grid(corners, self.field, size=size)
         numbers, principal = _numbers(self.done, self.field, inside, True, self.known)
-        said = doubts(numbers, principal, self.field, inside, True, self.done)
+        notes = doubts(numbers, principal, self.field, inside, True, self.done)
         return replace(
-            self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(said)
+            self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(notes)
         )
 
     def __getitem__(self, name: str) -> Quantity:
@@ -199,12 +183,7 @@ class CellForces:
         return self.quantities[name]
 
     def summary(self) -> str:
-        """Return the numbers as text, one to a line.
-
-        Examples
-        --------
-        >>> print(forces.summary())  # doctest: +SKIP
-        """
+        """Return the numbers as text, one to a line."""
         width = max(len(q.label) for q in self.quantities.values())
         lines = []
         for q in self.quantities.values():
@@ -215,34 +194,19 @@ class CellForces:
         return "\n".join(lines)
 
     def plot(self, *, title: str | None = None) -> Figure:
-        """Plot the traction over the picture of the cell, with a scale arrow and a scale bar.
-
-        Examples
-        --------
-        >>> forces.plot().savefig("traction.pdf")  # doctest: +SKIP
-        """
+        """Plot the traction over the picture of the cell, with a scale arrow and a scale bar."""
         from palpate.microscopy.figures import plot_traction
 
         return plot_traction(self, title=title)
 
     def write_report(self, path: str | Path, *, title: str = "", source: str = "", command: str = "") -> None:
-        """Write one HTML file with numbers, pictures and assumptions.
-
-        Examples
-        --------
-        >>> forces.write_report("cell.html")  # doctest: +SKIP
-        """
+        """Write one HTML file with numbers, pictures and assumptions."""
         from palpate.microscopy.report import write_report
 
         write_report(self, path, title=title, source=source, command=command)
 
     def write_table(self, path: str | Path) -> None:
-        """Write the numbers as CSV: name, value, standard deviation, ends of the 95 % interval, unit.
-
-        Examples
-        --------
-        >>> forces.write_table("cell.csv")  # doctest: +SKIP
-        """
+        """Write the numbers as CSV: name, value, standard deviation, ends of the 95 % interval, unit."""
         from palpate.microscopy.report import write_table
 
         write_table(self, path)
@@ -250,10 +214,6 @@ class CellForces:
     def write_vectors(self, path: str | Path) -> None:
         """Write every vector as CSV: position and displacement in pixels (`read_field` reads these again), traction
         with its standard deviation [Pa], and whether the vector lies in the cell.
-
-        Examples
-        --------
-        >>> forces.write_vectors("cell-vectors.csv")  # doctest: +SKIP
         """
         from palpate.microscopy.written import write_vectors
 
@@ -262,10 +222,6 @@ class CellForces:
     def write_tiff(self, path: str | Path) -> None:
         """Write the traction as a TIFF stack of 32-bit floats, which ImageJ opens with units: traction along x and
         along y, then the standard deviation of both. One pixel is one vector.
-
-        Examples
-        --------
-        >>> forces.write_tiff("cell-traction.tif")  # doctest: +SKIP
         """
         from palpate.microscopy.written import write_tiff
 
@@ -276,10 +232,6 @@ class CellForces:
         traction at the vectors and the mask.
 
         ``provenance`` says how to reproduce the file; each entry becomes an attribute.
-
-        Examples
-        --------
-        >>> forces.write_netcdf("cell.nc")  # doctest: +SKIP
         """
         from palpate.microscopy.written import write_netcdf
 
@@ -395,7 +347,7 @@ def cell_forces(
         size = (int(np.shape(picture)[1]), int(np.shape(picture)[0]))
     name = str(mask) if isinstance(mask, str | Path) else "the mask"
     inside = np.ones(field.shape, dtype=bool) if corners is None else on_grid(corners, field, size=size, name=name)
-    normal, seen = None, field
+    normal, whole_field = None, field
     if field.normal is not None:
         normal = normal_of(
             field, pad, depth=depth, noise=noise, drift=drift, uncertainty=uncertainty, draws=draws, seed=seed
@@ -403,7 +355,7 @@ def cell_forces(
         field = without_sideways(field, normal)
     if method == "adhesions":
         likely = None if corners is None else inside
-        done = of_adhesions(
+        estimate = of_adhesions(
             field,
             pad,
             depth=depth,
@@ -416,36 +368,36 @@ def cell_forces(
         )
     else:
         noise = field.noise if noise is None else noise
-        done = inverted(
+        estimate = inverted(
             field, pad, depth=depth, noise=noise, order=order, rule=rule, nuisance="auto" if drift else (), uncertainty=uncertainty, draws=draws, seed=seed,
         )  # fmt: skip
-    known = uncertainty or Uncertainty()
-    beside = [n for n in ("thickness", "depth", "gain") if getattr(known, n)]
-    done = replace(done, normal=normal)
-    numbers, principal = _numbers(done, field, inside, corners is not None, known)
-    said = [
+    pad_uncertainty = uncertainty or Uncertainty()
+    beside = [n for n in ("thickness", "depth", "gain") if getattr(pad_uncertainty, n)]
+    estimate = replace(estimate, normal=normal)
+    numbers, principal = _numbers(estimate, field, inside, corners is not None, pad_uncertainty)
+    notes = [
         *field.notes,
-        *map(reworded, done.touch.notes),
-        *(f"assumed: {reworded(one)}" for one in done.touch.assumed),
-        *done.notes,
+        *map(reworded, estimate.touch.notes),
+        *(f"assumed: {reworded(assumption)}" for assumption in estimate.touch.assumed),
+        *estimate.notes,
         *(
             [f"how well {', '.join(beside)} is known does not enter these errors, only how well modulus and scale are"]
             if beside
             else []
         ),
-        *doubts(numbers, principal, field, inside, corners is not None, done),
+        *doubts(numbers, principal, field, inside, corners is not None, estimate),
     ]
     return CellForces(
-        seen, pad, done.traction, np.hypot(np.std(done.draws, axis=0, ddof=1), done.touch._scale_std * done.traction), done.draws, inside, corners is not None, numbers, principal,
-        done.touch, tuple(dict.fromkeys(said)), corners, picture, done.samples, done.response, done, known,
+        whole_field, pad, estimate.traction, np.hypot(np.std(estimate.draws, axis=0, ddof=1), estimate.touch._scale_std * estimate.traction), estimate.draws, inside, corners is not None, numbers, principal,
+        estimate.touch, tuple(dict.fromkeys(notes)), corners, picture, estimate.samples, estimate.response, estimate, pad_uncertainty,
     )  # fmt: skip
 
 
 def _numbers(
-    done: Inverted, field: Field, inside: npt.NDArray[np.bool_], masked: bool, known: Uncertainty
+    estimate: Inverted, field: Field, inside: npt.NDArray[np.bool_], masked: bool, pad_uncertainty: Uncertainty
 ) -> tuple[dict[str, Quantity], tuple[float, float, float]]:
     """Compute every quantity from the estimate and from each sample."""
-    sampled = done.samples is not None
+    sampled = estimate.samples is not None
     cell, rows, columns = field.pitch**2, *field.shape
     x, y = np.meshgrid(
         field.pitch * (np.arange(columns) - 0.5 * (columns - 1)), field.pitch * (np.arange(rows) - 0.5 * (rows - 1))
@@ -454,142 +406,58 @@ def _numbers(
     x, y = x - middle[0], y - middle[1]
     out = ~inside
     beside = masked and bool(out.any())
-    found: dict[str, tuple[str, str, Floats, float | None, bool, str]] = {}
-
-    def put(
-        key: str,
-        label: str,
-        unit: str,
-        values: Floats,
-        expected: float | None = None,
-        *,
-        sized: bool = False,
-        why: str = "",
-    ) -> None:
-        found[key] = (label, unit, np.asarray(values), expected, sized, why)
-
     # evaluate one map at a time: all of them together would fill the memory
-    maps = [*(() if sampled else [done.traction]), *done.draws]
+    maps = [*(() if sampled else [estimate.traction]), *estimate.draws]
     # each draw has its own force centre
-    center = None if sampled else _force_center(done.traction, x[inside], y[inside], inside)
+    center = None if sampled else _force_center(estimate.traction, x[inside], y[inside], inside)
     each = [_sums(t, x, y, inside, out, center) for t in maps]
-    sums = {key: np.array([one[key] for one in each]) for key in each[0]}
-    put(
-        "strain_energy",
-        "strain energy" + (" in the cell" if masked else ""),
-        "J",
-        _work(done, field, inside),
-        sized=True,
-        why="half the work of the traction on the displacement that it makes",
-    )
+    sums = {key: np.array([sums_of_map[key] for sums_of_map in each]) for key in each[0]}
     moments = cell * np.moveaxis(sums["moments"], 0, -1)  # (position, force, draw)
-    put(
-        "contractile_moment",
-        "net contractile moment",
-        "N m",
-        -(moments[0, 0] + moments[1, 1]),
-        why="trace of the first moments, positive where the cell pulls inwards (Butler et al. 2002)",
-    )
-    put(
-        "contractility",
-        "contractility",
-        "N",
-        cell * sums["inward"],
-        why="sum of the forces' parts that point to the force centre",
-    )
-    put(
-        "force_inside",
-        "sum of sizes of force" + (" in the cell" if masked else ""),
-        "N",
-        cell * sums["sizes_inside"],
-        sized=True,
-        why="of every vector, noise included: it grows with noise and never cancels",
-    )
-    if beside:
-        put(
-            "force_above_background",
-            "the same less background",
-            "N",
-            cell * (sums["sizes_inside"] - sums["sizes_outside"] * (inside.sum() / out.sum())),
-            sized=True,
-            why="less what as many vectors outside the cell hold",
-        )
-        put(
-            "force_outside",
-            "sum of sizes of force outside",
-            "N",
-            cell * sums["sizes_outside"],
-            sized=True,
-            why="should be what noise makes",
-        )
-        put(
-            "energy_outside",
-            "strain energy outside",
-            "J",
-            _work(done, field, out),
-            sized=True,
-            why="should be small beside that in the cell",
-        )
-        put(
-            "background",
-            "background traction (rms)",
-            "Pa",
-            sums["rms_outside"],
-            sized=True,
-            why="outside the cell: what is not the cell's",
-        )
-    put(
-        "traction_rms",
-        "traction in the cell (rms)" if masked else "traction (rms)",
-        "Pa",
-        sums["rms_inside"],
-        sized=True,
-    )
-    put(
-        "traction_peak",
-        "largest traction",
-        "Pa",
-        sums["peak"] if sampled else _at_peak(np.stack(maps), inside),
-        why="of the mean over a vector's square; too large where traction is even over many squares"
+    of_cell, in_cell = (", cell", " in the cell") if masked else ("", "")
+    peak = sums["peak"] if sampled else _at_peak(np.stack(maps), inside)
+    where = (
+        "of the mean over a vector's square; too large where traction is even over many squares"
         if sampled
-        else "at the vector where the estimate is largest",
+        else "at the vector where the estimate is largest"
     )
-    for i, axis in enumerate("xy"):
-        put(
-            f"net_force_{axis}",
-            f"net force along {axis}" + (", cell" if masked else ""),
-            "N",
-            cell * sums["net"][:, i],
-            0.0,
-            why="a cell that is wholly in view pulls itself along nothing",
-        )
-    put(
-        "torque",
-        "torque" + (", cell" if masked else ""),
-        "N m",
-        moments[0, 1] - moments[1, 0],
-        0.0,
-        why="about the middle of the cell",
-    )
+    # label, unit, values, expected value, whether it is a size, explanation
+    entries: dict[str, tuple[str, str, Floats, float | None, bool, str]] = {
+        "strain_energy": (f"strain energy{in_cell}", "J", _work(estimate, field, inside), None, True, "half the work of the traction on the displacement that it makes"),
+        "contractile_moment": ("net contractile moment", "N m", -(moments[0, 0] + moments[1, 1]), None, False, "trace of the first moments, positive where the cell pulls inwards (Butler et al. 2002)"),
+        "contractility": ("contractility", "N", cell * sums["inward"], None, False, "sum of the forces' parts that point to the force centre"),
+        "force_inside": (f"sum of sizes of force{in_cell}", "N", cell * sums["sizes_inside"], None, True, "of every vector, noise included: it grows with noise and never cancels"),
+    }  # fmt: skip
+    if beside:
+        above = sums["sizes_inside"] - sums["sizes_outside"] * (inside.sum() / out.sum())
+        entries |= {
+            "force_above_background": ("the same less background", "N", cell * above, None, True, "less what as many vectors outside the cell hold"),
+            "force_outside": ("sum of sizes of force outside", "N", cell * sums["sizes_outside"], None, True, "should be what noise makes"),
+            "energy_outside": ("strain energy outside", "J", _work(estimate, field, out), None, True, "should be small beside that in the cell"),
+            "background": ("background traction (rms)", "Pa", sums["rms_outside"], None, True, "outside the cell: what is not the cell's"),
+        }  # fmt: skip
+    entries |= {
+        "traction_rms": (f"traction{in_cell} (rms)", "Pa", sums["rms_inside"], None, True, ""),
+        "traction_peak": ("largest traction", "Pa", peak, None, False, where),
+        "net_force_x": (f"net force along x{of_cell}", "N", cell * sums["net"][:, 0], 0.0, False, "a cell that is wholly in view pulls itself along nothing"),
+        "net_force_y": (f"net force along y{of_cell}", "N", cell * sums["net"][:, 1], 0.0, False, "a cell that is wholly in view pulls itself along nothing"),
+        "torque": (f"torque{of_cell}", "N m", moments[0, 1] - moments[1, 0], 0.0, False, "about the middle of the cell"),
+    }  # fmt: skip
     if beside:
         for i, axis in enumerate("xy"):
-            put(
-                f"net_force_{axis}_view",
-                f"net force along {axis}, field of view",
-                "N",
-                cell * sums["net_view"][:, i],
-                0.0,
-            )
-    scores = np.array([s.score for s in done.samples]) if done.samples is not None else None
-    plain = set()
-    if done.normal is not None:
-        found |= done.normal.quantities(inside, cell)
-        plain = set(done.normal.NUMBERS)
+            net = cell * sums["net_view"][:, i]
+            entries[f"net_force_{axis}_view"] = (f"net force along {axis}, field of view", "N", net, 0.0, False, "")
+    scores = np.array([s.score for s in estimate.samples]) if estimate.samples is not None else None
+    unsampled = set()
+    if estimate.normal is not None:
+        entries |= estimate.normal.quantities(inside, cell)
+        unsampled = set(estimate.normal.NUMBERS)
     quantities = {}
-    for key, (label, unit, values, expected, sized, why) in found.items():
+    for key, (label, unit, values, expected, sized, why) in entries.items():
         # traction is proportional to modulus and displacement, the energy to modulus and squared displacement
-        common = math.hypot(known.modulus, (2.0 if key.startswith("strain_energy") else 1.0) * known.scale)
-        if sampled and key not in plain:
+        common = math.hypot(
+            pad_uncertainty.modulus, (2.0 if key.startswith("strain_energy") else 1.0) * pad_uncertainty.scale
+        )
+        if sampled and key not in unsampled:
             value, std, ends = read(key, values, common, scores)
             quantities[key] = Quantity(label, unit, value, std, expected, why, ends)
             continue
@@ -625,34 +493,34 @@ def _sums(
     tx, ty = t[0][inside], t[1][inside]
     x, y = x[inside], y[inside]
     ox, oy = _force_center(t, x, y, inside) if center is None else center
-    far = np.hypot(x - ox, y - oy)
-    inward = -(tx * (x - ox) + ty * (y - oy)) / np.where(far > 0, far, 1.0)
-    beyond = int(out.sum())
+    distance = np.hypot(x - ox, y - oy)
+    inward = -(tx * (x - ox) + ty * (y - oy)) / np.where(distance > 0, distance, 1.0)
+    count_outside = int(out.sum())
     return {
         "moments": [[(a * f).sum() for f in (tx, ty)] for a in (x, y)],
         "inward": inward.sum(),
         "sizes_inside": size[inside].sum(),
         "sizes_outside": size[out].sum(),
         "rms_inside": math.sqrt(float((size[inside] ** 2).mean())),
-        "rms_outside": math.sqrt(float((size[out] ** 2).mean())) if beyond else 0.0,
+        "rms_outside": math.sqrt(float((size[out] ** 2).mean())) if count_outside else 0.0,
         "peak": size[inside].max(),
         "net": [tx.sum(), ty.sum()],
         "net_view": t.sum(axis=(1, 2)),
     }
 
 
-def _work(done: Inverted, field: Field, where: npt.NDArray[np.bool_]) -> Floats:
-    """Return half the work (draw,) [J] of the traction in the part ``where`` of the field of view. The work of the
+def _work(estimate: Inverted, field: Field, region: npt.NDArray[np.bool_]) -> Floats:
+    """Return half the work (draw,) [J] of the traction in the part ``region`` of the field of view. The work of the
     estimate comes first unless the estimate is the mean of the samples.
     """
-    if done.samples is not None and done.work is not None:
+    if estimate.samples is not None and estimate.work is not None:
         # only the work of the blobs includes adhesions that are finer than the spacing of vectors
         y, x = (field.pitch * np.arange(n) for n in field.shape)
-        shares = [s.share(x, y, field.pitch, where) for s in done.samples]
-        return np.array([float(share @ w) for share, w in zip(shares, done.work)])
-    pairs = zip([done.traction, *done.draws], [done.moved, *done.moved_by_draws])
+        shares = [s.share(x, y, field.pitch, region) for s in estimate.samples]
+        return np.array([float(share @ w) for share, w in zip(shares, estimate.work)])
+    pairs = zip([estimate.traction, *estimate.draws], [estimate.moved, *estimate.moved_by_draws])
     return (
-        np.array([0.5 * float((t * (u - u.mean(axis=(1, 2), keepdims=True)))[:, where].sum()) for t, u in pairs])
+        np.array([0.5 * float((t * (u - u.mean(axis=(1, 2), keepdims=True)))[:, region].sum()) for t, u in pairs])
         * field.pitch**2
     )
 

@@ -66,11 +66,23 @@ class Field:
     --------
     >>> import numpy as np
     >>> from palpate.microscopy import Field
-    >>> u = np.zeros((2, 30, 40))
-    >>> u[0, 10:20, 10:20] = 0.2e-6
-    >>> field = Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6)
-    >>> field.pitch, field.size  # metres between vectors, pixels of the picture that it covers (columns, rows)
-    (8e-07, (320, 240))
+    >>> u = np.full((2, 30, 40), 0.1e-6)  # the picture has moved
+    >>> u[0, 3, 4] = 0.5e-6  # an outlier
+    >>> field = Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6, std=0 * u + 2e-9)
+    >>> field.shape, field.pitch, field.size  # vectors, metres between them, pixels that they cover (columns, rows)
+    ((30, 40), 8e-07, (320, 240))
+
+    >>> [round(c, 9) for c in field.center], field.noise  # [m]
+    ([1.595e-05, 1.195e-05], 2e-09)
+
+    >>> np.argwhere(field.unlike).tolist(), int((~field.without_outliers().valid).sum())
+    ([[3, 4]], 1)
+
+    >>> field.without_drift().drift
+    (1e-07, 1e-07)
+
+    >>> field.array().channels, field.recording().readings.shape  # for `Skin` and for other programs
+    (('displacement_x', 'displacement_y'), (1, 2, 30, 40))
     """
 
     displacement: Any
@@ -159,41 +171,18 @@ class Field:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of rows and columns of vectors.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> Field(displacement=np.zeros((2, 30, 40)), start=(3.5, 3.5), step=8.0, pixel=0.1e-6).shape
-        (30, 40)
-        """
+        """Number of rows and columns of vectors."""
         return self.displacement.shape[1:]
 
     @property
     def pitch(self) -> float:
-        """Distance between vectors [m].
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> Field(displacement=np.zeros((2, 30, 40)), start=(3.5, 3.5), step=8.0, pixel=0.1e-6).pitch
-        8e-07
-        """
+        """Distance between vectors [m]."""
         return float(self.step * self.pixel)
 
     @property
     def size(self) -> tuple[int, int]:
         """Size (columns, rows) [px] of the smallest picture, starting at (0, 0), that covers the field to its far
         edge.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> Field(displacement=np.zeros((2, 30, 40)), start=(3.5, 3.5), step=8.0, pixel=0.1e-6).size
-        (320, 240)
         """
         rows, columns = self.shape
         far = [s + (n - 0.5) * self.step + 0.5 for s, n in zip(self.start, (columns, rows))]
@@ -201,31 +190,12 @@ class Field:
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:
-        """True for existing vectors (row, column).
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> u = np.zeros((2, 30, 40))
-        >>> u[0, 3, 4] = np.nan
-        >>> int((~Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6).valid).sum())
-        1
-        """
+        """True for existing vectors (row, column)."""
         return np.asarray(np.isfinite(self.displacement[0]))
 
     @property
     def center(self) -> tuple[float, float]:
-        """Position (x, y) [m] of the middle of the grid, from the middle of the picture's first pixel.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> field = Field(displacement=np.zeros((2, 11, 21)), start=(0.0, 0.0), step=10.0, pixel=1e-6)
-        >>> [round(c, 9) for c in field.center]
-        [0.0001, 5e-05]
-        """
+        """Position (x, y) [m] of the middle of the grid, from the middle of the picture's first pixel."""
         rows, columns = self.shape
         x, y = ((s + 0.5 * (n - 1) * self.step) * self.pixel for s, n in zip(self.start, (columns, rows)))
         return float(x), float(y)
@@ -235,30 +205,11 @@ class Field:
         """Vectors (row, column) that differ from all their neighbours, like those a PIV program marks as bad. It uses
         the normalised median test with 0.1 px added to the spread (J. Westerweel, F. Scarano, Exp. Fluids 39, 2005,
         1096-1100).
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> u = np.zeros((2, 30, 40))
-        >>> u[0, 3, 4] = 0.3e-6
-        >>> np.argwhere(Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6).unlike).tolist()
-        [[3, 4]]
         """
         return mended(self.displacement / self.pixel)[1]
 
     def without_outliers(self) -> Field:
-        """Return the field without the vectors marked by `unlike`; ``notes`` say how many were removed.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> u = np.zeros((2, 30, 40))
-        >>> u[0, 3, 4] = 0.3e-6
-        >>> int((~Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6).without_outliers().valid).sum())
-        1
-        """
+        """Return the field without the vectors marked by `unlike`; ``notes`` say how many were removed."""
         bad = self.unlike
         if not bad.any():
             return self
@@ -276,15 +227,6 @@ class Field:
 
         This also removes displacement that the cell causes at the border. The inversion therefore fits a shift as
         well, and its error bars include it.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> u = np.full((2, 30, 40), 0.3e-6)
-        >>> field = Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6).without_drift()
-        >>> field.drift, float(abs(field.displacement).max())
-        ((3e-07, 3e-07), 0.0)
         """
         rows, columns = self.shape
         edge = np.ones(self.shape, dtype=bool)
@@ -311,14 +253,6 @@ class Field:
         penalty, a model of noise that neighbouring windows share makes traction finer but noisier (error of 0.39
         instead of 0.34). ``method="adhesions"`` uses ``std`` of each vector and the noise that windows share
         (`palpate.microscopy.noise`).
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> u = np.zeros((2, 30, 40))
-        >>> Field(displacement=u, start=(3.5, 3.5), step=8.0, pixel=0.1e-6, std=u + 2e-9).noise
-        2e-09
         """
         if self.std is None or not np.isfinite(self.std).any():
             return None
@@ -328,14 +262,6 @@ class Field:
     def array(self, *, depth: float = 0.0, noise: float | None = None) -> AreaArray:
         """Return the array of this field for the inversion: displacements along x and y, ``depth`` metres below the
         surface. Missing vectors are masked.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> array = Field(displacement=np.zeros((2, 30, 40)), start=(3.5, 3.5), step=8.0, pixel=0.1e-6).array()
-        >>> array.shape, array.channels
-        ((30, 40), ('displacement_x', 'displacement_y'))
         """
         return AreaArray(
             shape=self.shape,
@@ -351,14 +277,6 @@ class Field:
     def recording(self) -> Recording:
         """Return the field as a recording of one frame, for `palpate reconstruct` and other programs. ``meta`` states
         the position of the first vector and the pitch [m].
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from palpate.microscopy import Field
-        >>> field = Field(displacement=np.zeros((2, 30, 40)), start=(3.5, 3.5), step=8.0, pixel=0.1e-6)
-        >>> field.recording().readings.shape
-        (1, 2, 30, 40)
         """
         x, y = (s * self.pixel for s in self.start)
         return Recording(

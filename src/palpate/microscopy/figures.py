@@ -174,9 +174,7 @@ def _outline(axes: Any, forces: CellForces) -> None:
 
 
 def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
-    """Plot the magnitude of the traction in colour over the picture, its largest vectors as arrows, a scale arrow and
-    a scale bar.
-    """
+    """Plot the traction's magnitude in colour over the picture, its largest vectors, a scale arrow and a scale bar."""
     require("figures", "matplotlib")
     field = forces.field
     size = np.hypot(*forces.traction)

@@ -52,9 +52,7 @@ TENSIONS = ("average_tension", "largest_tension")
 
 @dataclass(frozen=True)
 class Job:
-    """One frame: its file, the index of the picture in the file, its number in the film, and the name of its field if
-    the file holds several.
-    """
+    """One frame: its file, index in the file, number in the film, and name of its field if there are several."""
 
     file: str
     frame: int
@@ -134,12 +132,7 @@ class Film:
             raise InvalidInput("pictures of a film need one of the beads at rest: give it first (rest=).")
 
     def jobs(self) -> list[Job]:
-        """Return the frames in order.
-
-        Examples
-        --------
-        >>> film.jobs()  # doctest: +SKIP
-        """
+        """Return the frames in order."""
         if self.fields:
             named = [(str(f), k, n) for f in self.frames for k, n in enumerate(frames_of_field(f, self.name))]
             return [Job(file, k, i, name) for i, (file, k, name) in enumerate(named)]
@@ -150,12 +143,7 @@ class Film:
         return found
 
     def key(self) -> str:
-        """Return a hash of everything that results depend on, so that a film is not resumed with other settings.
-
-        Examples
-        --------
-        >>> len(film.key())  # doctest: +SKIP
-        """
+        """Return a hash of everything that results depend on, so that a film is not resumed with other settings."""
         stamps = [
             (str(f), os.path.getsize(f), os.path.getmtime(f))
             for f in (*self.frames, self.rest, self.cells, self.labels)
@@ -165,12 +153,7 @@ class Film:
         return hashlib.sha256(repr(said).encode()).hexdigest()
 
     def solved(self, job: Job) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """Evaluate a frame; return the rows of its cells and the rows of its labels.
-
-        Examples
-        --------
-        >>> rows, adhesions = film.solved(film.jobs()[0])  # doctest: +SKIP
-        """
+        """Evaluate a frame; return the rows of its cells and the rows of its labels."""
         size = None
         if self.fields:
             vectors = read_field(
@@ -230,9 +213,7 @@ class Film:
         return rows, labelled
 
     def _labels(self, path: str | Path, job: Job, size: tuple[int, int]) -> dict[str, Any]:
-        """Return the labels of a frame: those of its own page if the file has one page for each frame, otherwise those
-        that all frames share.
-        """
+        """Labels of a frame: its own page's if the file has a page for each frame, otherwise those of all frames."""
         if Path(path).suffix.lower() not in (".tif", ".tiff"):
             return read_labels(path, size=size, pixel=self.pixel)
         pages = _pictures(*_stamp(path), None)
@@ -256,10 +237,6 @@ class Film:
         ``partial`` when it is done, and read from there when the film is run again.
 
         A frame that cannot be evaluated has a row that says why.
-
-        Examples
-        --------
-        >>> film.run("film.partial.jsonl")  # doctest: +SKIP
         """
         jobs, path = self.jobs(), Path(partial)
         done = self._kept(path)

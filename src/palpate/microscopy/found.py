@@ -110,9 +110,7 @@ def normal_beside(held: dict[str, Any], shape: tuple[int, ...]) -> Any:
 
 
 def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = "fields") -> Any:
-    """Return the candidate with the given name or frame number, or the only one; otherwise `InvalidInput` lists the
-    candidates.
-    """
+    """Candidate with the given name or frame number, or the only one; otherwise `InvalidInput` lists the candidates."""
     if name is not None:
         matching = [key for key in candidates if key == name] or [key for key in candidates if name in key.split(", ")]
         if len(matching) == 1:

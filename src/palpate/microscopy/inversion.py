@@ -34,9 +34,7 @@ MEAN_SAMPLES = 12
 
 @dataclass(frozen=True, kw_only=True)
 class Iterated(Tikhonov):
-    """Tikhonov's method without a matrix decomposition, whatever the size: a picture is solved only once, and its
-    posterior is sampled.
-    """
+    """Tikhonov's method without a matrix decomposition: a picture is solved once, and its posterior sampled."""
 
     name: ClassVar[str] = "tikhonov"
 

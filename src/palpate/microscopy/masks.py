@@ -334,9 +334,7 @@ def on_grid(
 
 
 def _shares(mask: Bools, x: Floats, y: Floats, step: float) -> Floats:
-    """Return the fraction of each vector's square that is inside, from sums over rectangles that begin at the corner
-    of the mask.
-    """
+    """Fraction of each vector's square that is inside, from sums over rectangles from the corner of the mask."""
     table = np.zeros((mask.shape[0] + 1, mask.shape[1] + 1))
     table[1:, 1:] = np.cumsum(np.cumsum(mask, axis=0, dtype=np.float64), axis=1)
 

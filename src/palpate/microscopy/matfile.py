@@ -15,6 +15,7 @@ from palpate.camera.stacks import check_size
 from palpate.errors import InvalidInput
 from palpate.microscopy.found import Found, beside, chosen, normal_beside
 from palpate.microscopy.names import POSITIONS, UNIT_NAMES, VECTORS, unit_of, units_of, which
+from palpate.recordings.damage import DAMAGE, DAMAGE_OF_PACKED
 from palpate.units import UNITS
 
 __all__ = ["fields_of", "read_mat"]
@@ -25,9 +26,7 @@ DEEPEST = 12
 
 
 def read_mat(path: Path, name: str | None) -> Found:
-    """Read the field in a .mat file, or in an HDF5 file that MATLAB did not write. Matrices of the latter are not
-    transposed.
-    """
+    """Read the field in a .mat file, or an HDF5 file. Matrices that MATLAB did not write are not transposed."""
     return chosen(path, fields_of(path), name)
 
 
@@ -63,7 +62,6 @@ def _all(path: Path, tree: dict[str, Any]) -> dict[str, Found]:
 
 
 def _version_5(path: Path) -> dict[str, Any]:
-    import zlib
 
     import scipy.io
     from scipy.io.matlab import MatReadError
@@ -71,19 +69,7 @@ def _version_5(path: Path) -> dict[str, Any]:
     _check_sizes(path)
     try:
         held = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
-    except (
-        MatReadError,
-        ValueError,
-        TypeError,
-        OSError,
-        KeyError,
-        IndexError,
-        EOFError,
-        zlib.error,
-        NotImplementedError,
-        MemoryError,
-        UnicodeDecodeError,
-    ) as error:
+    except (MatReadError, *DAMAGE_OF_PACKED) as error:
         raise InvalidInput(_DAMAGED.format(path=path, error=str(error)[:80] or type(error).__name__)) from error
     return {key: _unpacked(value, 0) for key, value in held.items() if not key.startswith("__")}
 
@@ -126,7 +112,6 @@ def _version_73(path: Path, *, turned: bool = True) -> dict[str, Any]:
     require("MATLAB 7.3 and HDF5 files", "h5py")
     import h5py
 
-    from palpate.recordings.damage import DAMAGE
     from palpate.recordings.netcdf import guard, opened
 
     try:
@@ -187,9 +172,7 @@ def _words(value: Any) -> str:
 
 
 def _stated(tree: dict[str, Any]) -> tuple[str | None, str | None, float | None]:
-    """Return the units of positions and displacements, and the size of a pixel [m] from PIVlab's calibration, as far
-    as a struct states them.
-    """
+    """Units of positions and displacements, and size of a pixel [m], as far as PIVlab's calibration states them."""
     lower = {key.lower(): value for key, value in tree.items()}
     place = unit = None
     for key in UNIT_NAMES:

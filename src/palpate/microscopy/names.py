@@ -74,9 +74,7 @@ def unit_of(text: str) -> str | None:
 
 
 def units_of(text: str) -> tuple[str | None, str | None]:
-    """Return the units of positions and of displacements from the text of a file: "[px] respectively [px/frame]"
-    (PIVlab), or one unit for both.
-    """
+    """Units of positions and displacements in a text: "[px] respectively [px/frame]" (PIVlab), or one for both."""
     parts = re.split(r"\s+respectively\s+|\s*;\s*|\s*,\s*", text.strip())
     return (unit_of(parts[0]), unit_of(parts[1])) if len(parts) == 2 else (unit_of(text), unit_of(text))
 

@@ -53,9 +53,7 @@ class Noise:
 
     @classmethod
     def of(cls, std: Floats, side: float) -> tuple[Noise, float]:
-        """Return the noise for standard deviations ``std`` (2, row, column) [m], and the typical standard deviation
-        [m] by which they are divided.
-        """
+        """Noise of standard deviations ``std`` (2, row, column) [m], and the typical one by which they are divided."""
         each = np.sqrt((std**2).mean(axis=0))
         typical = float(np.nanmedian(each))
         filled = np.where(np.isfinite(each), each, typical)
@@ -75,9 +73,7 @@ def shared_variance(dx: Floats, dy: Floats, side: float) -> Floats:
 
 
 class Whitener:
-    """Sparse matrix W with W K W^T = 1, where K is the covariance of vectors and of means of vectors; ``@`` applies W
-    to the last axis.
-    """
+    """Sparse W with W K W^T = 1, K the covariance of vectors and means of vectors; ``@`` acts on the last axis."""
 
     def __init__(self, matrix: scipy.sparse.csr_array) -> None:
         self._matrix = matrix
@@ -89,9 +85,7 @@ class Whitener:
 
 
 def whitener(noise: Noise, pitch: float, members: list[npt.NDArray[np.intp]], places: Floats) -> Whitener:
-    """Return the whitener for means over ``members`` (flat indices of the vectors in each mean) at ``places`` (n, 2)
-    [m], in units of the typical noise.
-    """
+    """Whitener of means over ``members`` (flat vectors of each) at ``places`` (n, 2) [m], in typical noise."""
     rows, columns = noise.relative.shape
     count = rows * columns
     s = noise.relative.ravel()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InvalidInput
+from palpate.recordings.damage import DAMAGE_OF_PACKED
 
 __all__ = ["read_objects"]
 
@@ -70,20 +71,7 @@ def read_objects(path: Path) -> Any:
             head = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
             head(file)
             held = _Builder(file).load()
-    except (
-        pickle.UnpicklingError,
-        ValueError,
-        OSError,
-        EOFError,
-        TypeError,
-        AttributeError,
-        IndexError,
-        KeyError,
-        MemoryError,
-        OverflowError,
-        ImportError,
-        SyntaxError,
-    ) as error:
+    except (pickle.UnpicklingError, ImportError, *DAMAGE_OF_PACKED) as error:
         raise InvalidInput(
             f"{path}: cannot be read ({str(error)[:80]}): it is damaged, or holds Python objects other than arrays, numbers and words, which are never "
             "run. Save what it holds as plain numbers with np.save."

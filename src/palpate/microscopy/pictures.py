@@ -20,9 +20,7 @@ __all__ = ["read_all", "read_pair", "read_picture"]
 
 
 def read_all(path: Path, most: int = 10_000, *, channel: int | None = None) -> list[npt.NDArray[Any]]:
-    """Read all pictures of a file or folder as grey levels (row, column). ``channel`` selects one of several channels,
-    counted from 1.
-    """
+    """Read all pictures of a file or folder as grey levels (row, column); ``channel`` counts from 1."""
     if not path.is_dir() and ordinary(path).stat().st_size == 0:
         raise InvalidInput(f"{path} is empty.")
     if not is_pictures(path):

@@ -67,6 +67,9 @@ class Pillar:
     >>> post = Pillar(diameter=2e-6, height=6e-6, youngs_modulus=2e6, height_error=0.03)
     >>> str(post.stiffness), round(post.bending_alone / post.stiffness.value, 2)
     ('stiffness: 16.8 +- 1.4 mN/m', 1.3)
+
+    >>> {name: round(value, 2) for name, value in Pillar(diameter=1, height=2, youngs_modulus=1).compliances.items()}
+    {'bending': 54.32, 'shear': 8.49, 'tilt': 18.97}
     """
 
     diameter: float
@@ -92,15 +95,7 @@ class Pillar:
 
     @property
     def compliances(self) -> dict[str, float]:
-        """Return the deflection per force [m/N] due to bending, shear and tilt.
-
-        Examples
-        --------
-        >>> from palpate.microscopy import Pillar
-        >>> post = Pillar(diameter=1.0, height=2.0, youngs_modulus=1.0)
-        >>> {name: round(value, 2) for name, value in post.compliances.items()}
-        {'bending': 54.32, 'shear': 8.49, 'tilt': 18.97}
-        """
+        """Return the deflection per force [m/N] due to bending, shear and tilt."""
         slender, nu = self.height / self.diameter, self.poissons_ratio
         unit = 4.0 / (math.pi * self.youngs_modulus * self.diameter)
         tilt = TILT * (1 + nu) / (2 * math.pi) * (2 * (1 - nu) + 1 - 1 / (4 * (1 - nu)))
@@ -112,26 +107,12 @@ class Pillar:
 
     @property
     def bending_alone(self) -> float:
-        """Stiffness [N/m] due to bending alone, 3 pi E D^4/(64 L^3), which many papers use.
-
-        Examples
-        --------
-        >>> from palpate.microscopy import Pillar
-        >>> round(Pillar(diameter=2e-6, height=6e-6, youngs_modulus=2e6).bending_alone, 4)
-        0.0218
-        """
+        """Stiffness [N/m] due to bending alone, 3 pi E D^4/(64 L^3), which many papers use."""
         return 1.0 / self.compliances["bending"]
 
     @property
     def stiffness(self) -> Quantity:
-        """Force per deflection [N/m], with the error due to those of modulus, diameter and height.
-
-        Examples
-        --------
-        >>> from palpate.microscopy import Pillar
-        >>> Pillar(diameter=2e-6, height=6e-6, youngs_modulus=2e6, modulus_error=0.1).stiffness.std / 0.0169 > 0.09
-        True
-        """
+        """Force per deflection [N/m], with the error due to those of modulus, diameter and height."""
         value = 1.0 / sum(self.compliances.values())
         shares = [self.modulus_error]  # stiffness is proportional to the modulus
         for name, error in (("diameter", self.diameter_error), ("height", self.height_error)):
@@ -177,49 +158,26 @@ class PillarForces:
         return self.quantities[name]
 
     def summary(self) -> str:
-        """Return the numbers as text, one to a line.
-
-        Examples
-        --------
-        >>> print(found.summary())  # doctest: +SKIP
-        """
+        """Return the numbers as text, one to a line."""
         return "\n".join(str(q) for q in self.quantities.values())
 
     def write_table(self, path: str | Path) -> None:
         """Write one row for each post: position, deflection, force and its errors, and the magnitude of the force with
         its 95 % interval.
-
-        Examples
-        --------
-        >>> found.write_table("forces.csv")  # doctest: +SKIP
         """
-        held = io.StringIO()
-        writer = csv.writer(held, lineterminator="\n")
-        writer.writerow(
-            [
-                "pillar",
-                "x_m",
-                "y_m",
-                "dx_m",
-                "dy_m",
-                "force_x_N",
-                "force_y_N",
-                "std_x_N",
-                "std_y_N",
-                "force_N",
-                "low_95_N",
-                "high_95_N",
-            ]
-        )
-        for k, (at, moved, force, std) in enumerate(
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        titles = "pillar x_m y_m dx_m dy_m force_x_N force_y_N std_x_N std_y_N force_N low_95_N high_95_N"
+        writer.writerow(titles.split())
+        for k, (at, deflection, force, std) in enumerate(
             zip(self.positions, self.deflections, self.forces, self.std), start=1
         ):
             size = float(np.hypot(*force))
             along = float(np.hypot(*(std * force))) / size if size > 0 else float(std.max())
             ends = max(size - SIDE * along, 0.0), size + SIDE * along
-            row = [*at, *moved, *force, *std, size, *ends]
+            row = [*at, *deflection, *force, *std, size, *ends]
             writer.writerow([k, *("" if not math.isfinite(v) else f"{v:.6g}" for v in row)])
-        atomically(path, lambda where: _write(where, held.getvalue()))
+        atomically(path, lambda where: _write(where, text.getvalue()))
 
 
 def read_pillars(
@@ -251,38 +209,38 @@ def read_pillars(
     [[1e-07, 0.0], [-2.5e-07, 3e-08]]
     """
     path = Path(path)
-    found = read_piv_text(path)
+    table = read_piv_text(path)
     factors = []
-    for what, stated, given in (
-        ("deflections", found.unit, unit),
-        ("positions", found.place, position_unit or (None if found.place else unit)),
+    for quantity, unit_in_file, own_unit in (
+        ("deflections", table.unit, unit),
+        ("positions", table.place, position_unit or (None if table.place else unit)),
     ):
-        if stated is not None and given is not None and stated != given:
+        if unit_in_file is not None and own_unit is not None and unit_in_file != own_unit:
             raise InvalidInput(
-                f"{path}: the header says the {what} are in {stated}, not in {given}: leave the unit out."
+                f"{path}: the header says the {quantity} are in {unit_in_file}, not in {own_unit}: leave the unit out."
             )
-        name = stated or given
-        option = "unit" if what == "deflections" else "position_unit"
+        name = unit_in_file or own_unit
+        option = "unit" if quantity == "deflections" else "position_unit"
         if name is None:
             raise InvalidInput(
-                f'{path}: does not say the unit of the {what}: write it in the header, such as dx [um], or say {option}="um" (--{option.replace("_", "-")} um).'
+                f'{path}: does not say the unit of the {quantity}: write it in the header, such as dx [um], or say {option}="um" (--{option.replace("_", "-")} um).'
             )
         if name == "px":
             if pixel is None:
                 raise InvalidInput(
-                    f'{path}: the {what} are in pixels: say the size of one with pixel=1e-7 (--pixel "0.1 um").'
+                    f'{path}: the {quantity} are in pixels: say the size of one with pixel=1e-7 (--pixel "0.1 um").'
                 )
             factors.append(pixel)
         elif name in UNITS["length"]:
             factors.append(UNITS["length"][name])
         else:
             raise InvalidInput(
-                f"{path}: {name!r} is no unit of the {what}; accepted are px, {', '.join(UNITS['length'])}."
+                f"{path}: {name!r} is no unit of the {quantity}; accepted are px, {', '.join(UNITS['length'])}."
             )
-    good = np.ones(len(found.u), dtype=bool) if found.bad is None else ~np.asarray(found.bad)
-    moved = np.where(good[:, None], factors[0] * np.stack([found.u, found.v], axis=1), np.nan)
-    std = None if found.std is None else factors[0] * np.stack(found.std, axis=1)
-    return factors[1] * np.stack([found.x, found.y], axis=1), moved, std
+    good = np.ones(len(table.u), dtype=bool) if table.bad is None else ~np.asarray(table.bad)
+    deflections = np.where(good[:, None], factors[0] * np.stack([table.u, table.v], axis=1), np.nan)
+    std = None if table.std is None else factors[0] * np.stack(table.std, axis=1)
+    return factors[1] * np.stack([table.x, table.y], axis=1), deflections, std
 
 
 def pillar_forces(
@@ -312,30 +270,34 @@ def pillar_forces(
     >>> (1e9 * found.forces).round(2).tolist(), str(found["mean_force"])
     ([[3.35, 0.0], [-3.35, 0.17]], 'mean force: 3.3 +- 0.4 nN')
     """
-    at, moved = np.asarray(positions, dtype=np.float64), np.asarray(deflections, dtype=np.float64)
-    if at.ndim != 2 or at.shape[1:] != (2,) or moved.shape != at.shape:
-        raise InvalidInput(f"positions and deflections have the shape (n, 2); got {at.shape} and {moved.shape}.")
-    if np.isinf(moved).any() or not np.isfinite(at).all():
+    at, deflection = np.asarray(positions, dtype=np.float64), np.asarray(deflections, dtype=np.float64)
+    if at.ndim != 2 or at.shape[1:] != (2,) or deflection.shape != at.shape:
+        raise InvalidInput(f"positions and deflections have the shape (n, 2); got {at.shape} and {deflection.shape}.")
+    if np.isinf(deflection).any() or not np.isfinite(at).all():
         raise InvalidInput("positions must be finite, and deflections finite or NaN where a post was not seen.")
-    moved = np.where(np.isnan(moved).any(axis=1, keepdims=True), np.nan, moved)
-    there: Any = np.isfinite(moved[:, 0])
-    if not there.any():
+    deflection = np.where(np.isnan(deflection).any(axis=1, keepdims=True), np.nan, deflection)
+    measured: Any = np.isfinite(deflection[:, 0])
+    if not measured.any():
         raise InvalidInput("no post has a deflection: the table holds NaN alone, or marks every row as bad.")
-    size = np.hypot(*moved.T)
+    size = np.hypot(*deflection.T)
     longest = float(np.nanmax(size)) / pillar.height
     if longest > WRONG:
         raise InvalidInput(
             f"a deflection of {plain_number(1e6 * longest * pillar.height, 3)} µm is longer than the post ({plain_number(1e6 * pillar.height, 3)} µm): check the unit of deflections, the size of a pixel and the height."
         )
-    error = np.zeros_like(moved) if noise is None else np.broadcast_to(np.asarray(noise, dtype=np.float64), moved.shape)
-    if not np.isfinite(error[there]).all() or float(error[there].min()) < 0:
+    error = (
+        np.zeros_like(deflection)
+        if noise is None
+        else np.broadcast_to(np.asarray(noise, dtype=np.float64), deflection.shape)
+    )
+    if not np.isfinite(error[measured]).all() or float(error[measured].min()) < 0:
         raise InvalidInput("noise must be a standard deviation [m], finite and not negative.")
     k = pillar.stiffness
     common = k.std / k.value
-    forces = k.value * moved
-    own = k.value * error
-    std = np.hypot(own, common * np.abs(forces))
-    f, s, e = forces[there], np.hypot(*forces[there].T), own[there]
+    forces = k.value * deflection
+    error_of_force = k.value * error
+    std = np.hypot(error_of_force, common * np.abs(forces))
+    f, s, e = forces[measured], np.hypot(*forces[measured].T), error_of_force[measured]
     count = len(f)
     # correct the magnitude for noise, which adds its square
     true = np.sqrt(np.maximum(s**2 - (e**2).sum(axis=1), 0.0))
@@ -368,19 +330,11 @@ def pillar_forces(
             "the error of a deflection is not known, and in no error here: say noise= (--noise), such as the spread of posts that no cell touches"
         )
     if not (pillar.diameter_error and pillar.height_error and pillar.modulus_error):
-        lacking = [
-            n
-            for n, v in (
-                ("diameter", pillar.diameter_error),
-                ("height", pillar.height_error),
-                ("modulus", pillar.modulus_error),
-            )
-            if not v
-        ]
+        lacking = [n for n in ("diameter", "height", "modulus") if not getattr(pillar, f"{n}_error")]
         notes.append(
             f'{" and ".join(lacking)} {"is" if len(lacking) == 1 else "are"} taken as exact: say how well known, such as --{lacking[0]} "... +- 5 %"'
         )
-    bent = int((size[there] > BENT * pillar.height).sum())
+    bent = int((size[measured] > BENT * pillar.height).sum())
     if bent:
         notes.append(
             f"{bent} of {count} posts bend by more than {BENT:g} of their height: beyond the linear beam, their forces are too small"
@@ -389,9 +343,9 @@ def pillar_forces(
         notes.append(
             f"posts of a height of {slender:.2g} diameters are no beams: the formula was checked for more than {STOUT:g}"
         )
-    if not there.all():
-        notes.append(f"{int((~there).sum())} of {len(there)} posts have no deflection")
-    return PillarForces(pillar, at, moved, forces, std, np.asarray(error), quantities, tuple(notes))
+    if not measured.all():
+        notes.append(f"{int((~measured).sum())} of {len(measured)} posts have no deflection")
+    return PillarForces(pillar, at, deflection, forces, std, np.asarray(error), quantities, tuple(notes))
 
 
 def _write(at: str, text: str) -> None:

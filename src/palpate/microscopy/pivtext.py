@@ -114,9 +114,7 @@ def frames_of_text(path: Path) -> list[str]:
 
 
 def read_piv_text(path: Path, name: str | None = None) -> Found:
-    """Read a table of vectors: x, y, u, v by their names, or as the first four columns. ``name`` is the number of the
-    frame if there are several.
-    """
+    """Read a table of vectors: x, y, u, v by name, or the first four columns; ``name``: number of the frame."""
     head, values = _rows(path)
     columns = values.shape[1]
     names = _names(head, columns)

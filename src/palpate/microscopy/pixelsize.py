@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 from palpate._extras import missing
 from palpate.errors import InvalidInput
+from palpate.recordings.damage import DAMAGE
 
 __all__ = ["PixelSize", "differing", "pixel_size", "pixel_size_of_all"]
 
@@ -62,16 +63,7 @@ def pixel_size(path: str | Path) -> PixelSize | None:
                 found = read(file)
                 if found is not None and all(math.isfinite(v) and 1e-10 < v < 1e-2 for v in found):
                     return PixelSize(found[0], found[1], f"{Path(path).name} ({said})")
-    except (
-        tifffile.TiffFileError,
-        OSError,
-        ValueError,
-        IndexError,
-        TypeError,
-        KeyError,
-        AttributeError,
-        ZeroDivisionError,
-    ):
+    except (tifffile.TiffFileError, ZeroDivisionError, *DAMAGE):
         return None  # the error is reported when the picture is read
     return None
 

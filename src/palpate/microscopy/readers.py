@@ -22,6 +22,7 @@ from palpate.microscopy.names import UNIT_NAMES, VECTORS, units_of, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
 from palpate.microscopy.pixelsize import PixelSize, differing
 from palpate.recordings import Recording
+from palpate.recordings.damage import DAMAGE_OF_PACKED
 from palpate.units import UNITS, plain_unit
 
 __all__ = ["READERS", "is_field", "read_field"]
@@ -110,15 +111,15 @@ def read_field(
     paths = [Path(p) for p in ([source] if isinstance(source, str | Path) else source)]
     if not (np.isfinite(pixel) and pixel > 0):
         raise InvalidInput(f"pixel must be a positive number of metres; got {pixel!r}.")
-    known = ("px", *UNITS["length"])
+    units = ("px", *UNITS["length"])
     unit = None if unit is None else plain_unit(unit)
-    if unit is not None and unit not in known:
-        raise InvalidInput(f"unit must be one of {', '.join(known)}; got {unit!r}.")
+    if unit is not None and unit not in units:
+        raise InvalidInput(f"unit must be one of {', '.join(units)}; got {unit!r}.")
     if normal not in NORMALS:
         raise InvalidInput(f"normal must be {', '.join(map(repr, NORMALS))} (--normal); got {normal!r}.")
     for option, value in (("unit", unit), ("position_unit", position_unit)):
-        if value is not None and value not in known:
-            raise InvalidInput(f"{option} must be one of {', '.join(known)}; got {value!r}.")
+        if value is not None and value not in units:
+            raise InvalidInput(f"{option} must be one of {', '.join(units)}; got {value!r}.")
     for path in paths:
         size_of_file = ordinary(path).stat().st_size
         if size_of_file == 0:
@@ -128,8 +129,8 @@ def read_field(
         require(3.0 * size_of_file, f"{path}: fields of this size", "Cut it to the fields that are wanted.")
     if not 1 <= len(paths) <= 2:
         raise InvalidInput(f"a field is one file, or two with one component each; got {len(paths)}.")
-    found = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)
-    return _field(found, paths[0], pixel, unit, step, start, size, up, v_up, follow, window, position_unit, normal)
+    contents = _pair(paths, name) if len(paths) == 2 else READERS[paths[0].suffix.lower()](paths[0], name)
+    return _field(contents, paths[0], pixel, unit, step, start, size, up, v_up, follow, window, position_unit, normal)
 
 
 def is_field(paths: Sequence[str | Path]) -> bool:
@@ -172,7 +173,6 @@ def _array(path: Path) -> Any:
 
 def _npz(path: Path, name: str | None) -> Found:
     import zipfile
-    import zlib
 
     try:
         # open the file here: the library leaves a file open if it cannot read it
@@ -180,51 +180,39 @@ def _npz(path: Path, name: str | None) -> Found:
             for info in archive.infolist():
                 check_size(info.file_size, f"{path}: {info.filename}")
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            held = {key: np.asarray(file[key]) for key in file.files}
+            arrays = {key: np.asarray(file[key]) for key in file.files}
     except InvalidInput:
         raise
-    except (
-        ValueError,
-        OSError,
-        EOFError,
-        KeyError,
-        zipfile.BadZipFile,
-        zlib.error,
-        NotImplementedError,
-        RuntimeError,
-        SyntaxError,
-        TypeError,
-        AttributeError,
-    ) as error:
+    except DAMAGE_OF_PACKED as error:
         raise InvalidInput(
             f"{path}: cannot be read as .npz ({str(error)[:80]}); it is truncated, damaged or of another format."
         ) from error
-    lower = {key.lower(): key for key in held}
+    lower = {key.lower(): key for key in arrays}
     candidates: dict[str, Found] = {}
     for pair in which(lower, VECTORS):
-        u, v = (held[lower[n]] for n in pair)
+        u, v = (arrays[lower[n]] for n in pair)
         if u.shape != v.shape or u.ndim not in (1, 2):
             continue
-        found = Found(u=u, v=v)
-        others = {n: held[key] for n, key in lower.items()}
-        places, found.std, said = beside(others, u.shape)
-        found.w = normal_beside(others, u.shape)
-        found.notes += said
+        contents = Found(u=u, v=v)
+        extra = {n: arrays[key] for n, key in lower.items()}
+        places, contents.std, notes = beside(extra, u.shape)
+        contents.w = normal_beside(extra, u.shape)
+        contents.notes += notes
         if places is not None:
-            found.x, found.y = places
+            contents.x, contents.y = places
         for key in UNIT_NAMES:
-            if key in lower and held[lower[key]].dtype.kind == "U" and held[lower[key]].size == 1:
-                found.place, found.unit = units_of(str(held[lower[key]].ravel()[0]))
-        candidates[f"{lower[pair[0]]}, {lower[pair[1]]}"] = found
+            if key in lower and arrays[lower[key]].dtype.kind == "U" and arrays[lower[key]].size == 1:
+                contents.place, contents.unit = units_of(str(arrays[lower[key]].ravel()[0]))
+        candidates[f"{lower[pair[0]]}, {lower[pair[1]]}"] = contents
     if not candidates:
         single = [
-            key for key, v in held.items() if v.ndim == 3 and 2 in (v.shape[0], v.shape[-1]) and v.dtype.kind == "f"
+            key for key, v in arrays.items() if v.ndim == 3 and 2 in (v.shape[0], v.shape[-1]) and v.dtype.kind == "f"
         ]
-        candidates = {key: stacked_pair(path, held[key]) for key in single}
+        candidates = {key: stacked_pair(path, arrays[key]) for key in single}
     if not candidates:
         raise InvalidInput(
             f"{path}: no displacement field: sought are two arrays of one shape called u and v, ux and uy or dx and dy; it holds "
-            f"{', '.join(f'{k} {v.shape}' for k, v in list(held.items())[:8]) or 'nothing'}. Save it as np.savez(file, u=..., v=...)."
+            f"{', '.join(f'{k} {v.shape}' for k, v in list(arrays.items())[:8]) or 'nothing'}. Save it as np.savez(file, u=..., v=...)."
         )
     return chosen(path, candidates, name)
 
@@ -332,9 +320,9 @@ def _pair(paths: list[Path], name: str | None) -> Found:
             )
         parts.append(np.asarray(values, dtype=np.float64))
     if parts[0].shape != parts[1].shape:
-        turned = " One looks transposed." if parts[0].shape == parts[1].shape[::-1] else ""
+        hint = " One looks transposed." if parts[0].shape == parts[1].shape[::-1] else ""
         raise InvalidInput(
-            f"{paths[0]} has {parts[0].shape} vectors and {paths[1]} {parts[1].shape}: both components must have one shape.{turned}"
+            f"{paths[0]} has {parts[0].shape} vectors and {paths[1]} {parts[1].shape}: both components must have one shape.{hint}"
         )
     if np.array_equal(parts[0], parts[1], equal_nan=True) and np.nanstd(parts[0]) > 0:
         raise InvalidInput(
@@ -349,7 +337,7 @@ def _pair(paths: list[Path], name: str | None) -> Found:
 
 
 def _field(
-    found: Found,
+    contents: Found,
     path: Path,
     pixel: float,
     unit: str | None,
@@ -363,55 +351,55 @@ def _field(
     position_unit: str | None,
     normal: str,
 ) -> Field:
-    notes = list(found.notes)
+    notes = list(contents.notes)
     if up and v_up:
         raise InvalidInput("up (--up) turns y and v, v_up (--v-up) v alone: give one of them.")
     if window is not None and not (np.isfinite(window) and window > 0):
         raise InvalidInput(f"window must be a positive number of pixels; got {window!r}.")
-    used = _unit(path, "displacements", found.unit, unit, "unit") or ("px" if found.pixels else None)
+    used = _unit(path, "displacements", contents.unit, unit, "unit") or ("px" if contents.pixels else None)
     if used is None:
         raise InvalidInput(
             f'{path}: nothing says in what unit the displacements are: give unit="px", or "m", "um" and so on (--unit px).'
         )
     factor = pixel if used == "px" else UNITS["length"][used]
-    if found.x is None and position_unit is not None:
+    if contents.x is None and position_unit is not None:
         raise InvalidInput(f"{path}: has no positions: leave out position_unit (--position-unit).")
-    place = _unit(path, "positions", found.place, position_unit, "position_unit")
-    if found.x is not None and place is None and found.unit not in (None, "px"):
+    place = _unit(path, "positions", contents.place, position_unit, "position_unit")
+    if contents.x is not None and place is None and contents.unit not in (None, "px"):
         raise InvalidInput(
-            f'{path}: displacements in {found.unit}, and nothing says in what unit the positions are: give position_unit="px", or "um" and so on (--position-unit px).'
+            f'{path}: displacements in {contents.unit}, and nothing says in what unit the positions are: give position_unit="px", or "um" and so on (--position-unit px).'
         )
-    if unit is None and found.unit is None and place is None:
+    if unit is None and contents.unit is None and place is None:
         notes.append("displacements and positions are taken as pixels")
-    elif found.x is not None and place is None and used != "px":
+    elif contents.x is not None and place is None and used != "px":
         notes.append(
             f"positions are taken in {used}, as displacements are (position_unit=, --position-unit, where they are not)"
         )
     place = place or used
     reach = 1.0 if place == "px" else UNITS["length"][place] / pixel
-    if found.pixel is not None:
-        notes += filter(None, [differing(path, pixel, PixelSize(found.pixel, found.pixel, path.name))])
-    u, v = (np.array(p, dtype=np.float64) for p in (found.u, found.v))
-    w = None if found.w is None or normal == "ignore" else np.array(found.w, dtype=np.float64)
+    if contents.pixel is not None:
+        notes += filter(None, [differing(path, pixel, PixelSize(contents.pixel, contents.pixel, path.name))])
+    u, v = (np.array(p, dtype=np.float64) for p in (contents.u, contents.v))
+    w = None if contents.w is None or normal == "ignore" else np.array(contents.w, dtype=np.float64)
     if np.isinf(u).any() or np.isinf(v).any() or (w is not None and np.isinf(w).any()):
         raise InvalidInput(f"{path}: holds infinite displacements; mark vectors that are missing as NaN.")
     left_out = 0
-    if found.bad is not None:
-        left_out = int((found.bad & np.isfinite(u) & np.isfinite(v)).sum())
-        u[found.bad] = v[found.bad] = np.nan
+    if contents.bad is not None:
+        left_out = int((contents.bad & np.isfinite(u) & np.isfinite(v)).sum())
+        u[contents.bad] = v[contents.bad] = np.nan
     out = []
     if w is not None:
         out = [np.where(np.isnan(u), np.nan, -w if normal == "down" else w)]
         notes.append(
             f"the displacement out of the plane is taken to point {'out of' if normal == 'up' else 'into'} the gel where it is positive (normal=, --normal)"
         )
-    std: Any = None if found.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in found.std])
-    if follow and found.x is None:
+    std: Any = None if contents.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in contents.std])
+    if follow and contents.x is None:
         raise InvalidInput(f"{path}: follow moves positions, and this file has none: leave it out.")
-    if found.x is not None:
+    if contents.x is not None:
         if step is not None or start is not None:
             raise InvalidInput(f"{path}: has positions of its own: leave out step and start.")
-        x, y = (np.array(p, dtype=np.float64) * reach for p in (found.x, found.y))
+        x, y = (np.array(p, dtype=np.float64) * reach for p in (contents.x, contents.y))
         if follow:
             x, y = x + np.nan_to_num(u) * (factor / pixel), y + np.nan_to_num(v) * (factor / pixel)
         if up:
@@ -440,21 +428,19 @@ def _field(
     )  # fmt: skip
 
 
-def _unit(path: Path, what: str, stated: str | None, given: str | None, option: str) -> str | None:
-    """Return the unit of displacements or positions, from the file or from the caller; they must not contradict each
-    other.
-    """
-    if stated is not None and stated != "px" and stated not in UNITS["length"]:
-        if "/" in stated:
+def _unit(path: Path, quantity: str, unit_in_file: str | None, unit: str | None, option: str) -> str | None:
+    """Unit of displacements or positions, from the file or from the caller; they must not contradict each other."""
+    if unit_in_file is not None and unit_in_file != "px" and unit_in_file not in UNITS["length"]:
+        if "/" in unit_in_file:
             raise InvalidInput(
-                f"{path}: {what} in {stated} are velocities, a field has displacements: export it in pixels a frame."
+                f"{path}: {quantity} in {unit_in_file} are velocities, a field has displacements: export it in pixels a frame."
             )
-        raise InvalidInput(f"{path}: {what} in {stated!r}; accepted: px, {', '.join(UNITS['length'])}.")
-    if stated is not None and given is not None and stated != given and {stated, given} != {"um", "µm"}:
+        raise InvalidInput(f"{path}: {quantity} in {unit_in_file!r}; accepted: px, {', '.join(UNITS['length'])}.")
+    if unit_in_file is not None and unit is not None and unit_in_file != unit and {unit_in_file, unit} != {"um", "µm"}:
         raise InvalidInput(
-            f"{path} says that {what} are in {stated}, and {option}={given!r} was given: leave out {option} (--{option.replace('_', '-')})."
+            f"{path} says that {quantity} are in {unit_in_file}, and {option}={unit!r} was given: leave out {option} (--{option.replace('_', '-')})."
         )
-    return given or stated
+    return unit or unit_in_file
 
 
 def _grid(
@@ -475,9 +461,9 @@ def _grid(
             )
         steps = size[0] / columns, size[1] / rows
         if abs(steps[0] / steps[1] - 1.0) > 0.1:
-            turned = " The field looks transposed." if abs(size[0] / rows / (size[1] / columns) - 1.0) < 0.1 else ""
+            hint = " The field looks transposed." if abs(size[0] / rows / (size[1] / columns) - 1.0) < 0.1 else ""
             raise InvalidInput(
-                f"{path}: {columns} x {rows} vectors do not cover a picture of {size[0]} x {size[1]} pixels evenly: give step= (--step), the pixels between vectors.{turned}"
+                f"{path}: {columns} x {rows} vectors do not cover a picture of {size[0]} x {size[1]} pixels evenly: give step= (--step), the pixels between vectors.{hint}"
             )
         step = float(np.mean(steps))
         notes.append(
@@ -516,17 +502,17 @@ def _placed(
         columns, rows = (int(k.max()) + 1 for k in places)
         regular = regular and columns * rows <= 4 * len(flat[0])
         if regular:
-            where = places[1] * columns + places[0]
-            if len(np.unique(where)) != len(where):
+            index = places[1] * columns + places[0]
+            if len(np.unique(index)) != len(index):
                 raise InvalidInput(
                     "positions are there twice: the file may hold several fields, one after another. Give one."
                 )
             out = np.full((len(values), rows * columns), np.nan)
-            out[:, where] = values
+            out[:, index] = values
             deviations: Any = None
             if stds is not None:
                 deviations = np.full((2, rows * columns), np.nan)
-                deviations[:, where] = stds
+                deviations[:, index] = stds
                 deviations = deviations.reshape(2, rows, columns)
             return out.reshape(-1, rows, columns), deviations, start, step
     good = np.isfinite(values).all(axis=0)
@@ -535,7 +521,7 @@ def _placed(
     if good.sum() < 16 or area <= 0:
         raise InvalidInput(f"{int(good.sum())} vectors that lie in a line or at one place are no field.")
     step = float(np.sqrt(area / good.sum()))
-    made = Recording(
+    gridded = Recording(
         readings=values[None, :, good],
         channels=("displacement_x", "displacement_y", "displacement_z")[: len(values)],
         positions=at,
@@ -543,7 +529,7 @@ def _placed(
     notes.append(_SCATTERED.format(count=int(good.sum()), step=step))
     if stds is not None:
         notes.append("the standard deviations of the file are left out")
-    return made.readings[0], None, (float(made.meta["x0"]), float(made.meta["y0"])), step
+    return gridded.readings[0], None, (float(gridded.meta["x0"]), float(gridded.meta["y0"])), step
 
 
 def _levels(values: Floats) -> tuple[float, float]:
@@ -553,8 +539,8 @@ def _levels(values: Floats) -> tuple[float, float]:
     if not len(gaps):
         return float(levels[0]), 0.0
     step = float(np.median(gaps))
-    whole = np.rint(gaps / step)
-    if (whole < 1).any() or np.abs(gaps - whole * step).max() > EVEN * step + 1e-6 * np.abs(levels).max():
+    multiples = np.rint(gaps / step)
+    if (multiples < 1).any() or np.abs(gaps - multiples * step).max() > EVEN * step + 1e-6 * np.abs(levels).max():
         return float(levels[0]), 0.0
     # use the mean step, because coordinates may be rounded
-    return float(levels[0]), float((levels[-1] - levels[0]) / whole.sum())
+    return float(levels[0]), float((levels[-1] - levels[0]) / multiples.sum())

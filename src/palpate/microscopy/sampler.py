@@ -122,8 +122,8 @@ class Chain:
     def _factor(
         self, gram: Floats, linear: Floats, blobs: Floats, noise: float
     ) -> tuple[Floats, Floats, Floats] | None:
-        """Return the Cholesky factor of the posterior precision of the used unknowns (scaled to unit variance), the
-        solution of the factor for the right side, and the scales.
+        """Return L, L^-1 b and the scales. L is the lower Cholesky factor of the posterior precision of the unknowns that
+        are not fixed, each divided by its scale (its prior standard deviation); b is the scaled right side.
         """
         count = self.fixed + 2 * len(blobs)
         scale = np.concatenate([self.scales, np.repeat(np.exp(blobs[:, 3]), 2)])
@@ -146,13 +146,13 @@ class Chain:
 
     def _evidence(self, gram: Floats, linear: Floats, blobs: Floats, noise: float) -> float:
         """Return the log evidence of blobs, with their forces integrated out."""
-        found = self._factor(gram, linear, blobs, noise)
-        if found is None:
+        factor = self._factor(gram, linear, blobs, noise)
+        if factor is None:
             return -math.inf
-        lower, right, _ = found
+        lower, right, _ = factor
         squares = self.power / noise**2 - float(right @ right) / noise**4
-        spread = 2.0 * float(np.log(np.diag(lower)).sum()) + 2.0 * len(self.vectors.y) * math.log(noise)
-        return -0.5 * (squares + spread)
+        log_determinant = 2.0 * float(np.log(np.diag(lower)).sum()) + 2.0 * len(self.vectors.y) * math.log(noise)
+        return -0.5 * (squares + log_determinant)
 
     def _prior(self, blob: Floats) -> float:
         """Return the log prior of a blob."""
@@ -249,11 +249,11 @@ class Chain:
 
     def _dies(self, place: Floats | None = None, odds: float = 0.0) -> bool:
         """Propose to remove one blob, any or one near ``place``."""
-        chosen = self._near(self.blobs, place)
-        total = float(chosen.sum())
+        chances = self._near(self.blobs, place)
+        total = float(chances.sum())
         if not total > 0:
             return False
-        k = int(self.rng.integers(len(chosen)) if place is None else self.rng.choice(len(chosen), p=chosen / total))
+        k = int(self.rng.integers(len(chances)) if place is None else self.rng.choice(len(chances), p=chances / total))
         stay, blobs, evidence = self._without(k)
         accepted = self._accepts(evidence - self.evidence + odds - self._added(self.blobs, k, place))
         if accepted:
@@ -293,20 +293,20 @@ class Chain:
         """Propose to switch a doubtful vector between an outlier, with an offset of its own, and a normal vector. Half of
         the proposals replace the offset with a blob near the vector, because neither alone would explain it.
         """
-        k, alone = int(self.rng.integers(len(self.wrong))), self.rng.random() < 0.5
-        now = not self.wrong[k]
-        self._switch(k, now)
-        odds = self.odds if now else -self.odds
+        k, without_blob = int(self.rng.integers(len(self.wrong))), self.rng.random() < 0.5
+        outlier = not self.wrong[k]
+        self._switch(k, outlier)
+        odds = self.odds if outlier else -self.odds
         place = self.vectors.places[self.vectors.doubtful[k]]
-        if alone:
+        if without_blob:
             evidence = self._evidence(self.gram, self.linear, self.blobs, self.noise)
             accepted = self._accepts(evidence - self.evidence + odds)
             if accepted:
                 self.evidence = evidence
         else:
-            accepted = self._dies(place, odds) if now else self._born(place, odds)
+            accepted = self._dies(place, odds) if outlier else self._born(place, odds)
         if not accepted:
-            self._switch(k, not now)
+            self._switch(k, not outlier)
 
     def _switch(self, k: int, wrong: bool) -> None:
         """Let a doubtful vector have an offset, or none."""
@@ -365,13 +365,11 @@ class Chain:
                 self._leave(stay, blobs, evidence)
 
     def forces(self) -> tuple[Floats, Floats]:
-        """Return the posterior mean of drift and forces (drift and blob * 2,), and the forces (blob, 2) [N] of one
-        draw.
-        """
-        found = self._factor(self.gram, self.linear, self.blobs, self.noise)
-        if found is None:
+        """Posterior mean of drift and forces (drift and blob * 2,), and the forces (blob, 2) [N] of one draw."""
+        factor = self._factor(self.gram, self.linear, self.blobs, self.noise)
+        if factor is None:
             raise RuntimeError("an accepted state has a factor")
-        lower, right, scale = found
+        lower, right, scale = factor
         used = self._used(self.count)
 
         def back(values: Floats) -> Floats:
@@ -380,8 +378,8 @@ class Chain:
             return out
 
         mean = back(right) / self.noise**2
-        drawn = mean + back(self.rng.standard_normal(len(right)))
-        return mean, drawn[self.fixed :].reshape(-1, 2)
+        draw = mean + back(self.rng.standard_normal(len(right)))
+        return mean, draw[self.fixed :].reshape(-1, 2)
 
     def modelled(self, vectors: Vectors, mean: Floats) -> Floats:
         """Return the displacement (2, n) [m] that the mean drift and forces cause at other vectors."""

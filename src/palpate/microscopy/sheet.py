@@ -62,9 +62,7 @@ class Sheet:
         return float(self.elements.area.sum())
 
     def body(self, traction: Floats) -> Floats:
-        """Return the loads (dof,) due to a traction on the gel (2, q) [Pa]; the gel acts on the sheet with the
-        opposite sign.
-        """
+        """Loads (dof,) due to a traction on the gel (2, q) [Pa]; the gel acts on the sheet with the opposite sign."""
         e = self.elements
         return np.asarray(-sum(v.T @ (e.area * t) for v, t in zip(e.value, traction)))
 
@@ -120,9 +118,7 @@ class Sheet:
 
 
 def _stiffness(ratio: float) -> Floats:
-    """Return the plane-stress stiffness for a product of modulus and thickness of 1; its value does not matter if only
-    forces are given.
-    """
+    """Plane-stress stiffness for modulus times thickness 1; given forces alone, the value does not matter."""
     return np.array([[1.0, ratio, 0.0], [ratio, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - ratio)]]) / (1.0 - ratio**2)
 
 

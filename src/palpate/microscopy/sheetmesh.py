@@ -38,9 +38,7 @@ DEGREE = 4
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A region of the plane: ``mask`` (row, column) on squares of side ``side`` [m], with the middle of the first
-    square at ``start`` (x, y) [m].
-    """
+    """A region: ``mask`` (row, column) on squares of side ``side`` [m], the first centred on ``start`` (x, y) [m]."""
 
     mask: Flags
     start: tuple[float, float]
@@ -76,9 +74,7 @@ def _resampled(line: Floats, spacing: float) -> Floats:
 
 
 def triangles(shape: Shape, spacing: float) -> tuple[Floats, npt.NDArray[np.int64]]:
-    """Fill a shape with triangles: return points (n, 2) [m] and triangles (m, 3) of the Delaunay triangulation of its
-    outline and an inner lattice.
-    """
+    """Points (n, 2) [m] and triangles (m, 3): the Delaunay triangulation of its outline and an inner lattice."""
     lines = shape.outlines()
     if not lines:
         raise InvalidInput("the sheet has no outline: its mask is empty.")

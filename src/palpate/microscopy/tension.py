@@ -143,55 +143,30 @@ class SheetTension:
 
     @property
     def average(self) -> Floats:
-        """Mean of the two principal tensions (row, column) [N/m].
-
-        Examples
-        --------
-        >>> sheet.average.shape  # doctest: +SKIP
-        """
+        """Mean of the two principal tensions (row, column) [N/m]."""
         return np.asarray(0.5 * (self.tension[0] + self.tension[1]))
 
     @property
     def largest(self) -> Floats:
-        """The larger principal tension (row, column) [N/m].
-
-        Examples
-        --------
-        >>> sheet.largest.shape  # doctest: +SKIP
-        """
+        """The larger principal tension (row, column) [N/m]."""
         return _principal(self.tension)[0]
 
     def summary(self) -> str:
-        """Return the numbers as text, one to a line.
-
-        Examples
-        --------
-        >>> print(sheet.summary())  # doctest: +SKIP
-        """
+        """Return the numbers as text, one to a line."""
         return "\n".join(
             str(q) if q.std > 0 else f"{q.label}: {q.scaled()[0]} {q.scaled()[2]}" for q in self.quantities.values()
         )
 
     def plot(self, *, title: str | None = None) -> Figure:
-        """Plot the average tension with the directions of the larger principal tension, and its standard deviation.
-
-        Examples
-        --------
-        >>> sheet.plot().savefig("tension.pdf")  # doctest: +SKIP
-        """
+        """Plot the average tension with the directions of the larger principal tension, and its standard deviation."""
         from palpate.microscopy.sheetfigure import plot_tension
 
         return plot_tension(self, title=title)
 
     def write_table(self, path: str | Path) -> None:
-        """Write the numbers of the sheet, of each cell and of each border as CSV.
-
-        Examples
-        --------
-        >>> sheet.write_table("sheet.csv")  # doctest: +SKIP
-        """
-        held = io.StringIO()
-        writer = csv.writer(held, lineterminator="\n")
+        """Write the numbers of the sheet, of each cell and of each border as CSV."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["of", "quantity", "value", "std", "low_95", "high_95", "unit"])
 
         def put(of: str, name: str, q: Quantity) -> None:
@@ -209,7 +184,7 @@ class SheetTension:
             put(of, "border_length", Quantity("length", "m", border.length, 0.0))
             put(of, "border_normal_tension", border.normal)
             put(of, "border_shear", border.shear)
-        atomically(path, lambda at: _write(at, held.getvalue()))
+        atomically(path, lambda at: _write(at, text.getvalue()))
 
 
 def sheet_tension(
@@ -295,28 +270,31 @@ def sheet_tension(
     spacing = float(np.clip(field.pitch, math.sqrt(area / MOST), math.sqrt(area / FEWEST)))
     masks = {} if labels is None else _labels(forces, labels, size)
     parts = [_part(forces, sheet_of(s, spacing, view), tractions, poissons_ratio, own, rng) for s in shapes]
-    where = np.concatenate([p.sheet.elements.points for p in parts])
+    points = np.concatenate([p.sheet.elements.points for p in parts])
     weight = np.concatenate([p.sheet.elements.area for p in parts])
     # (1 + draw, 3, q): large, so one part is not copied
     tension = parts[0].tension if len(parts) == 1 else np.concatenate([p.tension for p in parts], axis=2)
     rows, columns = field.shape
-    number = _square(field, where)
-    known = np.bincount(number[number >= 0], weight[number >= 0], rows * columns)
+    number = _square(field, points)
+    area_in_square = np.bincount(number[number >= 0], weight[number >= 0], rows * columns)
     good = number >= 0
     # if triangles are wider than the squares, some squares contain no point: use the nearest
-    empty = np.flatnonzero((known == 0) & forces.inside.ravel())
+    empty = np.flatnonzero((area_in_square == 0) & forces.inside.ravel())
     places = np.stack(np.unravel_index(empty, field.shape)[::-1], axis=1) * field.pitch
-    far, nearest = scipy.spatial.cKDTree(where).query(places + field.pixel * np.array(field.start))
-    near = far < 2.0 * spacing
+    distance, nearest = scipy.spatial.cKDTree(points).query(places + field.pixel * np.array(field.start))
+    reachable = distance < 2.0 * spacing
     mean = scipy.sparse.csr_array(
         (
-            np.concatenate([weight[good] / known[number[good]], np.ones(int(near.sum()))]),
-            (np.concatenate([number[good], empty[near]]), np.concatenate([np.flatnonzero(good), nearest[near]])),
+            np.concatenate([weight[good] / area_in_square[number[good]], np.ones(int(reachable.sum()))]),
+            (
+                np.concatenate([number[good], empty[reachable]]),
+                np.concatenate([np.flatnonzero(good), nearest[reachable]]),
+            ),
         ),
-        shape=(rows * columns, len(where)),
+        shape=(rows * columns, len(points)),
     )
-    known[empty[near]] = 1.0
-    inside = (known > 0).reshape(rows, columns)
+    area_in_square[empty[reachable]] = 1.0
+    inside = (area_in_square > 0).reshape(rows, columns)
     maps = np.stack([(mean @ t.T).T for t in tension]).reshape(len(tension), 3, rows, columns)
     maps[:, :, ~inside] = np.nan
     # add the error of the outline: forces at the edge of the sheet have the longest lever
@@ -333,7 +311,7 @@ def sheet_tension(
         numbers[name] = Quantity(name.replace("_", " ") + " of the traction", unit, float(values[0]), std)
     numbers["area"] = Quantity("area of the sheet", "m^2", float(weight.sum()), 0.0)
     std = np.hypot(maps[1:].std(axis=0, ddof=1), common * maps[0])
-    cells, borders = _cells(masks, field, where, weight, tension, common)
+    cells, borders = _cells(masks, field, points, weight, tension, common)
     notes = _notes(parts, forces, own, poissons_ratio)
     if numbers["average_tension"].interval[1] < 0:
         pressed = "the sheet is pressed as a whole, as hardly any is: are the pictures in order (at rest first, pulled second), or do the displacements have the opposite sign?"
@@ -370,7 +348,7 @@ def _part(
         return np.stack([e.straight @ n for n in nodes])
 
     flat = tractions.reshape(len(tractions), 2, -1)
-    found, missing = [], []
+    tensions, missing = [], []
     loads = Loads(sheet, 1.0, rng)
     first = np.stack([spread @ c for c in flat[0]])
     closed = at_points(sheet.tension(sheet.body(sheet.balance(first)[0]), middle))
@@ -393,14 +371,14 @@ def _part(
         if k == 0:  # the mean over Poisson's ratio
             weights = (5 / 18, 8 / 18, 5 / 18) if len(ratios) == 3 else (1.0,)
             nodes = sum(w * sheet.tension(body, r) for w, r in zip(weights, ratios))
-            found.append(at_points(np.asarray(nodes)))
+            tensions.append(at_points(np.asarray(nodes)))
             continue
         extra = own * loads.own(finest, 0.25 * loads.extent) if own > 0 else None
         if extra is not None:
             body = body + sheet.own(extra)
-        which = ratios[CYCLE[k % len(CYCLE)]] if len(ratios) == 3 else ratios[0]
-        found.append(at_points(sheet.tension(body, which, extra)))
-    return _Part(sheet, np.stack(found), np.stack(missing), gross)
+        poissons_ratio = ratios[CYCLE[k % len(CYCLE)]] if len(ratios) == 3 else ratios[0]
+        tensions.append(at_points(sheet.tension(body, poissons_ratio, extra)))
+    return _Part(sheet, np.stack(tensions), np.stack(missing), gross)
 
 
 def _spread(forces: CellForces, sheet: Sheet) -> Any:
@@ -423,21 +401,22 @@ def _spread(forces: CellForces, sheet: Sheet) -> Any:
     covered = np.asarray(weights.T @ e.area)
     enough = covered > PART * field.pitch**2
     places = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(float)
-    far, nearest = scipy.spatial.cKDTree(places[enough]).query(places)
+    distance, nearest = scipy.spatial.cKDTree(places[enough]).query(places)
     margin = OUTSIDE * max(field.aperture, field.pitch) / field.pitch + 1.0
-    taken = far <= margin
-    moved = scipy.sparse.csr_array(
-        (np.ones(int(taken.sum())), (np.flatnonzero(enough)[nearest[taken]], np.flatnonzero(taken))),
+    within_margin = distance <= margin
+    transfer = scipy.sparse.csr_array(
+        (
+            np.ones(int(within_margin.sum())),
+            (np.flatnonzero(enough)[nearest[within_margin]], np.flatnonzero(within_margin)),
+        ),
         shape=(rows * columns, rows * columns),
     )
     each = np.where(enough, field.pitch**2 / np.where(enough, covered, 1.0), 0.0)
-    return weights @ scipy.sparse.diags_array(each) @ moved
+    return weights @ scipy.sparse.diags_array(each) @ transfer
 
 
 def _shapes(forces: CellForces) -> list[Shape]:
-    """Return the connected parts of the mask within the field of view, on squares that are finer than the spacing of
-    vectors.
-    """
+    """Connected parts of the mask within the field of view, on squares that are finer than the spacing of vectors."""
     field = forces.field
     rows, columns = field.shape
     finer = max(1, min(4, round(400 / max(rows, columns))))
@@ -445,17 +424,17 @@ def _shapes(forces: CellForces) -> list[Shape]:
     at = [s + field.step * ((np.arange(n * finer) + 0.5) / finer - 0.5) for s, n in zip(field.start, (columns, rows))]
     mask = forces.mask
     if mask is None or not forces.masked:
-        whole = np.ones((rows * finer, columns * finer), dtype=bool)
+        mask_on_squares = np.ones((rows * finer, columns * finer), dtype=bool)
     elif mask.dtype != np.bool_:
-        whole = inside_outline(mask, *at)
+        mask_on_squares = inside_outline(mask, *at)
     elif mask.shape == forces.inside.shape:
-        whole = np.repeat(np.repeat(forces.inside, finer, axis=0), finer, axis=1)
+        mask_on_squares = np.repeat(np.repeat(forces.inside, finer, axis=0), finer, axis=1)
     else:
         # fraction of each fine square that is inside
         blurred = scipy.ndimage.uniform_filter(mask.astype(np.float64), max(1, round(field.step / finer)))
         places = np.meshgrid(at[1], at[0], indexing="ij")
-        whole = scipy.ndimage.map_coordinates(blurred, places, order=1, mode="constant") >= 0.5
-    number, count = scipy.ndimage.label(whole)
+        mask_on_squares = scipy.ndimage.map_coordinates(blurred, places, order=1, mode="constant") >= 0.5
+    number, count = scipy.ndimage.label(mask_on_squares)
     sizes = np.bincount(number.ravel(), minlength=count + 1)[1:]
     start = float(at[0][0] * field.pixel), float(at[1][0] * field.pixel)
     keep = [k for k in range(count) if sizes[k] > SMALL * sizes.max() and sizes[k] > FEW * finer**2 / 2]
@@ -474,19 +453,17 @@ def _view(forces: CellForces) -> tuple[float, float, float, float]:
     return left, left + columns * field.pitch, top, top + rows * field.pitch
 
 
-def _square(field: Any, where: Floats) -> npt.NDArray[np.intp]:
+def _square(field: Any, points: Floats) -> npt.NDArray[np.intp]:
     """Return the flat index of the vector's square that contains each point; -1 outside."""
     rows, columns = field.shape
-    j = np.rint((where[:, 0] / field.pixel - field.start[0]) / field.step).astype(int)
-    i = np.rint((where[:, 1] / field.pixel - field.start[1]) / field.step).astype(int)
+    j = np.rint((points[:, 0] / field.pixel - field.start[0]) / field.step).astype(int)
+    i = np.rint((points[:, 1] / field.pixel - field.start[1]) / field.step).astype(int)
     good = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
     return np.where(good, i * columns + j, -1)
 
 
 def _principal(tension: Floats) -> tuple[Floats, Floats]:
-    """Return the larger principal tension and its angle [degrees from x towards y] for tensions (..., 3, row, column)
-    or (..., 3, n).
-    """
+    """Larger principal tension and its angle [degrees, x towards y] for (..., 3, row, column) or (..., 3, n)."""
     axis = -3 if tension.ndim >= 3 and tension.shape[-3] == 3 else -2
     xx, yy, xy = np.moveaxis(tension, axis, 0)
     half = np.hypot(0.5 * (xx - yy), xy)
@@ -505,16 +482,16 @@ def _quantity(label: str, values: Floats, common: float, why: str = "", *, extre
 def _labels(forces: CellForces, labels: Any, size: tuple[int, int] | None) -> dict[str, Flags]:
     size = size or forces.field.size
     masks = labels if isinstance(labels, dict) else read_labels(labels, size=size)
-    one = next(iter(masks.values()))
-    if any(abs(a - b) > 2 * forces.field.step + 0.05 * b for a, b in zip(one.shape[::-1], size)):
+    first_mask = next(iter(masks.values()))
+    if any(abs(a - b) > 2 * forces.field.step + 0.05 * b for a, b in zip(first_mask.shape[::-1], size)):
         raise InvalidInput(
-            f"cells are outlined in {one.shape[1]} x {one.shape[0]} pixels, and the picture has {size[0]} x {size[1]}: give labels of the sheet's own picture."
+            f"cells are outlined in {first_mask.shape[1]} x {first_mask.shape[0]} pixels, and the picture has {size[0]} x {size[1]}: give labels of the sheet's own picture."
         )
     return masks
 
 
 def _cells(
-    masks: dict[str, Flags], field: Any, where: Floats, weight: Floats, tension: Floats, common: float
+    masks: dict[str, Flags], field: Any, points: Floats, weight: Floats, tension: Floats, common: float
 ) -> tuple[tuple[RegionTension, ...], tuple[BorderTension, ...]]:
     """Return the mean tension of each label, and the forces across borders."""
     if not masks:
@@ -524,9 +501,9 @@ def _cells(
     number = np.zeros(shape, dtype=int)
     for k, mask in enumerate(masks.values(), start=1):
         number[mask] = k
-    at = np.rint(where / field.pixel).astype(int)
+    at = np.rint(points / field.pixel).astype(int)
     good = (at >= 0).all(axis=1) & (at[:, 0] < shape[1]) & (at[:, 1] < shape[0])
-    of = np.zeros(len(where), dtype=int)
+    of = np.zeros(len(points), dtype=int)
     of[good] = number[at[good, 1], at[good, 0]]
     cells = []
     for k, name in enumerate(names, start=1):
@@ -541,33 +518,33 @@ def _cells(
                 name, area, _quantity("average tension", 0.5 * (mean[:, 0] + mean[:, 1]), common), _quantity("largest tension", top[:, 0], common, extreme=True), float(angle[0, 0])
             )
         )  # fmt: skip
-    return tuple(cells), _borders(names, number, field.pixel, where, tension, common)
+    return tuple(cells), _borders(names, number, field.pixel, points, tension, common)
 
 
 def _borders(
-    names: list[str], number: npt.NDArray[Any], pixel: float, where: Floats, tension: Floats, common: float
+    names: list[str], number: npt.NDArray[Any], pixel: float, points: Floats, tension: Floats, common: float
 ) -> tuple[BorderTension, ...]:
     """Return the forces across borders of two labels: the sum of N n over the edges between their pixels, which does
     not depend on the steps of the border.
     """
-    tree = scipy.spatial.cKDTree(where)
+    tree = scipy.spatial.cKDTree(points)
     edges: dict[tuple[int, int], list[tuple[float, float, float, float]]] = {}
     for axis in (0, 1):
-        one, other = (number[:-1], number[1:]) if axis == 0 else (number[:, :-1], number[:, 1:])
-        for r, c in np.argwhere((one != other) & (one > 0) & (other > 0)):
-            a, b = int(one[r, c]), int(other[r, c])
+        first, second = (number[:-1], number[1:]) if axis == 0 else (number[:, :-1], number[:, 1:])
+        for r, c in np.argwhere((first != second) & (first > 0) & (second > 0)):
+            a, b = int(first[r, c]), int(second[r, c])
             sign = 1.0 if a < b else -1.0  # the normal points out of the label that comes first
             x, y, nx, ny = (c, r + 0.5, 0.0, sign) if axis == 0 else (c + 0.5, r, sign, 0.0)
             edges.setdefault((min(a, b), max(a, b)), []).append((x * pixel, y * pixel, nx * pixel, ny * pixel))
     out = []
     for (a, b), listed in sorted(edges.items()):
         each = np.array(listed)
-        far, near = tree.query(each[:, :2])
+        distance, nearest = tree.query(each[:, :2])
         span = each[:, 2:].sum(axis=0)
         length = float(np.hypot(*span))
-        if length < 2 * pixel or far.max() > 10 * max(length, pixel):
+        if length < 2 * pixel or distance.max() > 10 * max(length, pixel):
             continue
-        xx, yy, xy = np.moveaxis(tension[:, :, near], 1, 0)
+        xx, yy, xy = np.moveaxis(tension[:, :, nearest], 1, 0)
         f = np.stack([xx @ each[:, 2] + xy @ each[:, 3], xy @ each[:, 2] + yy @ each[:, 3]])
         n = span / length
         out.append(
@@ -585,9 +562,9 @@ def _notes(parts: list[_Part], forces: CellForces, own: float, ratio: float | No
     for k, part in enumerate(parts):
         share = float(np.hypot(part.missing[0, 0], part.missing[0, 1])) / max(part.gross, 1e-300)
         if share > UNBALANCED and not len(part.sheet.edge[0]):
-            which = f" of part {k + 1}" if len(parts) > 1 else ""
+            part_name = f" of part {k + 1}" if len(parts) > 1 else ""
             notes.append(
-                f"the traction{which} is not balanced: its net force is {100 * share:.0f} % of the sum of its sizes. An even traction was taken out; is all of the sheet in the mask and in view?"
+                f"the traction{part_name} is not balanced: its net force is {100 * share:.0f} % of the sum of its sizes. An even traction was taken out; is all of the sheet in the mask and in view?"
             )
     if open_:
         notes.append(

@@ -68,9 +68,7 @@ def _beside(u: Floats) -> tuple[Floats, Floats]:
 
 
 def _far(u: Floats, middle: Floats, spread: Floats, noise: Any) -> Floats:
-    """Return the distance of vectors (row, column) from their neighbours' median, in units of what noise and the spread
-    of the neighbours explain.
-    """
+    """Distance of vectors (row, column) from their neighbours' median, in units of noise and spread."""
     far = np.abs(u - middle) / np.maximum(np.hypot(DIFFERENCE * noise, spread), 1e-300)
     return np.asarray(np.nan_to_num(far).max(axis=0))
 
@@ -145,9 +143,7 @@ class Vectors:
         )
 
     def rows(self, response: Response, x: float, y: float, size: float) -> Floats:
-        """Return the effect on the vectors (2, 2 n) of a unit force along x and along y in a blob of standard
-        deviation ``size`` [m].
-        """
+        """Effect on the vectors (2, 2 n) of a unit force along x and y in a blob of standard deviation ``size`` [m]."""
         dx, dy = self.places[:, 0] - x, self.places[:, 1] - y
         xx, xy, yy = response.tensor(dx, dy, size**2 + self.variance)
         if self.window > 0:

@@ -106,9 +106,7 @@ class Contacts:
         return self._count
 
     def wrench(self, worlds: int) -> Floats:
-        """Return the net force and moment about the middle of the surface (world, 6) [N, N m] of all contacts in each
-        world.
-        """
+        """Net force and moment about the middle of the surface (world, 6) [N, N m] of all contacts in each world."""
         out = np.zeros((worlds, 6))
         position, force = np.asarray(self.position), np.asarray(self.force)
         moment = np.cross(position, force) + np.asarray(self.torque)

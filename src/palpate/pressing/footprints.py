@@ -39,9 +39,7 @@ def ellipse_points(count: int) -> tuple[Floats, Floats]:
 
 
 def disc_points(count: int) -> tuple[Floats, Floats]:
-    """Return points (point, 2) and weights of a uniform pressure on the unit circle, by Gauss-Legendre quadrature in
-    r^2.
-    """
+    """Points (point, 2) and weights of a uniform pressure on the unit circle, by Gauss-Legendre quadrature in r^2."""
     count = max(MIN_POINTS, count)
     t, w = np.polynomial.legendre.leggauss(count)
     radius, angles = np.sqrt(0.5 * (t + 1.0)), 3 * count

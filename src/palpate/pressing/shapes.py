@@ -133,9 +133,7 @@ def _cylinder(size: Floats, at: Floats) -> Local:
 
 
 def _ellipsoid(size: Floats, at: Floats) -> Local:
-    """Return the shape operator of sum (x/a)^2 = 1: its Hessian in the tangent plane, divided by the length of its
-    gradient.
-    """
+    """Shape operator of sum (x/a)^2 = 1: its Hessian in the tangent plane, divided by the length of its gradient."""
     hessian = np.diag(2.0 / size[:3] ** 2)
     gradient = hessian @ at
     plane = _round(gradient)

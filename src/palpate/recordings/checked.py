@@ -108,9 +108,7 @@ def _plain(value: Any) -> Any:
 
 
 def confirm(dataset: xarray.Dataset, expected: Any, path: str | Path, remedy: str = "") -> None:
-    """Raise an error if data differ from what was written. ``expected`` None: the file has no checksum (another
-    program, or a stream).
-    """
+    """Refuse data that differ from what was written. ``expected`` None: no checksum (another program, a stream)."""
     if expected is not None:
         agree(checksum(dataset), expected, path, remedy)
 
@@ -140,9 +138,7 @@ def confirm_recording(recording: Recording, expected: Any, path: str | Path, rem
 
 
 def with_losses(recording: Recording, expected: Any, path: str | Path, losses: str) -> Recording:
-    """The salvaged recording, with a note on the losses in ``meta``. If a checksum of the whole matches, nothing was
-    lost.
-    """
+    """The salvaged recording, with the losses in ``meta``. If a checksum of the whole matches, nothing was lost."""
     if expected is not None:
         try:
             confirm_recording(recording, expected, path)
@@ -154,9 +150,7 @@ def with_losses(recording: Recording, expected: Any, path: str | Path, losses: s
 
 
 def affordable(claimed: int, stored: int, path: str | Path, *, shrink: float = DEFLATE) -> None:
-    """Raise an error for a header that claims more bytes than ``stored`` bytes can contain, before anything is
-    allocated.
-    """
+    """Refuse a header that claims more bytes than ``stored`` bytes can contain, before anything is allocated."""
     if claimed < 0 or claimed > SMALL + shrink * stored:
         raise InvalidInput(
             f"{path}: its header claims {plain_number(claimed, 3)} bytes of numbers, but only {plain_number(stored, 3)} bytes are stored; it is damaged."

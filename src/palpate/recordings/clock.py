@@ -125,8 +125,8 @@ def unit_of_name(name: str) -> float | None:
     """
     words = "".join(f"_{c.lower()}" if c.isupper() else c for c in name)
     last = [w for w in "".join(c if c.isalpha() else " " for c in words).split() if w][-1:]
-    bare = [w for w in "".join(c.lower() if c.isalpha() else " " for c in name).split() if w][-1:]
-    return next((unit for unit, names in _NAMES.items() if {*last, *bare} & set(names)), None)
+    lower = [w for w in "".join(c.lower() if c.isalpha() else " " for c in name).split() if w][-1:]
+    return next((unit for unit, names in _NAMES.items() if {*last, *lower} & set(names)), None)
 
 
 def read_clock(
@@ -215,9 +215,9 @@ class LiveClock:
 
     def next(self, stamp: float, now: float) -> float:
         """The time of the next frame [s]."""
-        again = stamp == self._stamp
-        time = now if stamp == 0.0 else self._time + (now - self._now) if again else stamp
-        replaced = again or stamp == 0.0
+        repeated = stamp == self._stamp
+        time = now if stamp == 0.0 else self._time + (now - self._now) if repeated else stamp
+        replaced = repeated or stamp == 0.0
         if (replaced or self._replaced) and 0.0 <= self._time - time < LATE:
             time = self._time + STOPPED_CLOCK
         self._stamp, self._time, self._now, self._replaced = stamp, time, now, replaced
@@ -235,12 +235,12 @@ def stored_clock(values: Any, units: Any, source: str) -> Clock:
     >>> stored_clock(np.array([0, 20]), "milliseconds since 1970-01-01 00:00:01", "run.nc").time.tolist()
     [1.0, 1.02]
     """
-    said = units.decode() if isinstance(units, bytes) else str(units or "s")
-    name, since, date = said.partition(" since ")
+    text = units.decode() if isinstance(units, bytes) else str(units or "s")
+    name, since, date = text.partition(" since ")
     unit, begin = unit_of_name(name), TimeCells(source).value(date, source) if since else 0.0
     if unit is None or begin is None:
         raise InvalidInput(
-            f"{source}: its times have the unit {said!r}; write s, ms, us or ns, or one of them since a date such as 2017-07-30."
+            f"{source}: its times have the unit {text!r}; write s, ms, us or ns, or one of them since a date such as 2017-07-30."
         )
     if begin:
         values, unit = np.asarray(values, dtype=np.float64) * unit + begin, 1.0
@@ -260,21 +260,21 @@ def _recorder(recorded: Any) -> Floats | None:
 
 def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: list[str]) -> Floats:
     """Convert numbers to seconds; note a unit that was guessed."""
-    known = values[np.isfinite(values)]
-    typical = float(np.median(np.abs(known))) if len(known) else 0.0
-    steps = np.diff(known)
+    finite = values[np.isfinite(values)]
+    typical = float(np.median(np.abs(finite))) if len(finite) else 0.0
+    steps = np.diff(finite)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    beyond = typical * (unit or 1.0) > LATEST
+    too_late = typical * (unit or 1.0) > LATEST
     for name, length, begin in _CALENDARS:
-        shown = EPOCH[0] <= (typical - begin) * length <= EPOCH[1]
+        plausible = EPOCH[0] <= (typical - begin) * length <= EPOCH[1]
         # Read as seconds, days with such steps would mean more than 20000 frames a second.
-        if shown and (beyond if length < 1.0 else unit is None and 0.0 < step < 5e-5):
-            said = "" if unit is None else ", because in the unit that is said they lie beyond the year 2242"
-            words.append(f"its times ({typical:.12g}) are taken as {name}{said}")
+        if plausible and (too_late if length < 1.0 else unit is None and 0.0 < step < 5e-5):
+            remark = "" if unit is None else ", because in the unit that is said they lie beyond the year 2242"
+            words.append(f"its times ({typical:.12g}) are taken as {name}{remark}")
             return (values - begin) * length
-    if beyond:
+    if too_late:
         words.append(f"its times ({typical:.12g}) are beyond 2**33 s, and no date in a unit that is known")
-    if unit is not None or beyond:
+    if unit is not None or too_late:
         return values * (unit or 1.0)
     if log is not None and len(values) > 1:
         usual = _usual(values)
@@ -290,7 +290,7 @@ def _in_seconds(values: Floats, unit: float | None, log: Floats | None, words: l
             f"its stamps have no unit, and advance by {ratio:.3g} a second of the recorder's clock, as no unit does"
         )
         return np.full_like(values, np.nan)
-    if step >= 2.0 and (known == np.round(known)).all():
+    if step >= 2.0 and (finite == np.round(finite)).all():
         words.append(
             f"its times have no unit and are taken as seconds, {step:g} s from frame to frame; if they are milliseconds, say time_unit=ms"
         )
@@ -330,8 +330,8 @@ def _jumps(steps: Any, frames: Any, usual: float, recorded: Any) -> Any:
 
 def _usual(values: Floats) -> float | None:
     """The usual time between two frames, including frames that repeat the stamp before."""
-    known = np.flatnonzero(np.isfinite(values))
-    first = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
+    finite = np.flatnonzero(np.isfinite(values))
+    first = finite[np.flatnonzero(np.diff(values[finite], prepend=np.nan) != 0)]
     steps, frames = np.diff(values[first]), np.diff(first)
     ahead = steps > 0
     rates = np.sort(steps[ahead] / frames[ahead])
@@ -344,9 +344,9 @@ def _mended(
     """Increasing times from stamps that do not increase; the repairs are appended to ``words``."""
     number = len(values)
     by = "the time at which each was recorded" if log is not None else "the rate"
-    known = np.isfinite(values)
+    finite = np.isfinite(values)
     usual = _usual(values)
-    index = np.flatnonzero(known)
+    index = np.flatnonzero(finite)
     first = index[np.flatnonzero(np.diff(values[index], prepend=np.nan) != 0)]  # those that repeat no stamp
     back = np.diff(values[first]) < 0
     if len(back) and back.mean() >= DISORDER and (usual is None or np.count_nonzero(back) > 2):
@@ -359,28 +359,34 @@ def _mended(
         )
         return log
     if usual is None:
-        alike = (
-            f"all {number} stamps are {values[known][0]:g} s" if known.any() else f"none of {number} frames has a time"
+        fault = (
+            f"all {number} stamps are {values[finite][0]:g} s"
+            if finite.any()
+            else f"none of {number} frames has a time"
         )
         if log is not None:
-            words.append(f"{alike}: replaced by the time at which each frame was recorded")
+            words.append(f"{fault}: replaced by the time at which each frame was recorded")
             return log
-        if number == 1 and known.any() and abs(values[0]) <= LATEST:
+        if number == 1 and finite.any() and abs(values[0]) <= LATEST:
             return values
-        alike = "; ".join([*words, alike])
-        raise InvalidInput(f"{source}: {alike}, so that the times of its frames are unknown: {remedies[1]}.")
+        fault = "; ".join([*words, fault])
+        raise InvalidInput(f"{source}: {fault}, so that the times of its frames are unknown: {remedies[1]}.")
     repeated = len(index) - len(first)
     if repeated > number / 2 and log is not None:
         words.append(f"{repeated} of {number} stamps repeat the one before: replaced by {by}")
         return log + float(np.median(values[first] - log[first]))
     trusted = _trusted(usual, log)
     at = np.arange(number, dtype=np.float64) if log is None else log
-    kept, times = _explained(values[first], first, usual, trusted, count, words)
-    wrong = len(first) - int(kept.sum())
-    anchors, at_anchors = first[kept], times[kept]
-    lost = [(number - len(index), "missing"), (wrong, "outlier" if wrong == 1 else "outliers"), (repeated, "repeated")]
-    if any(n for n, _ in lost):
-        some = ", ".join(f"{n} {what}" for n, what in lost if n)
+    right, times = _explained(values[first], first, usual, trusted, count, words)
+    wrong = len(first) - int(right.sum())
+    anchors, at_anchors = first[right], times[right]
+    replaced = [
+        (number - len(index), "missing"),
+        (wrong, "outlier" if wrong == 1 else "outliers"),
+        (repeated, "repeated"),
+    ]
+    if any(n for n, _ in replaced):
+        some = ", ".join(f"{n} {kind}" for n, kind in replaced if n)
         words.append(f"of {number} stamps {some}: replaced by {by}")
     if log is None and len(anchors) > 1 and first[1:2] == anchors[1] > anchors[0] + 1:
         # The first of several stamps in whole seconds begins within one second.
@@ -401,17 +407,15 @@ def _mended(
 def _explained(
     values: Floats, frames: Ints, usual: float, log: Floats | None, count: float | None, words: list[str]
 ) -> tuple[npt.NDArray[np.bool_], Floats]:
-    """Mask of right stamps, and their times on a clock that continues through restarts: the explanation with the least
-    cost.
-    """
+    """Mask of right stamps, and their times on a clock that runs on through restarts, by least cost."""
     gaps = np.diff(frames)
     steps = np.diff(values)
     recorded = None if log is None else np.diff(log[frames])
     usually = (steps > 0) & (steps <= LEAP * usual * gaps)
     agree = usually if recorded is None else ~_jumps(steps, gaps, usual, recorded)
     # Runs without a jump. Near a step back, stamps before or after it may be wrong.
-    near = np.flatnonzero(steps < 0)[:, None] + 1 + np.arange(-EDGE, EDGE + 1)
-    starts = np.unique(np.concatenate([[0], np.flatnonzero(~agree) + 1, near[(near > 0) & (near < len(values))]]))
+    edges = np.flatnonzero(steps < 0)[:, None] + 1 + np.arange(-EDGE, EDGE + 1)
+    starts = np.unique(np.concatenate([[0], np.flatnonzero(~agree) + 1, edges[(edges > 0) & (edges < len(values))]]))
     ends = np.concatenate([starts[1:], [len(values)]])
     best: list[tuple[float, int, str, float]] = []
     dropped = np.concatenate([[0], np.cumsum(ends - starts)])
@@ -429,29 +433,27 @@ def _explained(
     while run >= 0:
         chain.append(run)
         run = best[run][1]
-    kept = np.zeros(len(values), dtype=bool)
+    right = np.zeros(len(values), dtype=bool)
     times, shift = values.copy(), 0.0
-    said: dict[str, tuple[int, str]] = {}
+    jumps: dict[str, tuple[int, str]] = {}
     for run in reversed(chain):
         _, _, how, extra = best[run]
         shift += extra
-        here = slice(int(starts[run]), int(ends[run]))
-        kept[here] = True
-        times[here] += shift
+        run_slice = slice(int(starts[run]), int(ends[run]))
+        right[run_slice] = True
+        times[run_slice] += shift
         if how:
-            before = f"frame {int(frames[here.start])} is at {values[here.start]:.9g} s after {values[int(ends[best[run][1]]) - 1]:.9g} s"
-            number, example = said.get(how, (0, before))
-            said[how] = (number + 1, example)
-    words.extend(f"{how} {n} time{'s' if n > 1 else ''} (first: {example})" for how, (n, example) in said.items())
-    return kept, times
+            before = f"frame {int(frames[run_slice.start])} is at {values[run_slice.start]:.9g} s after {values[int(ends[best[run][1]]) - 1]:.9g} s"
+            number, example = jumps.get(how, (0, before))
+            jumps[how] = (number + 1, example)
+    words.extend(f"{how} {n} time{'s' if n > 1 else ''} (first: {example})" for how, (n, example) in jumps.items())
+    return right, times
 
 
 def _joined(
     values: Floats, frames: Ints, i: int, j: int, usual: float, log: Floats | None, count: float | None
 ) -> tuple[str, float, float]:
-    """Relation of stamp ``j`` to stamp ``i``: its name ("": same clock), the offset of the clock from there on, and
-    the cost.
-    """
+    """Relation of stamp ``j`` to ``i``: its name ("": same clock), the clock's offset from there, and the cost."""
     step, gap = float(values[j] - values[i]), int(frames[j] - frames[i])
     recorded = None if log is None else float(log[frames[j]] - log[frames[i]])
     jumps = bool(_jumps(step, gap, usual, recorded))

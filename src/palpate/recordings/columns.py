@@ -320,9 +320,7 @@ def columns_of_text(text: str) -> dict[str, Any]:
 
 
 def _of_taxels(titles: Sequence[str]) -> str:
-    """Suggest a --map for one line per frame with numbered columns: x1, y1, z1, x2, ... or S1, S2, ...; "" for other
-    titles.
-    """
+    """Suggest a --map for one line per frame with numbered columns: x1, y1, z1, x2 ... or S1, S2 ...; else ""."""
     families: dict[str, int] = {}
     for title in titles:
         if len(re.findall(r"\d+", title)) == 1 and not set(title) & set(",={}"):

@@ -180,9 +180,7 @@ def is_palpate_csv(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Columns:
-    """The parsed header of a table: channels, the shape of a frame, the position of each column in it, and factors to
-    SI units.
-    """
+    """The parsed header of a table: channels, shape of a frame, place of each column in it, factors to SI units."""
 
     channels: tuple[str, ...]
     shape: tuple[int, ...]
@@ -251,9 +249,7 @@ class _Columns:
         return seconds, readings
 
     def time(self, path: Path, stamps: Sequence[float], expected: str | None) -> Clock:
-        """Times of all lines. If the file has a checksum (``expected``), its times were already repaired and are not
-        noted again.
-        """
+        """Times of all lines. Times of a file with a checksum (``expected``) were repaired before: no new note."""
         values = self.clock.settled(np.array(stamps, dtype=np.float64))
         clock = read_clock(values, source=str(path), remedy="sort its lines by their first column")
         if expected is not None:
@@ -339,9 +335,7 @@ class _Head:
         return not line.strip() or line.startswith("#")
 
     def check_end(self, path: Path) -> None:
-        """Raise an error for a file of palpate without its checksum; warn about one of another program that may be
-        cut.
-        """
+        """Refuse a file of palpate without its checksum; warn about one of another program that may be cut."""
         if self.expected is None and self._own:
             raise InvalidInput(_TRUNCATED.format(path=path))
         if self.expected is None and not self._last.endswith("\n"):

@@ -159,9 +159,7 @@ def _below(text: Any, limit: int, what: str) -> int:
 
 
 def _days(found: dict[str, Any]) -> tuple[float, float]:
-    """Days since 1970, with the month first and with the day first; equal if the date is unambiguous, NaN if it is
-    invalid.
-    """
+    """Days since 1970, month first and day first; equal if the date is unambiguous, NaN if it is invalid."""
     if found["one"] is not None:
         year, one, two = int(found["year_last"]), int(found["one"]), int(found["two"])
         both = _day(year, one, two), _day(year, two, one)

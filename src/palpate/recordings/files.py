@@ -31,7 +31,7 @@ def in_place(path: str | Path, *, sole: bool = True) -> Iterator[Path]:
 
     The old file at ``path`` is replaced in one step, and stays unchanged if the block fails or is interrupted. The
     temporary name has the same ending and lies in a hidden folder beside ``path`` (".palpate-...") that is removed in
-    any case; only a killed process leaves it. A symbolic link stays: its target is replaced. With ``sole``, nobody
+    any case; only a killed process leaves it. If ``path`` is a symbolic link, the link is kept and the file that it points to is replaced. With ``sole``, nobody
     else may write ``path`` meanwhile (`sole_writer`); otherwise the last writer wins.
 
     Raises

@@ -160,8 +160,8 @@ class Format:
             raise InvalidInput(f"{path}: a run into {self.name} cannot be continued after an interruption.")
         if not self.can("write_touch"):
             raise self._cannot("write_touch", path)
-        with in_place(path) as fresh:
-            stream = self._touches(fresh, count, record)
+        with in_place(path) as temporary:
+            stream = self._touches(temporary, count, record)
             try:
                 yield stream
                 stream.finish()
@@ -222,26 +222,26 @@ def _built_in() -> tuple[Format, ...]:
 
 
 def _plugged_in() -> tuple[Format, ...]:
-    found: list[Format] = []
+    loaded: list[Format] = []
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
         try:
-            made = entry.load()()
+            plugin = entry.load()()
         except (ImportError, AttributeError, TypeError) as error:
             raise InvalidInput(
                 f"the file format {entry.name} ({entry.value}) of another package cannot be loaded ({error}); update or uninstall it."
             ) from error
-        if not isinstance(made, Format):
+        if not isinstance(plugin, Format):
             raise InvalidInput(
                 f"the file format {entry.name} ({entry.value}) does not derive from Format; uninstall it."
             )
-        for other in (*_built_in(), *found):
-            taken = set(made.extensions) & set(other.extensions)
-            if taken:
+        for known_format in (*_built_in(), *loaded):
+            endings_of_both = set(plugin.extensions) & set(known_format.extensions)
+            if endings_of_both:
                 raise InvalidInput(
-                    f"the file formats {made.name} ({entry.value}) and {other.name} both claim {', '.join(sorted(taken))}; uninstall one."
+                    f"the file formats {plugin.name} ({entry.value}) and {known_format.name} both claim {', '.join(sorted(endings_of_both))}; uninstall one."
                 )
-        found.append(made)
-    return tuple(found)
+        loaded.append(plugin)
+    return tuple(loaded)
 
 
 def formats() -> tuple[Format, ...]:
@@ -250,23 +250,19 @@ def formats() -> tuple[Format, ...]:
 
 
 def endings(task: str | None = None) -> tuple[str, ...]:
-    """Accepted endings of file names; with ``task``, the name of a method of `Format`, only those of formats that
-    support it.
-    """
+    """Accepted endings of file names; with ``task``, a method of `Format`, only those of formats that support it."""
     return tuple(e for f in formats() if task is None or f.can(task) for e in f.extensions)
 
 
 def find_format(path: str | Path, *, task: str | None = None) -> Format:
-    """The format of a file name that supports ``task``, the name of a method of `Format`; `InvalidInput` if there is
-    none.
-    """
+    """The format of a file name that supports ``task``, a method of `Format`; `InvalidInput` if there is none."""
     suffix = Path(path).suffix.lower()
     for some in (_built_in, _plugged_in):  # those of others are looked for only where these do not serve
-        for known in some():
-            if suffix in known.extensions:
-                if task is not None and not known.can(task):
-                    raise known._cannot(task, Path(path))
-                return known.usable()
+        for candidate in some():
+            if suffix in candidate.extensions:
+                if task is not None and not candidate.can(task):
+                    raise candidate._cannot(task, Path(path))
+                return candidate.usable()
     raise InvalidInput(
         f"{path}: the ending {suffix!r} is not known; accepted: {', '.join(endings(task))}{_ELSEWHERE.get(suffix, '')}."
     )
@@ -281,48 +277,46 @@ def file_format(path: str | Path, *, task: str | None = None) -> str:
 
 
 def existing(path: str | Path, *, task: str = "read") -> tuple[Path, Format]:
-    """An existing file and its format, by its name, confirmed by its contents; `InvalidInput` gives the reason
-    otherwise.
-    """
-    found = Path(path)
-    if not found.exists():
-        find_format(found)  # report an impossible name first
-        raise InvalidInput(f"{found}: no such file.")
-    if found.is_dir():
-        inside = next((f for f in _built_in() if f.folder and f.recognises(found)), None)
+    """An existing file and its format by name, confirmed by its contents; otherwise `InvalidInput` says why."""
+    file = Path(path)
+    if not file.exists():
+        find_format(file)  # report an impossible name first
+        raise InvalidInput(f"{file}: no such file.")
+    if file.is_dir():
+        inside = next((f for f in _built_in() if f.folder and f.recognises(file)), None)
         if inside is not None:
-            return found, inside.usable()
+            return file, inside.usable()
         try:
-            known = find_format(found)
+            file_type = find_format(file)
         except InvalidInput as error:
-            raise InvalidInput(f"{found} is a folder; give a file, a ROS 2 bag or a Zarr store.") from error
-        if not known.folder:
-            raise InvalidInput(f"{found} is a folder; give a file.")
-        raise InvalidInput(f"{found}: cannot be read as {known.name}; it is damaged or something else.")
-    if ordinary(found).stat().st_size == 0:
-        raise InvalidInput(f"{found} is empty.")
-    if found.suffix.lower() in PICKLES:
-        _refuse_pickle(found)
+            raise InvalidInput(f"{file} is a folder; give a file, a ROS 2 bag or a Zarr store.") from error
+        if not file_type.folder:
+            raise InvalidInput(f"{file} is a folder; give a file.")
+        raise InvalidInput(f"{file}: cannot be read as {file_type.name}; it is damaged or something else.")
+    if ordinary(file).stat().st_size == 0:
+        raise InvalidInput(f"{file} is empty.")
+    if file.suffix.lower() in PICKLES:
+        _refuse_pickle(file)
     try:
-        known = find_format(found)
+        file_type = find_format(file)
     except InvalidInput as error:
-        inside = _inside(found, task)
+        inside = _inside(file, task)
         if inside is None:
             raise
         raise InvalidInput(
-            f"{str(error).rstrip('.')}. What is inside looks like {inside.name}: rename it to {found.with_suffix(inside.extensions[0]).name}."
+            f"{str(error).rstrip('.')}. What is inside looks like {inside.name}: rename it to {file.with_suffix(inside.extensions[0]).name}."
         ) from error
-    if known.folder and known.name != "bag":
-        raise InvalidInput(f"{found}: a {known.name} store is a folder; got a file.")
-    if known.can("recognises") and not known.recognises(found):
-        inside = _inside(found, task)
+    if file_type.folder and file_type.name != "bag":
+        raise InvalidInput(f"{file}: a {file_type.name} store is a folder; got a file.")
+    if file_type.can("recognises") and not file_type.recognises(file):
+        inside = _inside(file, task)
         hint = "it is truncated, damaged or of another format"
         if inside is not None:
             hint = (
-                f"what is inside looks like {inside.name}: rename it to {found.with_suffix(inside.extensions[0]).name}"
+                f"what is inside looks like {inside.name}: rename it to {file.with_suffix(inside.extensions[0]).name}"
             )
-        raise InvalidInput(f"{found}: cannot be read as {known.name}; {hint}.")
-    return found, known
+        raise InvalidInput(f"{file}: cannot be read as {file_type.name}; {hint}.")
+    return file, file_type
 
 
 def _refuse_pickle(path: Path) -> None:
@@ -388,14 +382,14 @@ def read_recording(
     >>> again.readings.tolist(), again.channels
     ([[[0.0, 1.0, 0.0]]], ('stress_zz',))
     """
-    found, known = existing(path)
+    file, file_type = existing(path)
     if isinstance(mapping, TableMapping):
         if salvage:
             raise InvalidInput(
                 f"{path}: salvage is for what palpate wrote; leave it out for a table of another program."
             )
-        return known.read_mapped(found, mapping)
-    recording = known.read(found, mapping=mapping, salvage=salvage)
+        return file_type.read_mapped(file, mapping)
+    recording = file_type.read(file, mapping=mapping, salvage=salvage)
     if salvage and SALVAGED not in recording.meta:  # a format without partial reading
         return replace(recording, meta={**recording.meta, SALVAGED: "nothing is lost"})
     return recording
@@ -425,11 +419,11 @@ def open_recording(path: str | Path, *, mapping: TopicMapping | TableMapping | N
     >>> count, last.readings.tolist()
     (2, [[[0.0, 2.0, 0.0]]])
     """
-    found, known = existing(path)
+    file, file_type = existing(path)
     if isinstance(mapping, TableMapping):
-        yield OpenRecording.of(known.read_mapped(found, mapping), str(path))
+        yield OpenRecording.of(file_type.read_mapped(file, mapping), str(path))
         return
-    with known.opened(found, mapping=mapping) as recording:
+    with file_type.opened(file, mapping=mapping) as recording:
         yield recording
 
 
@@ -461,14 +455,12 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
 
 def into_place(path: str | Path, write: Callable[[Format, Path], None], *, task: str) -> None:
-    """Write to a temporary file of this format beside the target, and move the complete file there; remove it if that
-    fails.
-    """
-    known = find_format(path, task=task)
-    if known.folder:
+    """Write to a temporary file beside the target, and move the complete file there; remove it if that fails."""
+    file_type = find_format(path, task=task)
+    if file_type.folder:
         if Path(path).exists():
             raise InvalidInput(f"{path} exists; a store is not overwritten. Give another name.")
-        with in_place(path) as fresh:
-            write(known, fresh)
+        with in_place(path) as temporary:
+            write(file_type, temporary)
     else:
-        atomically(path, lambda name: write(known, Path(name)))
+        atomically(path, lambda name: write(file_type, Path(name)))

@@ -87,12 +87,12 @@ def read_mapped(
     rate = mapping.rate or 1.0
     if frames.stamps is None:
         return _recording(path, mapping, frames, Clock(np.arange(len(frames.number)) / rate))
-    counted = mapping.time is None
+    by_frame_number = mapping.time is None
     clock = read_clock(
-        frames.stamps / rate if counted else frames.stamps,
+        frames.stamps / rate if by_frame_number else frames.stamps,
         source=str(path),
-        unit=1.0 if counted else unit,
-        count=1.0 / rate if counted else None,
+        unit=1.0 if by_frame_number else unit,
+        count=1.0 / rate if by_frame_number else None,
         sort=mapping.sort,
         remedy="add sort=true to --map, or sort = true to [columns] in the skin.toml",
         untimed="leave out time and give rate, such as rate=50 in --map",
@@ -103,25 +103,25 @@ def read_mapped(
 
 def _chosen(path: Path, mapping: TableMapping, table: Table, roles: dict[str, list[int]]) -> Table:
     """The lines to use, by the filter ``only``; several episodes in one table are several recordings."""
-    where, start = {}, 0
+    first_column, start = {}, 0
     for role, places in roles.items():
-        where[role], start = start, start + len(places)
+        first_column[role], start = start, start + len(places)
     if mapping.only is not None:
-        value = table.values[:, where["only"]]
-        kept = value == mapping.chosen[1]
-        if not kept.any():
-            known = ", ".join(f"{v:g}" for v in np.unique(value[np.isfinite(value)])[:12])
+        value = table.values[:, first_column["only"]]
+        selected = value == mapping.chosen[1]
+        if not selected.any():
+            values = ", ".join(f"{v:g}" for v in np.unique(value[np.isfinite(value)])[:12])
             raise InvalidInput(
-                f"{path}: no line has {mapping.only}; {mapping.chosen[0]} is {known or 'never a number'}."
+                f"{path}: no line has {mapping.only}; {mapping.chosen[0]} is {values or 'never a number'}."
             )
-        return replace(table, values=table.values[kept], lines=table.lines[kept])
+        return replace(table, values=table.values[selected], lines=table.lines[selected])
     if roles["episode"]:
-        found = np.unique(table.values[:, where["episode"]])
-        if len(found) > 1:
+        episodes = np.unique(table.values[:, first_column["episode"]])
+        if len(episodes) > 1:
             title = next(n for n in table.titles.names if plain_name(n) in _EPISODES)
             raise InvalidInput(
-                f"{path}: the column {title} holds {len(found)} values, {found[0]:g} to {found[-1]:g}: each episode is a recording of its own. Name one with "
-                f'only={title}={found[0]:g} in --map (only = "{title}={found[0]:g}" in the section [columns]).'
+                f"{path}: the column {title} holds {len(episodes)} values, {episodes[0]:g} to {episodes[-1]:g}: each episode is a recording of its own. Name one with "
+                f'only={title}={episodes[0]:g} in --map (only = "{title}={episodes[0]:g}" in the section [columns]).'
             )
     return table
 
@@ -159,8 +159,8 @@ def _places(titles: Titles, columns: str | Sequence[str], wide: bool) -> tuple[l
             return [str(i) for i in range(len(places))], places
         if NUMBER not in columns:
             return [], [titles.find(columns)]
-        found = titles.matching(columns)
-        return list(found), list(found.values())
+        matches = titles.matching(columns)
+        return list(matches), list(matches.values())
     if not wide:  # columns that together name a marker
         return [], [titles.find(c) for c in columns]
     return [str(i) for i in range(len(columns))], [titles.find(c) for c in columns]
@@ -181,35 +181,35 @@ def _factors(mapping: TableMapping, titles: Titles, roles: dict[str, list[int]])
     channels = list(mapping.channels)
     scales = np.broadcast_to(np.nan if mapping.scale is None else np.asarray(mapping.scale, float), (len(channels),))
     place = np.broadcast_to(np.nan if mapping.position_scale is None else np.asarray(mapping.position_scale), (2,))
-    given = {
+    stated_factors = {
         **{c: (float(s), channel_unit(c)) for c, s in zip(channels, scales)},
         "x": (float(place[0]), "m"),
         "y": (float(place[1]), "m"),
     }
-    found = {}
-    for role, (factor, si) in given.items():
+    factors = {}
+    for role, (factor, si) in stated_factors.items():
         if role not in roles:
             continue
-        known = UNITS[KIND_OF_SI[si]]
+        units = UNITS[KIND_OF_SI[si]]
         title = titles.names[roles[role][0]]
-        said = {titles.unit(i) for i in roles[role]}
-        if len(said) > 1 and any(unit in known for unit in said):
+        title_units = {titles.unit(i) for i in roles[role]}
+        if len(title_units) > 1 and any(unit in units for unit in title_units):
             raise InvalidInput(
                 f"{titles.source}: the columns of {role} have several units in their titles; save them in one."
             )
-        unit = said.pop()
-        if unit in known and unit is not None:
-            if np.isfinite(factor) and not np.isclose(factor, known[unit], rtol=1e-9):
+        unit = title_units.pop()
+        if unit in units and unit is not None:
+            if np.isfinite(factor) and not np.isclose(factor, units[unit], rtol=1e-9):
                 _refuse_two_units(titles, title, unit, factor, si)
-            factor = known[unit]
+            factor = units[unit]
         elif not np.isfinite(factor):
             key = "position_unit" if role in ("x", "y") else "unit"
             raise InvalidInput(
                 f"{titles.source}: no unit says what a 1 in the column {title!r} means: give {key} (such as {_example(si)}), or pixel = the size of a pixel where positions "
                 "and displacements are in pixels."
             )
-        found[role] = factor
-    return found
+        factors[role] = factor
+    return factors
 
 
 def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]]) -> float | None:
@@ -231,9 +231,9 @@ def _time_unit(mapping: TableMapping, table: Table, roles: dict[str, list[int]])
     return mapping.time_scale if mapping.time_scale is not None else named
 
 
-def _refuse_two_units(titles: Titles, title: str, said: str, factor: float, si: str) -> None:
+def _refuse_two_units(titles: Titles, title: str, unit: str, factor: float, si: str) -> None:
     raise InvalidInput(
-        f"{titles.source}: the title {title!r} says {said}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
+        f"{titles.source}: the title {title!r} says {unit}, but a 1 is said to be {factor:g} {si}; leave out the one that is wrong."
     )
 
 
@@ -241,13 +241,13 @@ def _example(si: str) -> str:
     return {"m": '"0.06 mm"', "Pa": '"25 Pa"', "1": '"1e-6 1"', "rad": '"1 mrad"'}.get(si, f'"1 {si}"')
 
 
-def _whole(path: Path, table: Table, values: Floats, what: str) -> None:
+def _whole(path: Path, table: Table, values: Floats, column: str) -> None:
     bad = ~(np.isfinite(values) & (values == np.round(values)))
     if bad.any():
         first = int(np.argmax(bad))
         raise InvalidInput(
-            f"{path}, line {int(table.lines[first])}: {what} must be a whole number; got {values[first]:g}."
-            + (" A column of seconds is named time." if what == "frame" else "")
+            f"{path}, line {int(table.lines[first])}: {column} must be a whole number; got {values[first]:g}."
+            + (" A column of seconds is named time." if column == "frame" else "")
         )
 
 
@@ -267,28 +267,28 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
         raise InvalidInput(f"{path}: {int(np.isnan(flat['time']).sum())} lines have no time; take them out.")
     key = flat["frame"] if mapping.frame is not None else flat["time"] if mapping.time is not None else np.zeros(rows)
     count = len(np.unique(key))
-    where = np.stack([flat[a] for a in "xy" if a in flat], axis=-1) if "x" in flat else None
+    positions = np.stack([flat[a] for a in "xy" if a in flat], axis=-1) if "x" in flat else None
     if mapping.marker is not None:
         for values in parts["marker"].T:
             _whole(path, table, values, "marker")
         markers, marker = np.unique(parts["marker"], axis=0, return_inverse=True)
         marker = np.ravel(marker)
         if markers.shape[1] > 1:  # rows and columns: in their order
-            markers = _counted(path, mapping, markers, where is None)
+            markers = _counted(path, mapping, markers, positions is None)
         else:
             markers = markers[:, 0]
-    elif where is not None:
-        markers, marker = _by_place(path, table, where, count)
+    elif positions is not None:
+        markers, marker = _by_place(path, table, positions, count)
     else:
         raise InvalidInput(
             f"{path}: nothing says which marker a line belongs to: name marker (its number), or x and y."
         )
     numbers, frame = _frames_of(key, marker, len(markers), mapping.sort)
     size = len(numbers) * len(markers)
-    most = int(np.bincount(frame).max())
-    if size > MAX_CELLS_PER_LINE * rows and len(markers) > MAX_CELLS_PER_LINE * most:
+    largest_frame = int(np.bincount(frame).max())
+    if size > MAX_CELLS_PER_LINE * rows and len(markers) > MAX_CELLS_PER_LINE * largest_frame:
         raise InvalidInput(
-            f"{path}: {len(markers)} markers in {len(numbers)} frames of at most {most}: they are renumbered from frame to frame. "
+            f"{path}: {len(markers)} markers in {len(numbers)} frames of at most {largest_frame}: they are renumbered from frame to frame. "
             + (
                 f"If {mapping.time} differs a little within a frame, name the frame column instead. "
                 if mapping.frame is None
@@ -320,7 +320,7 @@ def _long(path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floa
         _stamps(path, mapping, numbers, None if "time" not in flat else by_frame(flat["time"])),
         markers,
         mapping.marker is not None,
-        None if where is None else np.stack([by_frame(w) for w in where.T], axis=-1),
+        None if positions is None else np.stack([by_frame(w) for w in positions.T], axis=-1),
         np.stack(readings, axis=1) if readings else None,
     )
 
@@ -335,9 +335,9 @@ def _frames_of(key: Floats, marker: Ints, markers: int, sort: bool) -> tuple[Flo
     piece = np.cumsum(first) - 1
     lines = np.bincount(piece)
     numbers, frame = np.unique(key, return_inverse=True)
-    again = len(np.unique(frame * markers + marker)) < len(key)
-    apart = len(np.unique(piece * markers + marker)) == len(key) and 2 * lines.min() > markers
-    if not sort and (len(lines) == len(numbers) or (again and apart)):
+    repeated = len(np.unique(frame * markers + marker)) < len(key)
+    consecutive = len(np.unique(piece * markers + marker)) == len(key) and 2 * lines.min() > markers
+    if not sort and (len(lines) == len(numbers) or (repeated and consecutive)):
         return key[first], piece
     return numbers, np.ravel(frame)
 
@@ -348,31 +348,31 @@ def _with_markers(
     """Drop lines without a marker, such as spots that a tracker could not link."""
     if mapping.marker is None:
         return table, parts
-    found = parts["marker"]
-    gone: Bools = np.asarray(np.isnan(found).any(axis=1))
-    if found.shape[1] == 1:  # -1 of several spots of a frame is no number of one
-        loose: Bools = np.asarray(found[:, 0] == -1)
-        key = next((parts[r][:, 0] for r in ("frame", "time") if r in parts), np.zeros(len(found)))
+    numbers = parts["marker"]
+    unlinked: Bools = np.asarray(np.isnan(numbers).any(axis=1))
+    if numbers.shape[1] == 1:  # -1 of several spots of a frame is no number of one
+        loose: Bools = np.asarray(numbers[:, 0] == -1)
+        key = next((parts[r][:, 0] for r in ("frame", "time") if r in parts), np.zeros(len(numbers)))
         if np.unique(key[loose]).size < loose.sum():
-            gone |= loose
-    if not gone.any():
+            unlinked |= loose
+    if not unlinked.any():
         return table, parts
-    if gone.all():
+    if unlinked.all():
         raise InvalidInput(f"{path}: no line has a number in the column of markers; name another column as marker.")
-    _warn(f"{path}: {int(gone.sum())} of {len(gone)} lines belong to no marker (no number of one) and are left out.")
+    _warn(
+        f"{path}: {int(unlinked.sum())} of {len(unlinked)} lines belong to no marker (no number of one) and are left out."
+    )
     return (
-        replace(table, values=table.values[~gone], lines=table.lines[~gone]),
-        {role: values[~gone] for role, values in parts.items()},
+        replace(table, values=table.values[~unlinked], lines=table.lines[~unlinked]),
+        {role: values[~unlinked] for role, values in parts.items()},
     )
 
 
 def _counted(path: Path, mapping: TableMapping, markers: Floats, placeless: bool) -> Floats:
-    """Single numbers for markers that several columns identify; without positions they must fill a grid, so that their
-    order is clear.
-    """
+    """Single numbers for markers that several columns identify; without positions they must fill a grid."""
     each = [np.unique(axis) for axis in markers.T]
-    whole = math.prod(len(axis) for axis in each)
-    if placeless and (whole != len(markers) or any(np.any(np.diff(axis) != 1) for axis in each)):
+    grid_size = math.prod(len(axis) for axis in each)
+    if placeless and (grid_size != len(markers) or any(np.any(np.diff(axis) != 1) for axis in each)):
         names = " and ".join(mapping.marker or ())
         raise InvalidInput(
             f"{path}: {len(markers)} markers do not fill the {' x '.join(str(len(axis)) for axis in each)} places of {names}: name x and y, or add lines with empty "
@@ -381,15 +381,15 @@ def _counted(path: Path, mapping: TableMapping, markers: Floats, placeless: bool
     return np.arange(len(markers), dtype=np.float64)
 
 
-def _by_place(path: Path, table: Table, where: Floats, frames: int) -> tuple[Floats, Ints]:
+def _by_place(path: Path, table: Table, positions: Floats, frames: int) -> tuple[Floats, Ints]:
     """Number markers by their positions: in rows along x."""
-    gone = ~np.isfinite(where).all(axis=1)
-    if gone.any():
-        raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmax(gone))])}: no position; take the line out.")
-    places, marker = np.unique(where[:, ::-1], axis=0, return_inverse=True)
-    if frames > 1 and len(places) * frames > 2 * len(where):
+    missing = ~np.isfinite(positions).all(axis=1)
+    if missing.any():
+        raise InvalidInput(f"{path}, line {int(table.lines[int(np.argmax(missing))])}: no position; take the line out.")
+    places, marker = np.unique(positions[:, ::-1], axis=0, return_inverse=True)
+    if frames > 1 and len(places) * frames > 2 * len(positions):
         raise InvalidInput(
-            f"{path}: {len(places)} places in {frames} frames of {len(where) // frames} or so: markers move, and no column numbers them. Name the column of "
+            f"{path}: {len(places)} places in {frames} frames of {len(positions) // frames} or so: markers move, and no column numbers them. Name the column of "
             f"their numbers as marker; the table has {table.titles.listed()}."
         )
     return np.arange(len(places), dtype=np.float64), np.ravel(marker)
@@ -428,9 +428,9 @@ def _wide(
     path: Path, table: Table, mapping: TableMapping, parts: dict[str, Floats], labels: Sequence[Sequence[str]]
 ) -> _Frames:
     rows, names = len(table.values), labels[0]
-    for one in labels:
-        if one != names:
-            odd = sorted(set(one) ^ set(names))[:8] or [f"{len(names)} and {len(one)}"]
+    for columns in labels:
+        if columns != names:
+            odd = sorted(set(columns) ^ set(names))[:8] or [f"{len(names)} and {len(columns)}"]
             raise InvalidInput(
                 f"{path}: the columns of x, y and the channels do not belong to the same taxels: {', '.join(odd)}. Name as many for each."
             )
@@ -438,11 +438,11 @@ def _wide(
         _whole(path, table, parts["frame"][:, 0], "frame")
     stamps = next((parts[role][:, 0] for role in ("time", "frame") if role in parts), None)
     numbers = parts["frame"][:, 0] if "frame" in parts else np.arange(rows, dtype=np.float64)
-    where = np.stack([parts[a] for a in "xy" if a in parts], axis=-1) if "x" in parts else None
+    positions = np.stack([parts[a] for a in "xy" if a in parts], axis=-1) if "x" in parts else None
     readings = np.stack([parts[c] for c in mapping.channels], axis=1) if mapping.channels else None
-    counted = all(n.isdecimal() for n in names)
-    markers = np.array(names, dtype=np.float64) if counted else np.arange(len(names), dtype=np.float64)
-    return _Frames(numbers, stamps, markers, counted, where, readings)
+    numbered = all(n.isdecimal() for n in names)
+    markers = np.array(names, dtype=np.float64) if numbered else np.arange(len(names), dtype=np.float64)
+    return _Frames(numbers, stamps, markers, numbered, positions, readings)
 
 
 # -- common part ---------------------------------------------------------------------------------------------------------
@@ -478,41 +478,44 @@ def _rest_positions(path: Path, mapping: TableMapping, frames: _Frames) -> tuple
     places = frames.places
     if places is None:
         raise InvalidInput(f"{path}: there are no positions.")
-    there: Any = np.isfinite(places).all(axis=2)
+    complete: Any = np.isfinite(places).all(axis=2)
     if frames.readings is None:
-        there, where = there[: mapping.reference], f"position in the first {mapping.reference} frames (reference)"
-    else:
-        there, where = there & np.isfinite(frames.readings).all(axis=1), "whole reading in any frame"
-    kept: Bools = there.any(axis=0)
-    if not kept.any():
-        raise InvalidInput(f"{path}: no marker has a {where}.")
-    if not kept.all():
-        gone = [f"{m:g}" for m in frames.marker[~kept]]
-        _warn(
-            f"{path}: {len(gone)} of {len(kept)} markers have no {where} and are left out: {', '.join(gone[:8])}{' ...' if len(gone) > 8 else ''}."
+        complete, requirement = (
+            complete[: mapping.reference],
+            f"position in the first {mapping.reference} frames (reference)",
         )
-        frames.marker = frames.marker[kept]
-        places = places[:, kept]
-        frames.readings = None if frames.readings is None else frames.readings[..., kept]
+    else:
+        complete, requirement = complete & np.isfinite(frames.readings).all(axis=1), "whole reading in any frame"
+    usable: Bools = complete.any(axis=0)
+    if not usable.any():
+        raise InvalidInput(f"{path}: no marker has a {requirement}.")
+    if not usable.all():
+        dropped = [f"{m:g}" for m in frames.marker[~usable]]
+        _warn(
+            f"{path}: {len(dropped)} of {len(usable)} markers have no {requirement} and are left out: {', '.join(dropped[:8])}{' ...' if len(dropped) > 8 else ''}."
+        )
+        frames.marker = frames.marker[usable]
+        places = places[:, usable]
+        frames.readings = None if frames.readings is None else frames.readings[..., usable]
     if frames.readings is None:
         rest = np.nanmean(places[: mapping.reference], axis=0)
         return rest, np.moveaxis(places - rest, 2, 1)
-    still, size = _spread(places), _extent(places)
+    spread_as_given, size = _spread(places), _extent(places)
     shift = np.zeros_like(places)
     for axis, name in enumerate(f"displacement_{a}" for a in "xy"[: places.shape[2]]):
         if name in mapping.channels:
             shift[..., axis] = frames.readings[:, list(mapping.channels).index(name)]
     moves = _spread(shift)
     allowed = max(1e-6 * size, ROUNDED * float(np.nanmax(moves, initial=0.0)))
-    if np.nanmax(still, initial=0.0) <= allowed:
+    if np.nanmax(spread_as_given, initial=0.0) <= allowed:
         return np.nanmedian(places, axis=0), frames.readings
-    before = places - shift
-    left = _spread(before)
-    if np.nanmax(left, initial=0.0) <= allowed:
-        return np.nanmedian(before, axis=0), frames.readings
-    worst = int(np.nanargmax(np.minimum(still, left)))
+    rest_places = places - shift
+    spread_at_rest = _spread(rest_places)
+    if np.nanmax(spread_at_rest, initial=0.0) <= allowed:
+        return np.nanmedian(rest_places, axis=0), frames.readings
+    worst = int(np.nanargmax(np.minimum(spread_as_given, spread_at_rest)))
     raise InvalidInput(
-        f"{path}: the position of marker {frames.marker[worst]:g} moves by {still[worst]:.3g} m while its readings say {moves[worst]:.3g} m: x and y are neither places at rest nor "
+        f"{path}: the position of marker {frames.marker[worst]:g} moves by {spread_as_given[worst]:.3g} m while its readings say {moves[worst]:.3g} m: x and y are neither places at rest nor "
         "these moved by the displacements. Either the markers are renumbered from some frame on, or displacements are counted from frame to frame: then name x and y alone, without "
         "the displacements, which follow from the first frame."
     )
@@ -535,32 +538,30 @@ def check_distinct(path: Path, positions: Floats, names: Sequence[str] | None = 
 
     if len(positions) < 2:
         return
-    away, other = cKDTree(positions).query(positions, k=2)
-    near = int(np.argmin(away[:, 1]))
-    if away[near, 1] <= 1e-9 * float(np.ptp(positions, axis=0).max()):
-        first, second = sorted(map(int, other[near]))
+    distances, neighbours = cKDTree(positions).query(positions, k=2)
+    closest = int(np.argmin(distances[:, 1]))
+    if distances[closest, 1] <= 1e-9 * float(np.ptp(positions, axis=0).max()):
+        first, second = sorted(map(int, neighbours[closest]))
         who = f"markers {names[first]} and {names[second]}" if names is not None else "two lines"
-        place = ", ".join(f"{v:g}" for v in positions[near])
+        place = ", ".join(f"{v:g}" for v in positions[closest])
         raise InvalidInput(
             f"{path}: {who} are at the same place ({place}){unit}. A table of several frames needs the name of its frame column; in one frame, take one of them out."
         )
 
 
 def _check_order(path: Path, frames: _Frames, rest: Floats, moved: Floats) -> None:
-    """Raise an error if markers pass their neighbours, which a pad that does not fold prevents: |u_i - u_j| < |X_i -
-    X_j|.
-    """
+    """Refuse markers that pass their neighbours: a pad that does not fold keeps |u_i - u_j| < |X_i - X_j|."""
     from scipy.spatial import cKDTree
 
     count = min(4, len(rest) - 1)
     if count < 1 or rest.shape[1] != 2:
         return
-    away, near = (v[:, 1:] for v in cKDTree(rest).query(rest, k=count + 1))
+    rest_distances, neighbours = (v[:, 1:] for v in cKDTree(rest).query(rest, k=count + 1))
     wrong = np.zeros((len(moved), len(rest)), dtype=bool)
     for i, frame in enumerate(moved):
-        apart = np.hypot(*(frame[:, :, None] - frame[:, near]))
-        passed, known = apart >= away, np.isfinite(apart)
-        wrong[i] = (passed.sum(axis=1) * 2 > known.sum(axis=1)) & known.any(axis=1)
+        distances = np.hypot(*(frame[:, :, None] - frame[:, neighbours]))
+        crossed, measured = distances >= rest_distances, np.isfinite(distances)
+        wrong[i] = (crossed.sum(axis=1) * 2 > measured.sum(axis=1)) & measured.any(axis=1)
     if not wrong.any():
         return
     share = wrong.mean(axis=1)
@@ -582,11 +583,11 @@ def _check_counted(path: Path, frames: _Frames) -> None:
     """Raise an error for gaps among markers that have only numbers."""
     if not frames.numbered:
         return
-    whole = np.arange(frames.marker[0], frames.marker[0] + len(frames.marker))
-    if not np.array_equal(whole, frames.marker):
-        gone = int(whole[np.argmax(whole != frames.marker)])
+    expected = np.arange(frames.marker[0], frames.marker[0] + len(frames.marker))
+    if not np.array_equal(expected, frames.marker):
+        gap = int(expected[np.argmax(expected != frames.marker)])
         raise InvalidInput(
-            f"{path}: marker {gone} is missing between {frames.marker[0]:g} and {frames.marker[-1]:g}, so that the others cannot be assigned to taxels: name x and y, or add "
+            f"{path}: marker {gap} is missing between {frames.marker[0]:g} and {frames.marker[-1]:g}, so that the others cannot be assigned to taxels: name x and y, or add "
             "a line for it with empty readings."
         )
 

@@ -144,9 +144,7 @@ class TopicMapping:
         return np.asarray(values * scale.reshape(-1, *(1,) * (values.ndim - 1)))
 
     def time(self, message: Any, recorded: float) -> float:
-        """Time of a message [s]; a stamp without a unit is a date since 1970 if its size suggests so, otherwise
-        seconds.
-        """
+        """Time of a message [s]; a stamp without a unit is a date since 1970 if its size suggests so, else seconds."""
         found, unit = self.stamped(message, recorded)
         if unit is None:
             date = epoch_unit(found)

@@ -12,7 +12,6 @@ definitions are in the file.
 from __future__ import annotations
 
 import json
-import struct
 import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,6 +23,7 @@ import numpy as np
 from palpate._extras import missing
 from palpate.errors import InvalidInput, PalpateError, Unsupported
 from palpate.recordings.checked import CHECKSUM
+from palpate.recordings.damage import DAMAGE_OF_PACKED
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.locks import claim
 from palpate.recordings.messages import READINGS, Encoder, Kind, nanoseconds, ros_types
@@ -221,26 +221,11 @@ def write_mcap(recording: Recording, path: str | Path) -> None:
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-#: Exceptions of the parser on damaged bytes; decompressors have their own.
-_DAMAGE = (
-    EOFError,
-    OSError,
-    ValueError,
-    KeyError,
-    IndexError,
-    TypeError,
-    RuntimeError,
-    OverflowError,
-    MemoryError,
-    struct.error,
-)
-
-
 def _damage() -> tuple[type[Exception], ...]:
     import mcap.exceptions
     import zstandard
 
-    return (mcap.exceptions.McapError, zstandard.ZstdError, *_DAMAGE)
+    return (mcap.exceptions.McapError, zstandard.ZstdError, *DAMAGE_OF_PACKED)
 
 
 def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tuple[Any, Any, Any]]:
@@ -273,9 +258,7 @@ def _records(path: Path, salvage: bool, topic: str | None = None) -> Iterator[tu
 
 
 def whole(path: Path, topic: str) -> tuple[int, int]:
-    """Number of messages of a topic in whole chunks, and number of bytes after the last whole chunk of a damaged file
-    (0: undamaged).
-    """
+    """Messages of a topic in whole chunks, and bytes after the last one of a damaged file (0: undamaged)."""
     _library()
     import mcap.reader
 
@@ -348,7 +331,7 @@ class _Decoder:
         import rosbags.serde
 
         found = (
-            *_DAMAGE,
+            *DAMAGE_OF_PACKED,
             AttributeError,
             AssertionError,
             RecursionError,

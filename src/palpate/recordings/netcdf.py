@@ -47,7 +47,7 @@ def damage(path: Path, error: Exception) -> InvalidInput:
 
 
 class NetCDF(Format):
-    """NetCDF 4. HDF5 protects each block of numbers (Fletcher-32), and a CRC-32 the whole file."""
+    """NetCDF 4. Checksums reveal damage: that of HDF5 (Fletcher-32) in each block of numbers, and a CRC-32 over all names, dimensions, values and attributes."""
 
     name = "netcdf"
     libraries = ("h5py", "h5netcdf")

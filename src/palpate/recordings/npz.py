@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from palpate.recordings.arraytables import array_table
 from palpate.recordings.checked import CHECKSUM, affordable, confirm_recording, json_object, recording_checksum
 from palpate.recordings.clock import Clock, stored_clock
 from palpate.recordings.columns import TableMapping
+from palpate.recordings.damage import DAMAGE_OF_PACKED
 from palpate.recordings.formats import Format
 from palpate.recordings.labelled import touch_dataset
 from palpate.recordings.mapped import read_mapped
@@ -32,21 +32,6 @@ __all__ = ["Npz"]
 
 #: Keys of a recording of this library.
 REQUIRED_KEYS = ("readings", "channel", "time")
-#: Exceptions of zipfile, zlib and NumPy on a damaged archive.
-_DAMAGE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    EOFError,
-    OSError,
-    KeyError,
-    ValueError,
-    TypeError,
-    SyntaxError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-)
 
 
 class Npz(Format):
@@ -90,7 +75,7 @@ class Npz(Format):
         try:
             with zipfile.ZipFile(path) as archive:
                 return {f"{n}.npy" for n in REQUIRED_KEYS} <= set(archive.namelist())
-        except _DAMAGE:
+        except DAMAGE_OF_PACKED:
             return False  # the reader reports it
 
     def columns(self, path: Path, wanted: Callable[[Titles], Sequence[int]]) -> Table:
@@ -141,7 +126,7 @@ def _whole(path: Path) -> dict[str, Any]:
         return _arrays(path)
     except InvalidInput:
         raise
-    except _DAMAGE as error:
+    except DAMAGE_OF_PACKED as error:
         raise InvalidInput(
             f"{path}: cannot be read as NPZ; the file is truncated, damaged or of another format."
         ) from error

@@ -254,9 +254,7 @@ def _losses(path: Path, mapping: TopicMapping | None, taken: int) -> str:
 
 
 class Mcap(Format):
-    """MCAP files: palpate's own, and those of robots with a `TopicMapping`. A CRC-32 protects each chunk, another one
-    all data.
-    """
+    """MCAP files: palpate's own, and robots' with a `TopicMapping`. A CRC-32 protects each chunk and all data."""
 
     name = "mcap"
     libraries = ("mcap",)
@@ -293,9 +291,7 @@ class Mcap(Format):
 
 
 class _McapStream(TouchStream):
-    """Messages of each frame. The file's meta is at its beginning, so that it names the method but not the outcome of
-    the frames.
-    """
+    """Messages of each frame. The file's meta is at its beginning: it names the method, not the frames' outcome."""
 
     _out: Any = None
 

@@ -220,9 +220,7 @@ def read_camera(path: str | Path) -> CameraSettings | None:
 
 
 def _section(path: str | Path, name: str, make: Callable[[SkinFile, Any, Path], T]) -> T | None:
-    """The result of ``make`` for an optional section; None if it is missing. Errors name the line of the key that they
-    begin with.
-    """
+    """``make`` for an optional section; None if it is missing. Errors name the line of the key they begin with."""
     found = Path(path)
     text = skin_text(found)
     skin = validated(text, str(found))

@@ -43,6 +43,7 @@ pixel = "0.06 mm"                # what a 1 means; or unit (of readings) and pos
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
 import tomllib
@@ -284,15 +285,13 @@ def read_skin(path: str | Path, recording: Recording | None = None) -> tuple[Pad
     >>> pad.youngs_modulus, planes[0].count, surface, boundary
     (200000.0, 21, None, 'free')
     """
-    found = Path(path)
-    return skin_from_text(skin_text(found), str(found), found.parent, recording)
+    file = Path(path)
+    return skin_from_text(skin_text(file), str(file), file.parent, recording)
 
 
 def _value_with_std(data: Any, name: str) -> dict[str, Any]:
-    """The file without its "+-" values, which go as fractions into the section [uncertainty]; the largest of several
-    for one property.
-    """
-    found: dict[str, float] = {}
+    """The file with its "+-" values as fractions in the section [uncertainty], the largest of a property."""
+    fractions: dict[str, float] = {}
 
     def cleaned(part: Any) -> Any:
         if isinstance(part, dict):
@@ -315,16 +314,16 @@ def _value_with_std(data: Any, name: str) -> dict[str, Any]:
             share = percent(parts[1])
         else:
             share = parse_quantity(parts[1].strip(), kind, key) / size if size else 0.0
-        found[key] = max(found.get(key, 0.0), share)
+        fractions[key] = max(fractions.get(key, 0.0), share)
         return parts[0].strip()
 
     out = cleaned(data)
-    if not found:
+    if not fractions:
         return dict(out)
-    said = out.get("uncertainty", {})
-    if not isinstance(said, dict) or set(said) & set(found):
-        raise InvalidInput(f"{name}: {', '.join(found)} has an uncertainty in two places; say it once.")
-    return {**out, "uncertainty": {**{k: f"{100.0 * v:.12g} %" for k, v in found.items()}, **said}}
+    section = out.get("uncertainty", {})
+    if not isinstance(section, dict) or set(section) & set(fractions):
+        raise InvalidInput(f"{name}: {', '.join(fractions)} has an uncertainty in two places; say it once.")
+    return {**out, "uncertainty": {**{k: f"{100.0 * v:.12g} %" for k, v in fractions.items()}, **section}}
 
 
 def key_of(error: PalpateError) -> str:
@@ -352,12 +351,12 @@ def validated(text: str, name: str) -> SkinFile:
             f"{name}: not valid TOML: {str(error)[:200].rstrip('.')}. A skin file describes pad and array; palpate demo writes one to start from."
         ) from error
     try:
-        found = SkinFile.model_validate(_value_with_std(data, name))
+        skin = SkinFile.model_validate(_value_with_std(data, name))
     except ValidationError as error:
         raise InvalidInput(_explain(error.errors()[0], text, name)) from error
-    if not found.plane and not isinstance(found.pad, MeasuredTable):
+    if not skin.plane and not isinstance(skin.pad, MeasuredTable):
         raise InvalidInput(f"{name}, line 1: there is no [plane] section.")
-    return found
+    return skin
 
 
 def skin_from_text(
@@ -365,14 +364,14 @@ def skin_from_text(
 ) -> tuple[Pad, list[Array], Grid | None, Boundary]:
     """Parse the text of a skin.toml; ``name`` is used in errors, ``folder`` is where the files that it names are."""
     skin = validated(text, name)
-    where: tuple[str | int, ...] = ("pad",)
+    keys: tuple[str | int, ...] = ("pad",)
     try:
         if isinstance(skin.pad, _BondedLayers):
             layers = []
             for i, part in enumerate(skin.pad.layer):
-                where = ("pad", "layer", i)
+                keys = ("pad", "layer", i)
                 layers.append(Layer(**part.model_dump()))
-            where = ("pad", "base")
+            keys = ("pad", "base")
             base = None if skin.pad.base is None else HalfSpace(**skin.pad.base.model_dump())
             pad: Pad = BondedLayers(layers, base)
         elif isinstance(skin.pad, _HalfSpace):
@@ -383,31 +382,31 @@ def skin_from_text(
             pad = Measured(folder / skin.pad.file, radius=skin.pad.contact_radius, indenter=skin.pad.indenter)
         else:
             pad = _pad_of_maker(_other_pads()[skin.pad.kind].load(), skin.pad)
-        where = ("pad",)
+        keys = ("pad",)
         planes: list[Array] = [pad.array] if isinstance(pad, Measured) and not skin.plane else []
         if skin.pad.prony is not None:
             pad = Viscoelastic(pad, skin.pad.prony)
         for i, plane in enumerate(skin.plane):
-            where = ("plane", i)
+            keys = ("plane", i)
             planes.append(_plane(plane, folder, recording))
-        where = ("plane", 0) if skin.plane else ("pad",)
+        keys = ("plane", 0) if skin.plane else ("pad",)
         if recording is not None:
             check_described(recording, planes)
-        where = ("surface",)
+        keys = ("surface",)
         surface = _surface(skin.surface, planes[0].dimensions)
     except PalpateError as error:
-        raise InvalidInput(f"{name}, line {line_of(text, (*where, key_of(error)))}: {error}") from error
+        raise InvalidInput(f"{name}, line {line_of(text, (*keys, key_of(error)))}: {error}") from error
     return pad, planes, surface, skin.boundary
 
 
 def _pad_of_maker(maker: Any, table: _Other) -> Pad:
     """Build a pad of another package."""
-    given = dict(table.model_extra or {})
+    parameters = dict(table.model_extra or {})
     try:
-        inspect.signature(maker).bind(**given)
+        inspect.signature(maker).bind(**parameters)
     except TypeError as error:
         raise InvalidInput(f'kind = "{table.kind}" does not take these keys: {error}.') from error
-    pad: Pad = maker(**given)
+    pad: Pad = maker(**parameters)
     check_pad(pad)
     return pad
 
@@ -439,11 +438,11 @@ def _limits(plane: _Plane, dimensions: int) -> list[tuple[float, float]] | None:
     channels = check_channels(plane.channels, dimensions)
     if plane.limits is None:
         return None
-    given = [plane.limits] if isinstance(plane.limits, str) else plane.limits
+    entries = [plane.limits] if isinstance(plane.limits, str) else plane.limits
     # Two quantities are the limits of all channels; a list of [low, high] pairs, or of single values s for -s to s, has
     # one entry per channel.
-    shared = isinstance(plane.limits, str) or (len(given) == 2 and all(isinstance(v, str) for v in given))
-    each: list[Any] = [given] * len(channels) if shared else given
+    one_for_all = isinstance(plane.limits, str) or (len(entries) == 2 and all(isinstance(v, str) for v in entries))
+    each: list[Any] = [entries] * len(channels) if one_for_all else entries
     if len(each) != len(channels):
         raise InvalidInput(
             f"limits must be one quantity, [low, high], or one [low, high] per channel ({len(channels)}); got {len(each)}."
@@ -451,10 +450,10 @@ def _limits(plane: _Plane, dimensions: int) -> list[tuple[float, float]] | None:
     out = []
     for channel, ends in zip(channels, each):
         texts = [ends] if isinstance(ends, str) else ends
-        found = [parse_quantity(v, KIND_OF_SI[channel_unit(channel)], "limits") for v in texts]
-        if len(found) not in (1, 2):
-            raise InvalidInput(f"limits of {channel} must be one quantity or [low, high]; got {len(found)}.")
-        out.append((found[0], found[1]) if len(found) == 2 else (-found[0], found[0]))
+        ends_si = [parse_quantity(v, KIND_OF_SI[channel_unit(channel)], "limits") for v in texts]
+        if len(ends_si) not in (1, 2):
+            raise InvalidInput(f"limits of {channel} must be one quantity or [low, high]; got {len(ends_si)}.")
+        out.append((ends_si[0], ends_si[1]) if len(ends_si) == 2 else (-ends_si[0], ends_si[0]))
     return out
 
 
@@ -528,8 +527,8 @@ def _positions(plane: _Plane, folder: Path, recording: Recording | None) -> Any:
         raise InvalidInput(
             'positions is missing, and the recording has none: list them, positions = [["0 mm", "0 mm"], ["2 mm", "0 mm"], ...], or name a table with the columns x and y in positions_file.'
         )
-    found = np.asarray(recording.positions)
-    return found if found.ndim == 2 else found[:, None]
+    positions = np.asarray(recording.positions)
+    return positions if positions.ndim == 2 else positions[:, None]
 
 
 def _listed(places: list[Any], unit: str | None) -> Any:
@@ -555,12 +554,12 @@ def _of_file(path: Path, unit: str | None) -> Any:
     from palpate.recordings.formats import existing, read_recording
     from palpate.recordings.tables import read_positions
 
-    found, known = existing(path)
-    if known.can("columns") and not known.own(found):
-        return read_positions(found, unit=unit)
+    file, file_format = existing(path)
+    if file_format.can("columns") and not file_format.own(file):
+        return read_positions(file, unit=unit)
     if unit is not None:
         raise InvalidInput(f"positions_unit is for tables; the positions of the recording {path} are in metres.")
-    recording = read_recording(found)
+    recording = read_recording(file)
     if recording.positions is None:
         raise InvalidInput(f"positions_file {path} is a recording without positions.")
     places = np.asarray(recording.positions)
@@ -579,55 +578,23 @@ def _surface(surface: _Surface | None, dimensions: int) -> Grid | None:
     return AreaGrid(shape=surface.shape, spacing=surface.spacing, center=_center(surface.center, 2))
 
 
-#: Keys of skin files, for suggestions if one is misspelt.
-KEYS = (
-    *(
-        "kind",
-        "file",
-        "contact_radius",
-        "indenter",
-        "youngs_modulus",
-        "poissons_ratio",
-        "thickness",
-        "prony",
-        "layer",
-        "base",
-        "boundary",
-        "pad",
-        "plane",
-        "surface",
-        "stream",
-        "columns",
-    ),
-    *(
-        "uncertainty",
-        "calibration",
-        "camera",
-        "roi",
-        "texture",
-        "shape",
-        "pitch",
-        "depth",
-        "channels",
-        "aperture",
-        "noise",
-        "noise_correlation",
-        "limits",
-        "center",
-        "count",
-        "spacing",
-    ),
-    *("positions", "positions_file", "positions_unit", "topic", "unit", "gain"),
-)
+@functools.cache
+def _keys() -> tuple[str, ...]:
+    """Every key of a skin file, for suggestions if one is misspelt."""
+    schema = SkinFile.model_json_schema()
+    tables = (schema, *schema["$defs"].values())
+    return tuple(dict.fromkeys(key for table in tables for key in table.get("properties", ())))
 
 
 def _likely_keys(key: str) -> str:
     """Likely keys for a misspelt one."""
     import difflib
 
-    near = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.7)
+    matches = difflib.get_close_matches(key, _keys(), n=1, cutoff=0.7)
     return (
-        f": is {near[0]} meant?" if near and near[0] != key else "; the page on skin.toml lists those of each section"
+        f": is {matches[0]} meant?"
+        if matches and matches[0] != key
+        else "; the page on skin.toml lists those of each section"
     )
 
 
@@ -649,8 +616,8 @@ def _explain(error: Mapping[str, Any], text: str, name: str) -> str:
     if kind == "extra_forbidden":
         return f"{name}, line {line}: {key} is not a key here{_likely_keys(str(key))}."
     if kind.startswith("union_tag"):
-        given = (error.get("ctx") or {}).get("tag")
-        got = f"; got {str(given)!r}" if given else ""
+        kind_in_file = (error.get("ctx") or {}).get("tag")
+        got = f"; got {str(kind_in_file)!r}" if kind_in_file else ""
         accepted = " or ".join(f'"{k}"' for k in (*BUILT_IN, *_other_pads()))
         return f"{name}, line {line_of(text, (*keys, 'kind'))}: kind must be {accepted}{got}."
     message = (

@@ -90,9 +90,7 @@ def opened_recording(
 
 
 def touch_group(held: Any) -> str | None:
-    """The file group in which touches are stored: None for the root of the file, or the name of a group beside the
-    readings.
-    """
+    """The file group that stores touches: None for the root of the file, or a group beside the readings."""
     return "touch" if "traction" not in held and "touch" in held else None
 
 

@@ -95,9 +95,7 @@ class _Recorder(abc.ABC):
             raise
 
     def readings(self, time: float, values: Any) -> None:
-        """Write one frame (channel, *array) at ``time`` [s]; a clock that jumps back is repaired when the file is read
-        (`palpate.recordings.clock`).
-        """
+        """Write one frame (channel, *array) at ``time`` [s]; reading repairs a clock that jumps back."""
         data = to_numpy(values)
         if len(data) != len(self.channels) or data.ndim not in (2, 3):
             raise InvalidInput(

@@ -73,26 +73,24 @@ class Titles:
         """The number in place of ``{}`` -> the index of the column, in numerical order."""
         before, _, after = pattern.partition("{}")
         expression = re.compile(f"{re.escape(before)}(.+?){re.escape(after)}")
-        found: dict[str, int] = {}
+        columns: dict[str, int] = {}
         for i, title in enumerate(self.names):
             match = expression.fullmatch(title) or expression.fullmatch(_bare(title))
             if match is not None:
-                if match[1] in found:
+                if match[1] in columns:
                     raise InvalidInput(
                         f"{self.source}: the column {title} is there twice; name each column once in its first line."
                     )
-                found[match[1]] = i
-        numbered = {k: v for k, v in found.items() if re.fullmatch(r"\d{1,9}", k)}
+                columns[match[1]] = i
+        numbered = {k: v for k, v in columns.items() if re.fullmatch(r"\d{1,9}", k)}
         if numbered:
-            found = dict(sorted(numbered.items(), key=lambda item: int(item[0])))
-        if not found:
+            columns = dict(sorted(numbered.items(), key=lambda item: int(item[0])))
+        if not columns:
             raise InvalidInput(f"{self.source}: no column is like {pattern}; it has {self.listed()}.")
-        return found
+        return columns
 
     def sliced(self, pattern: str) -> list[int] | None:
-        """Indices of "name[first:after:step]" among the columns name[0], name[1], ..., in Python's notation; of
-        "[::3]" among all columns.
-        """
+        """Indices of "name[first:after:step]" among name[0], name[1] ..., as in Python; "[::3]" of all columns."""
         match = SLICE.fullmatch(pattern)
         if match is None:
             return None
@@ -100,8 +98,8 @@ class Titles:
         if 0 in steps[2:]:
             raise InvalidInput(f"{pattern}: the step of a slice must be 1 or more.")
         numbered = re.compile(rf"{re.escape(match['name'])}\[?(\d{{1,9}})\]?")
-        found = [numbered.fullmatch(_bare(n)) or numbered.fullmatch(n) for n in self.names]
-        order = {int(m[1]): i for i, m in enumerate(found) if m is not None}
+        matches = [numbered.fullmatch(_bare(n)) or numbered.fullmatch(n) for n in self.names]
+        order = {int(m[1]): i for i, m in enumerate(matches) if m is not None}
         places = [order[n] for n in sorted(order)] if match["name"] else list(range(len(self.names)))
         if not places[slice(*steps)]:
             raise InvalidInput(f"{self.source}: no column is among {pattern}; it has {self.listed()}.")
@@ -240,16 +238,16 @@ def _layout(path: Path, head: list[tuple[int, str]], comment: str) -> tuple[str 
     rows = [_split(line, separator) for line in lines[start:]]
     if index:
         return separator, Titles(str(path), (_INDEX, *rows[0]), True), 1
-    shared = _counts(rows[0]) & _counts(rows[min(1, len(rows) - 1)])
-    count = min(shared, default=1)
+    counts = _counts(rows[0]) & _counts(rows[min(1, len(rows) - 1)])
+    count = min(counts, default=1)
     rows = [(row + [""] * count)[:count] for row in rows]
-    counted = rows[0] == ["", *map(str, range(count - 1))]  # of a data frame whose columns have no names
-    if counted or not all(_numeric(cell, separator) for cell in rows[0]):
+    unnamed = rows[0] == ["", *map(str, range(count - 1))]  # of a data frame whose columns have no names
+    if unnamed or not all(_numeric(cell, separator) for cell in rows[0]):
         names, count = _names(rows)
         return separator, Titles(str(path), names, True), start + count
-    said = _trimmed(_split(comment, separator))
-    if len(said) == len(rows[0]) and not all(_numeric(n, separator) for n in said):
-        return separator, Titles(str(path), tuple(said), True), start
+    commented = _trimmed(_split(comment, separator))
+    if len(commented) == len(rows[0]) and not all(_numeric(n, separator) for n in commented):
+        return separator, Titles(str(path), tuple(commented), True), start
     return separator, Titles(str(path), tuple(str(i) for i in range(1, len(rows[0]) + 1)), False), start
 
 
@@ -297,9 +295,7 @@ def _after_preamble(lines: Sequence[str]) -> tuple[str | None, int]:
 
 
 def _names(rows: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], int]:
-    """The titles of the columns, and the number of lines that they take: names, more names, and units in a line of
-    their own.
-    """
+    """The titles of the columns, and the lines that they take: names, more names, units in a line of their own."""
     count = 1
     while count < len(rows) - 1 and _only_words(rows[count]):
         count += 1
@@ -323,7 +319,7 @@ def _only_words(row: Sequence[str]) -> bool:
 
 
 def _is_unit(cell: str) -> bool:
-    return (cell[0] + cell[-1]) in ("()", "[]") or any(cell in known for known in UNITS.values())
+    return (cell[0] + cell[-1]) in ("()", "[]") or any(cell in units for units in UNITS.values())
 
 
 def _number(cell: str) -> bool:
@@ -412,16 +408,16 @@ class _Decimals:
 
     def plain(self, cells: Sequence[str], line: int) -> list[float] | None:
         """All numbers of a line at once, if it has no special cells: same result as `value`, in a tenth of the time."""
-        whole = " ".join(cells)
-        if _NUMERIC.fullmatch(whole) is None:
+        line_text = " ".join(cells)
+        if _NUMERIC.fullmatch(line_text) is None:
             return None
         try:
-            found = [float(c) for c in cells]
+            numbers = [float(c) for c in cells]
         except ValueError:
             return None
-        if self._commas and self._point is None and "." in whole:
+        if self._commas and self._point is None and "." in line_text:
             self._point = (line, next(c for c in cells if "." in c).strip())
-        return found if math.isfinite(sum(found)) else None
+        return numbers if math.isfinite(sum(numbers)) else None
 
     def value(self, cell: str, line: int, clock: TimeCells) -> float:
         seconds = clock.value(cell, f"{self._path}, line {line}")
@@ -448,15 +444,15 @@ class _Decimals:
     def check(self) -> None:
         if self._comma is None:
             return
-        where = f"{self._path}, line {self._comma[0]}: {self._comma[1]!r}"
+        cell = f"{self._path}, line {self._comma[0]}: {self._comma[1]!r}"
         if self._point is not None:
             raise InvalidInput(
-                f"{where} has a comma and {self._point[1]!r} in line {self._point[0]} a point: the decimal separator is not clear. Save the table with decimal points and "
+                f"{cell} has a comma and {self._point[1]!r} in line {self._point[0]} a point: the decimal separator is not clear. Save the table with decimal points and "
                 "without separators of thousands."
             )
         if not self._sure:
             raise InvalidInput(
-                f"{where} may be a decimal or a thousand and more, as all numbers with commas in this table. Save it with decimal points."
+                f"{cell} may be a decimal or a thousand and more, as all numbers with commas in this table. Save it with decimal points."
             )
 
 

@@ -66,9 +66,7 @@ class Written:
 
 
 def along_time(piece: Piece, methods: Sequence[str], *, coded: bool) -> dict[str, xarray.Variable]:
-    """The variables of a piece that have a time axis. ``methods`` are those of the run so far; ``coded``: store each
-    frame's index in that list.
-    """
+    """Variables of a piece with a time axis; ``coded``: each frame's method as an index in ``methods``."""
     found = {str(n): v for n, v in piece.dataset.variables.items() if "time" in v.dims and n != "found_by"}
     names = json.loads(piece.attrs.get("methods", json.dumps([piece.attrs["method"]])))
     places = np.array([methods.index(n) for n in names], dtype=np.int8)
@@ -81,9 +79,7 @@ def along_time(piece: Piece, methods: Sequence[str], *, coded: bool) -> dict[str
 
 
 def piece_of(touch: Touch) -> Piece:
-    """Convert the touches of a batch (frame, component, *surface), with error bars, to a piece that can be written or
-    sent.
-    """
+    """Convert a batch of touches (frame, component, *surface), with error bars, to a piece to write or send."""
     return Piece(touch_dataset(touch), Outcome.of(touch), touch.calibration_note)
 
 
@@ -100,9 +96,7 @@ class Whole:
         self._calibration = ""
 
     def add(self, attrs: Mapping[str, Any], outcome: Outcome, calibration: str) -> None:
-        """Add a piece: the attributes of its data set, the outcome of its frames, and the note on its error bars'
-        constants.
-        """
+        """Add a piece: attributes of its data set, outcome of its frames, note on the constants of its error bars."""
         if not self.first:
             self.first = dict(attrs)
         if "common_std" in attrs:  # not in a piece without error bars
@@ -162,9 +156,7 @@ class TouchStream(abc.ABC):
         self._written(lambda: self._add(start, piece) if isinstance(piece, Piece) else self._note(start, piece))
 
     def place(self) -> Any:
-        """A place where another process may write a piece (`palpate.recordings.zarrpieces.Place`), or None if not yet
-        allowed.
-        """
+        """A `palpate.recordings.zarrpieces.Place` where another process may write a piece; None if not yet allowed."""
         return None
 
     def finish(self) -> None:
@@ -217,9 +209,7 @@ class Collected(TouchStream):
 
 
 class Arrays(TouchStream):
-    """For formats with named arrays: each array grows piece by piece, and one that appears late is filled for the
-    earlier frames.
-    """
+    """For formats with named arrays: each grows piece by piece; one that appears late is filled backwards."""
 
     def __init__(self, path: Path, count: int, record: Mapping[str, str]) -> None:
         super().__init__(path, count, record)

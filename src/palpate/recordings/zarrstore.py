@@ -132,9 +132,7 @@ def _check_held(root: Any, path: Path) -> None:
 
 
 def _guard(group: Any, path: Path) -> None:
-    """Raise an error for arrays that claim more than is stored: more blocks than there are files, or blocks that no
-    codec could compress so far.
-    """
+    """Refuse arrays that claim more than is stored: more blocks than files, or blocks that no codec compresses so."""
     for name, array in group.arrays():
         place = f"{path}, {name}"
         held = [

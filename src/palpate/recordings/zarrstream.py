@@ -271,9 +271,7 @@ class ZarrStream(Arrays):
             self._root.attrs[CHECKSUM] = checksum(named, known=self._known())
 
     def _known(self) -> dict[str, tuple[int, int]]:
-        """CRC-32 and bytes of each variable over all frames, computed from those of the pieces without reading them
-        again.
-        """
+        """CRC-32 and bytes of each variable over all frames, computed from those of the pieces without reading them."""
         out = dict.fromkeys(self._long, (0, 0))
         for start in sorted(self._crcs):
             for name, (crc, size) in out.items():

@@ -25,7 +25,7 @@ def ros_client() -> Any:
     Raises
     ------
     Unsupported
-        It, or a package of messages, cannot be imported; the error says how to get it on this machine.
+        ``rclpy``, or a package of ROS message types, cannot be imported; the error says how to install it on this machine.
     """
     try:
         found = importlib.import_module("rclpy")

@@ -36,16 +36,16 @@ def check_noise(noise: Noise, channels: Sequence[str]) -> tuple[float, ...] | No
     if noise is None:
         return None
     try:
-        given = np.asarray(noise)
+        stds = np.asarray(noise)
     except ValueError:  # lists of different lengths
-        given = np.asarray(None)
+        stds = np.asarray(None)
     truths = isinstance(noise, list | tuple) and any(isinstance(v, bool | np.bool_) for v in noise)
-    if given.dtype.kind not in "iuf" or truths or np.ma.is_masked(noise):
+    if stds.dtype.kind not in "iuf" or truths or np.ma.is_masked(noise):
         raise InvalidInput(
             f"noise must be a number in the unit of the channel, or one for each channel; got {noise!r}."
         )
-    values = tuple(map(float, np.full(len(channels), given) if given.ndim == 0 else given.ravel()))
-    if given.ndim > 1 or len(values) != len(channels):
+    values = tuple(map(float, np.full(len(channels), stds) if stds.ndim == 0 else stds.ravel()))
+    if stds.ndim > 1 or len(values) != len(channels):
         raise InvalidInput(
             f"noise must be one standard deviation or one per channel ({len(channels)}: {', '.join(channels)}); "
             f"got {len(values)}."
@@ -81,15 +81,15 @@ def _check_extent(array: _Common) -> None:
 def _check_mask(mask: Any, shape: tuple[int, ...]) -> Mask | None:
     if mask is None:
         return None
-    found = np.array(mask)
-    if found.dtype != np.bool_ or found.shape != shape:
+    working = np.array(mask)
+    if working.dtype != np.bool_ or working.shape != shape:
         raise InvalidInput(
-            f"mask must be a boolean array of shape {shape}, True where a taxel works; got {found.dtype} {found.shape}."
+            f"mask must be a boolean array of shape {shape}, True where a taxel works; got {working.dtype} {working.shape}."
         )
-    if not found.any():
+    if not working.any():
         raise InvalidInput("mask leaves no working taxel.")
-    found.setflags(write=False)
-    return found
+    working.setflags(write=False)
+    return working
 
 
 def _check_distinct(positions: Floats) -> None:
@@ -101,16 +101,16 @@ def _check_distinct(positions: Floats) -> None:
     """
     from scipy.spatial import cKDTree
 
-    few = min(3, len(positions) // 4)
-    if few < 2:
+    neighbour = min(3, len(positions) // 4)
+    if neighbour < 2:
         return
-    away = cKDTree(positions).query(positions, k=few + 1)[0][:, -1]
-    usual = float(np.median(away))
-    worst = int(np.argmax(away))
-    if away[worst] > MAX_SPACING_RATIO * usual:
-        where = ", ".join(f"{v:g}" for v in positions[worst])
+    distances = cKDTree(positions).query(positions, k=neighbour + 1)[0][:, -1]
+    usual = float(np.median(distances))
+    worst = int(np.argmax(distances))
+    if distances[worst] > MAX_SPACING_RATIO * usual:
+        place = ", ".join(f"{v:g}" for v in positions[worst])
         raise InvalidInput(
-            f"positions: taxel {worst} at ({where}) m lies {away[worst]:.3g} m from the others, which lie {usual:.3g} m apart. Correct its position (its unit?), or take it out of positions "
+            f"positions: taxel {worst} at ({place}) m lies {distances[worst]:.3g} m from the others, which lie {usual:.3g} m apart. Correct its position (its unit?), or take it out of positions "
             "and readings."
         )
 

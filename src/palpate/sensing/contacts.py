@@ -145,9 +145,7 @@ def _place(contact: Contact) -> tuple[Floats, Floats]:
 
 
 def _pieces(contact: Contact, widths: Sequence[float]) -> tuple[list[Floats], Floats]:
-    """Cut the contact along each axis into pieces no wider than ``widths``: their edges, and the traction (component,
-    *piece).
-    """
+    """Cut the contact into pieces no wider than ``widths``: edges on each axis, and traction (component, *piece)."""
     center, half = _place(contact)
     edges = []
     for middle, a, width in zip(center, half, widths):
@@ -163,9 +161,7 @@ def _pieces(contact: Contact, widths: Sequence[float]) -> tuple[list[Floats], Fl
 
 
 def _spread(contact: Contact, grid: Grid) -> Floats | None:
-    """Traction (component, *cell) with the contact's moments, for distant readings; None if the grid does not extend
-    far enough around it.
-    """
+    """Traction (component, *cell) with the contact's moments, for distant readings; None if the grid is too small."""
     edges, traction = _pieces(contact, [dx / PIECES for dx in grid.spacings])
     for axis, (e, x, dx) in enumerate(zip(edges, grid.axes, grid.spacings)):
         share = _shares((e - x[0]) / dx + 0.5, len(x))
@@ -204,9 +200,7 @@ def _lagrange(x: Floats) -> Floats:
 
 
 def _about(array: Array, contact: Contact, h: float, surface: Grid) -> Grid:
-    """Grid of cells no wider than ``h`` over a contact and its surroundings; taxels of a regular array lie above cell
-    centres.
-    """
+    """Grid of cells no wider than ``h`` over a contact and around it; taxels of a regular array lie above centres."""
     counts, spacings, centers = [], [], []
     for axis, (middle, a) in enumerate(zip(*_place(contact))):
         if isinstance(array, ScatteredArray):
@@ -228,9 +222,7 @@ def _about(array: Array, contact: Contact, h: float, surface: Grid) -> Grid:
 
 
 def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
-    """The smallest array of the same kind that contains the ``wanted`` taxels, and the indices of its taxels in the
-    whole.
-    """
+    """The smallest array of this kind that contains the ``wanted`` taxels, and the indices of its taxels."""
     if isinstance(array, ScatteredArray):
         some = np.flatnonzero(wanted)
         points = array.points
@@ -260,9 +252,7 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
 
 
 def _periodic(operator: Operator, array: Array, contact: Contact) -> Any:
-    """Readings on a periodic surface, on cells finer by an odd factor, so that each taxel stays at the middle of a
-    cell.
-    """
+    """Readings on a periodic surface, on cells finer by an odd factor: each taxel stays at the middle of a cell."""
     surface = operator.surface
     d, h = surface.dimensions, max(surface.spacings)
     center, half = _place(contact)

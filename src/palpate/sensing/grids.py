@@ -162,9 +162,7 @@ class _Flat:
         return xp.stack([self.integral(y * parts[2]), about_y, spin], axis=-1)
 
     def turned_errors(self, errors: Floats, traction: Floats) -> Floats:
-        """Convert errors (component,) of a force in the axes of a contact to errors (axis of the pad,): equal on a
-        flat surface.
-        """
+        """Convert errors of a force from a contact's axes (component,) to the pad's (axis,): equal if it is flat."""
         return errors
 
 
@@ -324,9 +322,7 @@ Grid = LineGrid | AreaGrid
 
 
 def refined(grid: Grid, ratio: int, margin: int = 0) -> Grid:
-    """A grid of the same surface, ``margin`` cells wider on each side, with cells ``ratio`` times finer along each
-    axis.
-    """
+    """A grid of the same surface, ``margin`` cells wider on each side, with cells ``ratio`` times finer."""
     counts = [(n + 2 * margin) * ratio for n in grid.shape]
     if isinstance(grid, LineGrid):
         return LineGrid(count=counts[0], spacing=grid.spacing / ratio, center=grid.center)

@@ -180,9 +180,7 @@ def _sorted(
 
 
 def _scattered_order(x: Any, array: Array) -> npt.NDArray[np.intp] | None:
-    """Indices that bring the entries along "taxel" into the order of the array; None if they are already in order or
-    have no labels.
-    """
+    """Indices that order "taxel" entries as the array does; None if they are in order or have no labels."""
     n = len(array.points)
     if x.sizes["taxel"] != n:
         return None  # the shape is refused by name further on

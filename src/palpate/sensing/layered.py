@@ -194,9 +194,7 @@ class Correction:
 
 
 class _Axis:
-    """Weighted sums along one axis over points offset + node: each distinct distance from 0 once, and its weight in
-    each sum.
-    """
+    """Weighted sums along one axis over points offset + node: each distinct distance from 0 once, and its weights."""
 
     def __init__(self, offset: Floats, node: Floats, weight: Floats, reach: float) -> None:
         points = offset[:, None] + node
@@ -211,9 +209,7 @@ class _Axis:
 
 
 class _Radial:
-    """Functions of the plane in angular orders: sum_n Re(f_n(r) exp(i n theta)), with f_n as splines for the orders
-    that are not negligible.
-    """
+    """Functions of the plane by angular order: sum_n Re(f_n(r) exp(i n theta)), with splines f_n."""
 
     def __init__(self, r: Floats, table: npt.NDArray[np.complex128]) -> None:
         """``table`` is f (distance, order, function)."""

@@ -39,9 +39,7 @@ class _Ranged(Protocol):
 
 
 def check_limits(limits: Any, channels: Sequence[str], shape: tuple[int, ...]) -> Floats | None:
-    """Lower and upper measuring limit of each channel (channel, 2), or of each reading (channel, 2, *shape); infinite
-    without a limit.
-    """
+    """Lower and upper limit of each channel (channel, 2) or reading (channel, 2, *shape); infinite if none."""
     if limits is None:
         return None
     out = _parse_limits(limits, len(channels), shape)

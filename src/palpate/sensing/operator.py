@@ -83,14 +83,14 @@ def _multiplied(matrix: Any, spectrum: Any, columns: Sequence[int], d: int, *, a
     """Multiply NumPy arrays, one block of wavevectors at a time, so that sums stay in the processor's cache."""
     lead, waves = spectrum.shape[: -1 - d], spectrum.shape[-d:]
     step = columns[1] - columns[0] if len(columns) > 1 else 1
-    taken: Any = slice(columns[0], columns[-1] + 1, step or 1)
-    if list(range(matrix.shape[1]))[taken] != list(columns):  # a copy if they are unordered
-        taken = list(columns)
+    component_index: Any = slice(columns[0], columns[-1] + 1, step or 1)
+    if list(range(matrix.shape[1]))[component_index] != list(columns):  # a copy if they are unordered
+        component_index = list(columns)
     if adjoint:  # conj(K) y = conj(K conj(y)): fewer entries than those of K
         np.conjugate(spectrum, out=spectrum)
-        matrix = np.swapaxes(matrix[:, taken], 0, 1)
+        matrix = np.swapaxes(matrix[:, component_index], 0, 1)
     else:
-        matrix = matrix[:, taken]
+        matrix = matrix[:, component_index]
     count, sources = matrix.shape[:2]
     out: Any = np.empty((*lead, count, *waves), dtype=spectrum.dtype)
     each = spectrum.itemsize * max(1, math.prod(lead)) * count * math.prod(waves[1:])
@@ -98,11 +98,11 @@ def _multiplied(matrix: Any, spectrum: Any, columns: Sequence[int], d: int, *, a
     term: Any = np.empty((*lead, count, block, *waves[1:]), dtype=spectrum.dtype)
     tail = (slice(None),) * (d - 1)
     for start in range(0, waves[0], block):
-        here: tuple[Any, ...] = (slice(start, min(start + block, waves[0])), *tail)
-        part = term[(..., slice(0, here[0].stop - start), *tail)]
-        total = out[(..., *here)]
+        block_index: tuple[Any, ...] = (slice(start, min(start + block, waves[0])), *tail)
+        part = term[(..., slice(0, block_index[0].stop - start), *tail)]
+        total = out[(..., *block_index)]
         for source in range(sources):
-            entry, wave = matrix[(slice(None), source, *here)], spectrum[(..., source, None, *here)]
+            entry, wave = matrix[(slice(None), source, *block_index)], spectrum[(..., source, None, *block_index)]
             if source == 0:
                 np.multiply(entry, wave, out=total)
             else:
@@ -114,9 +114,7 @@ def _multiplied(matrix: Any, spectrum: Any, columns: Sequence[int], d: int, *, a
 
 
 def commensurate(array: Array, grid: Grid) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
-    """Cells per pitch, and first taxel minus first cell centre, for each axis; None if the layout does not allow an
-    FFT.
-    """
+    """Cells per pitch, and first taxel minus first cell centre, for each axis; None if the layout allows no FFT."""
     if isinstance(array, ScatteredArray):
         return None
     ratios, shifts = [], []
@@ -170,18 +168,18 @@ class Convolution(_Spectral):
         offsets = [s + lag * dx for s, lag, dx in zip(shifts, lags, grid.spacings)]
         # Largest number of values per lag, measured: the kernel, its padded copy, its transform and temporaries of the
         # formulas.
-        held = (10 + 8 * self.rows) if isinstance(pad, HalfSpace) else (60 + 80 * self.rows)
+        values_per_lag = (10 + 8 * self.rows) if isinstance(pad, HalfSpace) else (60 + 80 * self.rows)
         require(
-            8.0 * held * math.prod(len(lag) for lag in lags),
+            8.0 * values_per_lag * math.prod(len(lag) for lag in lags),
             f"{' x '.join(map(str, self.taxels))} taxels and {' x '.join(map(str, self.cells))} surface cells",
             "Describe the array in parts that overlap by a few depths.",
         )
         self.key = digest("influence", pad, array, grid, concentrated)
         shape = (self.rows, self.count, *(len(lag) for lag in lags))
-        known = None if recall is None else recall.find(self.key, [shape])
+        stored = None if recall is None else recall.find(self.key, [shape])
         self.kernel = (
-            known[0]
-            if known is not None
+            stored[0]
+            if stored is not None
             else influence(
                 pad,
                 offsets,
@@ -241,8 +239,8 @@ class Convolution(_Spectral):
     def columns(self, component: int, cells: npt.NDArray[np.intp]) -> Floats:
         """(channel, taxel, cell): readings of unit traction in some ``cells`` (flat indices), cell by cell in memory."""
         # Copy windows row by row: 40 times as fast as single entries.
-        found = self.windows[(component, *np.unravel_index(cells, self.cells))]
-        return np.asarray(found.reshape(len(cells), self.rows, -1).transpose(1, 2, 0))
+        windows = self.windows[(component, *np.unravel_index(cells, self.cells))]
+        return np.asarray(windows.reshape(len(cells), self.rows, -1).transpose(1, 2, 0))
 
 
 def _upsampled(xp: Any, x: Any, axis: int, ratio: int) -> Any:
@@ -434,20 +432,20 @@ class Operator:
     @cached_property
     def planes(self) -> list[LinearMap]:
         """The map of each array, built at first use, so that a method can refuse a size before that."""
-        made: list[LinearMap] = []
+        maps: list[LinearMap] = []
         body = body_of(self.pad)
         for array in self.planes_of:
             if body is not None:
-                made.append(body.response(array, self.surface))
+                maps.append(body.response(array, self.surface))
             elif self.boundary == "periodic":
-                made.append(Periodic(self.pad, array, self.surface))
+                maps.append(Periodic(self.pad, array, self.surface))
             elif commensurate(array, self.surface) is not None:
-                made.append(Convolution(self.pad, array, self.surface, recall=self.recall))
+                maps.append(Convolution(self.pad, array, self.surface, recall=self.recall))
             elif len(array.points) * len(array.channels) > LARGEST_MATRIX:
-                made.append(Lattice(self.pad, array, self.surface, Convolution))
+                maps.append(Lattice(self.pad, array, self.surface, Convolution))
             else:
-                made.append(_Dense(self.pad, array, self.surface))
-        return made
+                maps.append(_Dense(self.pad, array, self.surface))
+        return maps
 
     def finer(self, ratio: int) -> Operator:
         """The same operator for cells ``ratio`` times finer along each axis.
@@ -476,13 +474,11 @@ class Operator:
         >>> len(Operator(pad, [array], pp.LineGrid(count=5, spacing=1e-3)).worked_out())  # nothing was asked for
         0
         """
-        made = self.planes if "planes" in self.__dict__ else []
-        return {p.key: (p.kernel,) for p in made if isinstance(p, Convolution) and p.key is not None}
+        maps = self.planes if "planes" in self.__dict__ else []
+        return {p.key: (p.kernel,) for p in maps if isinstance(p, Convolution) and p.key is not None}
 
     def forward(self, traction: Any, among: Among = None) -> list[Any]:
-        """Readings of each plane for traction (..., component, *surface); ``among`` are the components that
-        ``traction`` contains, by default all.
-        """
+        """Readings of each plane for traction (..., component, *surface); ``among``: the components it contains."""
         return [self._project(i, plane.forward(traction, among)) for i, plane in enumerate(self.planes)]
 
     def adjoint(self, readings: Sequence[Any], among: Among = None) -> Any:
@@ -504,26 +500,22 @@ class Operator:
         return np.concatenate(blocks)
 
     def columns(self, components: Sequence[int], cells: npt.NDArray[np.intp]) -> Floats:
-        """Some columns of `dense`, (reading, component, cell): the components and flat cell indices requested. In memory they lie
-        column by column.
-        """
+        """Columns of `dense` (reading, component, cell) for components and flat cells, column by column in memory."""
         sizes = [len(a.channels) * int(np.count_nonzero(a.valid)) for a in self.planes_of]
         out = np.empty((len(components), len(cells), sum(sizes)))
         start = 0
         for array, plane, floating, size in zip(self.planes_of, self.planes, self._floating, sizes):
-            here = out[:, :, start : start + size].reshape(*out.shape[:2], len(array.channels), -1)
+            block = out[:, :, start : start + size].reshape(*out.shape[:2], len(array.channels), -1)
             for i, c in enumerate(components):
-                found = plane.columns(c, cells).transpose(2, 0, 1)
-                here[i] = found if array.mask is None else found[..., array.valid.ravel()]
+                columns = plane.columns(c, cells).transpose(2, 0, 1)
+                block[i] = columns if array.mask is None else columns[..., array.valid.ravel()]
             for channel in floating:
-                here[:, :, channel] -= here[:, :, channel].mean(axis=-1, keepdims=True)
+                block[:, :, channel] -= block[:, :, channel].mean(axis=-1, keepdims=True)
             start += size
         return out.transpose(2, 0, 1)
 
     def observed(self, readings: Sequence[Any]) -> list[Any]:
-        """Readings restricted to what the operator can produce: missing taxels set to zero, undetermined means
-        subtracted.
-        """
+        """Readings that the operator can produce: missing taxels set to zero, undetermined means subtracted."""
         return [self._project(i, r) for i, r in enumerate(readings)]
 
     def _project(self, i: int, readings: Any) -> Any:

@@ -113,17 +113,17 @@ def as_stack(pad: Pad, length: float, depth: float) -> Stack:
     k = np.geomspace(1e-4 / length, max(surface.wavenumber, 40.0 / max(depth, 1e-3 * length)), 200)[:, None] * np.ones(
         2
     )
-    far = np.broadcast_to(sides, (*k.shape, 2))
+    directions = np.broadcast_to(sides, (*k.shape, 2))
     different = np.zeros(len(k), dtype=bool)
     for at in {0.0, depth}:
-        found, expected = pad.states(k, far, at), surface.states(k, far, at)
-        if not (np.abs(found[..., 3:, :]) < 100.0).all():
+        states, expected = pad.states(k, directions, at), surface.states(k, directions, at)
+        if not (np.abs(states[..., 3:, :]) < 100.0).all():
             raise Unsupported(
                 f"the stresses of {type(pad).__name__} are not finite or grow with depth, at depth {at:g} m; check states()."
             )
         for rows in (slice(0, 3), slice(3, 6)):
             size = np.abs(expected[..., rows, :]).max()
-            different |= (np.abs(found - expected)[..., rows, :] > 1e-9 * size).any(axis=(1, 2, 3))
+            different |= (np.abs(states - expected)[..., rows, :] > 1e-9 * size).any(axis=(1, 2, 3))
     if not different.any() and pad.mean_compliance(0.0) is None:
         return Stack(pad, surface, math.inf)
     # The base of a layer h affects the surface by exp(-2 k h): 1e-9 with its factors at k h = 13.
@@ -160,8 +160,8 @@ class Uppermost:
         from scipy.linalg import expm
 
         y, p = self.surface(direction)
-        moved = expm(1j * np.asarray(wavenumber)[..., None, None] * depth * p) if depth else np.eye(3)
-        displacement = moved @ y
+        propagator = expm(1j * np.asarray(wavenumber)[..., None, None] * depth * p) if depth else np.eye(3)
+        displacement = propagator @ y
         return np.concatenate([displacement, _inverse(y) @ displacement], axis=-2)
 
     @cached_property
@@ -219,10 +219,10 @@ class Uppermost:
         points, back = np.unique(np.round(np.stack([yy, xx]) / unit, 12), axis=1, return_inverse=True)
         yy, xx = points * unit
         if depth + damping == 0.0:
-            found = self._on_surface(xx, yy, widths, channels)
+            values = self._on_surface(xx, yy, widths, channels)
         else:
-            found = self._below(xx, yy, widths, depth, damping, channels, concentrated)
-        out = found[:, :, np.reshape(back, -1)]
+            values = self._below(xx, yy, widths, depth, damping, channels, concentrated)
+        out = values[:, :, np.reshape(back, -1)]
         return np.asarray(out.reshape(len(channels), 3, *shape))
 
     def _line(
@@ -246,11 +246,11 @@ class Uppermost:
                 stress = 1j * (right - left) / width
                 level = -(_times(q(width / 2), right) - _times(q(-width / 2), left)) / width + 1.0
             displacement = np.tensordot(level, weight, 1) @ y
-            moved = np.tensordot(stress, weight, 1) @ y
-            states = np.concatenate([moved, _inverse(y) @ moved], axis=-2)
+            traction = np.tensordot(stress, weight, 1) @ y
+            states = np.concatenate([traction, _inverse(y) @ traction], axis=-2)
             fields = WaveFields(states, displacement, np.broadcast_to(direction, (len(part), 2)), self._material)
-            found = fields.read(channels)[..., [0, 2]].real * (width / np.pi)
-            out[:, :, start : start + 4096] = np.moveaxis(found, 0, -1)
+            values = fields.read(channels)[..., [0, 2]].real * (width / np.pi)
+            out[:, :, start : start + 4096] = np.moveaxis(values, 0, -1)
         return out.reshape(len(channels), 2, *x.shape)
 
     def _on_surface(self, x: Floats, y: Floats, widths: Sequence[float], channels: Sequence[str]) -> Floats:
@@ -305,18 +305,21 @@ class Uppermost:
             for rows in _chunks(np.arange(x.size)):
                 out[rows] = dx * dy * kernel(x[rows], y[rows])
             return np.moveaxis(out, 0, -1)
-        far = np.maximum(np.abs(x) / dx, np.abs(y) / dy)
+        cells_away = np.maximum(np.abs(x) / dx, np.abs(y) / dy)
         smooth = scale >= 2.0 * max(dx, dy)  # then nowhere near enough to need narrow panels
-        near = far < (0.0 if smooth else NEAR_WIDTHS)
+        needs_panels = cells_away < (0.0 if smooth else NEAR_WIDTHS)
         group: npt.NDArray[np.bool_]
-        for group, few in ((~near & (far < 9.0), 6), (~near & (far >= 9.0), 4)):
-            node, weight = np.polynomial.legendre.leggauss(few)
+        for group, points_per_axis in (
+            (~needs_panels & (cells_away < 9.0), 6),
+            (~needs_panels & (cells_away >= 9.0), 4),
+        ):
+            node, weight = np.polynomial.legendre.leggauss(points_per_axis)
             for rows in _chunks(np.flatnonzero(group)):
                 total = np.zeros((len(rows), len(channels), 3))
                 for (i, u), (j, v) in itertools.product(zip(node, weight), zip(node, weight)):
                     total += u * v / 4 * kernel(x[rows] + i * dx / 2, y[rows] + j * dy / 2)
                 out[rows] = dx * dy * total
-        for row in np.flatnonzero(near):
+        for row in np.flatnonzero(needs_panels):
             across, across_weight = _panels(x[row] - dx / 2, x[row] + dx / 2, scale)
             along, along_weight = _panels(y[row] - dy / 2, y[row] + dy / 2, scale)
             values = kernel(np.tile(across, len(along)), np.repeat(along, len(across)))
@@ -360,9 +363,9 @@ class Uppermost:
             single = inverse @ y
             double = -inverse @ single
             states = np.concatenate([double, inverse_y @ double], axis=-2)
-            found = WaveFields(states, 1j * single, direction, self._material).read(channels)
+            fields = WaveFields(states, 1j * single, direction, self._material).read(channels)
             # Both half-turns of the direction: twice the real part.
-            value = np.einsum("b,tbcs->tcs", weight, found.real) / (2 * np.pi**2)
+            value = np.einsum("b,tbcs->tcs", weight, fields.real) / (2 * np.pi**2)
             table[i] = _series(value)[: count // 2 + 1]
         table[:, 1:] *= 2.0
         table *= (np.cosh(t) ** 2)[:, None, None, None]  # proportional to r^2 far away, where stress falls like 1/r^2

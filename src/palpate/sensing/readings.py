@@ -210,9 +210,7 @@ def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: i
 
 
 def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -> None:
-    """Raise an error for readings far outside linear elasticity, a sign of wrong units, and for noise below the
-    rounding of the readings.
-    """
+    """Refuse readings far outside linear elasticity (wrong units), and noise below the readings' rounding."""
     xp = namespace(values)
     d, noise = len(array.shape), array.noise_std
     for i, (channel, (limit, what)) in enumerate(zip(array.channels, limits)):

@@ -32,9 +32,7 @@ STENCIL, NEAR = 8, 5
 
 
 def near_memory(array: Array, grid: Grid) -> float:
-    """Peak memory in bytes while the map of ``array`` is built: the exact influences with their indices, twice, and
-    the lattice's.
-    """
+    """Peak bytes while the map of ``array`` is built: exact influences with indices, twice, and the lattice's."""
     d = grid.dimensions
     pairs = len(array.points) * (2 * NEAR + 1) ** d * len(array.channels) * len(grid.components)
     lags = math.prod(2 * (n + 2 * STENCIL) for n in grid.shape)

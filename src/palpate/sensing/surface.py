@@ -103,9 +103,7 @@ def surface_of(pad: Pad, planes: Sequence[Array], *, depths: float = DEPTHS) -> 
 
 
 def check_thickness(planes: Sequence[Array], thickness: float | None) -> None:
-    """Raise an error for a pad too thin for its taxels: a press above one taxel would not affect the next, and the
-    integrals would take minutes.
-    """
+    """Refuse a pad too thin for its taxels: a press above one would not reach the next, after minutes of work."""
     if thickness is None:
         return
     for array in planes:
@@ -144,9 +142,7 @@ def check_above(planes: Sequence[Array], surface: Grid) -> None:
 
 
 def _pitch(array: Array, axis: int) -> float:
-    """Pitch along an axis; for scattered positions, that of a square grid with the same number and extents: n p^2 = (a
-    + p) (b + p).
-    """
+    """Pitch along an axis; for scattered positions, of a square grid of as many: n p^2 = (a + p) (b + p)."""
     if isinstance(array, ScatteredArray):
         extent, n = np.ptp(array.points, axis=0), len(array.points)
         if array.dimensions == 1 or n == 1:

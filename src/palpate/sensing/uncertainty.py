@@ -44,13 +44,13 @@ class Uncertainty:
     Parameters
     ----------
     youngs_modulus : float, optional
-        Relative standard deviation of the modulus of the whole pad, common to all layers. Every force from strain or
+        Relative standard deviation of the modulus of the pad; all layers are wrong by the same factor. Every force from strain or
         displacement is proportional to it; stress does not depend on it. Default: 15 %; 0 means exact.
     thickness : float, optional
-        Relative standard deviation of the thickness of bonded layers, common to all. Default: 10 % in constrained
+        Relative standard deviation of the thickness of bonded layers; all layers are wrong by the same factor. Default: 10 % in constrained
         methods, exact in linear ones.
     depth : float, optional
-        Relative standard deviation of the depth of the sensing elements, common to all; default as for thickness.
+        Relative standard deviation of the depth of the sensing elements; all are wrong by the same factor. Default as for thickness.
     gain : float, optional
         Relative standard deviation of the gain of each reading, independent of the others. Default: 5 % in the net
         force of constrained methods; 0 means exact.
@@ -78,6 +78,15 @@ class Uncertainty:
     ...     print(bool(high[1] - low[1] > 2.0))  # N/m
     False
     True
+
+    >>> stated = pp.Uncertainty(youngs_modulus=0.02, gain=0.03)
+    >>> stated.modulus, stated.stated_gain, stated.assumed_gain, stated.any
+    (0.02, 0.03, 0.0, True)
+
+    >>> round(stated.common((array,)), 3), stated.of(pad) == stated  # every strain depends on the modulus
+    (0.028, True)
+
+    >>> stated.check(pad)  # nothing is stated that the pad lacks
     """
 
     youngs_modulus: float | None = None
@@ -99,50 +108,21 @@ class Uncertainty:
 
     @property
     def modulus(self) -> float:
-        """The uncertainty of the modulus, stated or assumed.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pp.Uncertainty().modulus, pp.Uncertainty(youngs_modulus=0.02).modulus
-        (0.15, 0.02)
-        """
+        """The uncertainty of the modulus, stated or assumed."""
         return MODULUS if self.youngs_modulus is None else self.youngs_modulus
 
     @property
     def assumed_gain(self) -> float:
-        """The assumed uncertainty of gains if none is stated, else 0.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pp.Uncertainty().assumed_gain, pp.Uncertainty(gain=0.02).assumed_gain
-        (0.05, 0.0)
-        """
+        """The assumed uncertainty of gains if none is stated, else 0."""
         return GAIN if self.gain is None else 0.0
 
     @property
     def stated_gain(self) -> float:
-        """The stated uncertainty of gains, or 0.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pp.Uncertainty().stated_gain, pp.Uncertainty(gain=0.02).stated_gain
-        (0.0, 0.02)
-        """
+        """The stated uncertainty of gains, or 0."""
         return self.gain or 0.0
 
     def common(self, planes: tuple[Array, ...]) -> float:
-        """Common relative error of all results of these arrays: the scale, and the modulus if every reading depends on it.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> array = pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"])
-        >>> pp.Uncertainty().common((array,))
-        0.02
-        """
+        """Common relative error of all results of these arrays: the scale, and the modulus if every reading depends on it."""
         return math.hypot(self.scale, self.modulus if all(_follows(planes)) else 0.0)
 
     def beside(self, pad: Pad, planes: tuple[Array, ...], *, assumed: bool = True) -> Uncertainty:
@@ -174,40 +154,18 @@ class Uncertainty:
 
     @property
     def any(self) -> bool:
-        """Whether any part is uncertain.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> nothing = pp.Uncertainty(youngs_modulus=0.0, thickness=0.0, depth=0.0, gain=0.0, scale=0.0)
-        >>> nothing.any, pp.Uncertainty().any
-        (False, True)
-        """
+        """Whether any part is uncertain."""
         return self.modulus > 0 or any(getattr(self, f.name) != 0 for f in fields(self)[1:])
 
     def of(self, pad: Pad) -> Uncertainty:
-        """The stated values, completed by those of the pad itself, if it has an ``uncertainty`` (a measured one).
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
-        >>> pp.Uncertainty(depth=0.1).of(pad) == pp.Uncertainty(depth=0.1)
-        True
-        """
+        """The stated values, completed by those of the pad itself, if it has an ``uncertainty`` (a measured one)."""
         own = getattr(pad, "uncertainty", None)
         if not isinstance(own, Uncertainty):
             return self
         return replace(self, **{f.name: getattr(own, f.name) for f in fields(self) if getattr(self, f.name) is None})
 
     def check(self, pad: Pad) -> None:
-        """Raise `Unsupported` if an uncertainty is stated for a property that the pad lacks.
-
-        Examples
-        --------
-        >>> import palpate as pp
-        >>> pp.Uncertainty(depth=0.1).check(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5))  # nothing is missing
-        """
+        """Raise `Unsupported` if an uncertainty is stated for a property that the pad lacks."""
         own = getattr(pad, "uncertainty", None)
         if isinstance(own, Uncertainty):
             fixed = [n for n in ("youngs_modulus", "thickness", "depth") if getattr(own, n) is not None]
@@ -242,16 +200,12 @@ def _at_base(pad: Pad, plane: Array) -> bool:
 
 
 def _follows(planes: tuple[Array, ...]) -> list[bool]:
-    """Whether the readings of each channel scale with the modulus, as in `scale_free`, per channel instead of per
-    reading.
-    """
+    """Whether the readings of each channel scale with the modulus, as in `scale_free`, which is per reading."""
     return [find_channel(c).kind.creeps for array in planes for c in array.channels]
 
 
 def scale_free(planes: tuple[Array, ...]) -> Floats:
-    """1 for readings (row of the operator) that scale with 1/modulus under a given traction (strain, displacement), 0
-    for stress.
-    """
+    """1 for readings (row of the operator) that scale with 1/modulus at a given traction, such as strain; else 0."""
     parts = []
     for array in planes:
         flags = [float(find_channel(c).kind.creeps) for c in array.channels]

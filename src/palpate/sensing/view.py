@@ -82,11 +82,11 @@ def eight_bit(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     return np.asarray(np.clip(np.rint(values * (255.0 / max(values.max(initial=0.0), 1e-300))), 0, 255), dtype=np.uint8)
 
 
-def _pairs(values: npt.ArrayLike, what: str) -> Floats:
-    found = np.asarray(values, dtype=np.float64)
-    if found.ndim < 1 or found.shape[-1] != 2 or not np.isfinite(found).all():
-        raise InvalidInput(f"{what} must be finite pairs of shape (..., 2); got shape {found.shape}.")
-    return found
+def _pairs(values: npt.ArrayLike, name: str) -> Floats:
+    pairs = np.asarray(values, dtype=np.float64)
+    if pairs.ndim < 1 or pairs.shape[-1] != 2 or not np.isfinite(pairs).all():
+        raise InvalidInput(f"{name} must be finite pairs of shape (..., 2); got shape {pairs.shape}.")
+    return pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,31 +134,31 @@ class Lens:
 
     def undistorted(self, pixels: npt.ArrayLike) -> Floats:
         """Positions of the same points without distortion."""
-        given = _pairs(pixels, "pixels")
-        flat = np.ascontiguousarray(given.reshape(-1, 1, 2))
+        pairs = _pairs(pixels, "pixels")
+        flat = np.ascontiguousarray(pairs.reshape(-1, 1, 2))
         if not flat.size:
-            return given
+            return pairs
         cv2 = opencv()
         # The default of five steps leaves hundredths of a pixel in the corners.
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
         # OpenCV 4 has another function for this.
         undistorted = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
         args = (None, None) if undistorted is not cv2.undistortPoints else (None, None, None)
-        found = np.asarray(undistorted(flat, self.matrix, self.distortion, *args, criteria))
-        found = found.reshape(-1, 2) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
-        return np.asarray(found).reshape(given.shape)
+        points = np.asarray(undistorted(flat, self.matrix, self.distortion, *args, criteria))
+        points = points.reshape(-1, 2) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
+        return np.asarray(points).reshape(pairs.shape)
 
     def distorted(self, pixels: npt.ArrayLike) -> Floats:
         """Return the pixels to which the lens projects undistorted points."""
-        given = _pairs(pixels, "pixels")
-        flat = given.reshape(-1, 2)
+        pairs = _pairs(pixels, "pixels")
+        flat = pairs.reshape(-1, 2)
         if not flat.size:
-            return given
+            return pairs
         rays = np.linalg.solve(self.matrix, np.column_stack([flat, np.ones(len(flat))]).T).T
-        found, _ = opencv().projectPoints(
+        points, _ = opencv().projectPoints(
             np.ascontiguousarray(rays.reshape(-1, 1, 3)), np.zeros(3), np.zeros(3), self.matrix, self.distortion
         )
-        return np.asarray(found).reshape(given.shape)
+        return np.asarray(points).reshape(pairs.shape)
 
     @classmethod
     def from_chessboard(
@@ -187,28 +187,28 @@ class Lens:
             )
         board = np.zeros((corners[0] * corners[1], 3), dtype=np.float32)
         board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square
-        found = []
+        boards = []
         sizes = set()
         for picture in pictures:
-            plain = eight_bit(grey(picture))
-            sizes.add(plain.shape)
-            there, points = False, None
-            if min(plain.shape) >= 8 * min(corners):  # smaller ones show no board
-                there, points = cv2.findChessboardCorners(plain, corners)
-            if there:
+            image = eight_bit(grey(picture))
+            sizes.add(image.shape)
+            complete, points = False, None
+            if min(image.shape) >= 8 * min(corners):  # smaller ones show no board
+                complete, points = cv2.findChessboardCorners(image, corners)
+            if complete:
                 criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
-                found.append(cv2.cornerSubPix(plain, points, (5, 5), (-1, -1), criteria))
+                boards.append(cv2.cornerSubPix(image, points, (5, 5), (-1, -1), criteria))
         if len(sizes) > 1:
             raise InvalidInput("the calibration pictures differ in size; use those of one camera mode.")
-        if len(found) < 3:
+        if len(boards) < 3:
             raise InvalidInput(
-                f"the whole board of {corners[0]} x {corners[1]} inner corners was found in {len(found)} of {len(pictures)} pictures; at "
+                f"the whole board of {corners[0]} x {corners[1]} inner corners was found in {len(boards)} of {len(pictures)} pictures; at "
                 "least 3 are needed. Count inner corners, not fields; show the whole board, flat, sharp and with a white rim."
             )
         height, width = sizes.pop()
         try:
             error, matrix, distortion, _, _ = cv2.calibrateCamera(
-                [board] * len(found), found, (width, height), None, None
+                [board] * len(boards), boards, (width, height), None, None
             )
         except cv2.error as facing:  # boards that all face the camera
             raise InvalidInput(
@@ -296,25 +296,25 @@ class View:
         >>> view.places([10, 10]).round(6).tolist()
         [-0.008, 0.006]
         """
-        found, known = _pairs(pixels, "pixels").reshape(-1, 2), _pairs(places, "places").reshape(-1, 2)
-        if len(found) != len(known) or len(found) < 4:
+        image_points, plane_points = _pairs(pixels, "pixels").reshape(-1, 2), _pairs(places, "places").reshape(-1, 2)
+        if len(image_points) != len(plane_points) or len(image_points) < 4:
             raise InvalidInput(
-                f"a view needs four points or more, each with its place; got {len(found)} pixels and {len(known)} places."
+                f"a view needs four points or more, each with its place; got {len(image_points)} pixels and {len(plane_points)} places."
             )
-        flat = found if lens is None else lens.undistorted(found)
+        flat = image_points if lens is None else lens.undistorted(image_points)
         cv2 = opencv()
         # Use units near one, so that metres and pixels have equal weight.
-        unit = float(np.ptp(known, axis=0).max())
+        unit = float(np.ptp(plane_points, axis=0).max())
         if not unit > 0:
             raise InvalidInput("the four points have one place; give four corners of a rectangle or the like.")
-        h, _ = cv2.findHomography(flat, known / unit)
+        h, _ = cv2.findHomography(flat, plane_points / unit)
         if h is None or np.linalg.cond(h @ np.diag([np.ptp(flat[:, 0]) + 1.0, np.ptp(flat[:, 1]) + 1.0, 1.0])) > 1e6:
             raise InvalidInput("the points do not span a plane: no three of four may lie on a line.")
         view = cls(np.diag([unit, unit, 1.0]) @ h, lens)
-        left = np.abs(view.places(found) - known).max()
-        if left > 0.05 * unit:
+        error = np.abs(view.places(image_points) - plane_points).max()
+        if error > 0.05 * unit:
             raise InvalidInput(
-                f"pixels and places do not fit together: a point is off by {plain_number(1e3 * left, 3)} mm. Are they in the same order?"
+                f"pixels and places do not fit together: a point is off by {plain_number(1e3 * error, 3)} mm. Are they in the same order?"
             )
         return view
 
@@ -347,8 +347,8 @@ class View:
         for value in (across, up):
             if isinstance(value, bool) or not (math.isfinite(value) and 0 < value < 1.0):
                 raise InvalidInput(f"pitch must be metres, one or (x, y), such as 2e-3; got {pitch!r}.")
-        found = _pairs(dots, "dots").reshape(-1, 2)
-        flat = found if lens is None else lens.undistorted(found)
+        image_points = _pairs(dots, "dots").reshape(-1, 2)
+        flat = image_points if lens is None else lens.undistorted(image_points)
         columns, rows = lattice(flat)
         # pixels per pitch along both directions of the grid -> metres per pixel along x and y
         both = np.column_stack([columns, rows])
@@ -385,8 +385,8 @@ class View:
 
     def places(self, pixels: npt.ArrayLike) -> Floats:
         """(x, y) [m] of pixels (..., 2)."""
-        given = _pairs(pixels, "pixels")
-        flat = given if self.lens is None else self.lens.undistorted(given)
+        pairs = _pairs(pixels, "pixels")
+        flat = pairs if self.lens is None else self.lens.undistorted(pairs)
         return _mapped(self.homography, flat)
 
     def pixels(self, places: npt.ArrayLike) -> Floats:
@@ -396,10 +396,10 @@ class View:
 
     def jacobian(self, pixels: npt.ArrayLike) -> Floats:
         """Metres per pixel (..., 2, 2) at pixels (..., 2): rows x and y, columns along the picture's columns and rows."""
-        given = _pairs(pixels, "pixels")
+        pairs = _pairs(pixels, "pixels")
         step = 0.5
         parts = [
-            self.places(given + move) - self.places(given - move)
+            self.places(pairs + move) - self.places(pairs - move)
             for move in (np.array([step, 0.0]), np.array([0.0, step]))
         ]
         return np.stack(parts, axis=-1) / (2.0 * step)

@@ -205,9 +205,7 @@ class Rest:
         return cls(zero, noise, moved(flat.reshape(len(flat), -1), index))
 
     def taken_from(self, planes: Sequence[Array]) -> list[Array]:
-        """The arrays for readings minus the zero: their noise is that of the frames at rest if none is stated, and
-        their limits shift by the zero.
-        """
+        """Arrays for readings minus the zero: noise of frames at rest if none is stated, limits less the zero."""
         ends = np.cumsum([len(p.channels) for p in planes])
         zeros = np.split(self.zero, ends[:-1])
         return [p.rezeroed(zero) for p, zero in zip(self.with_noise(planes), zeros)]
@@ -340,9 +338,7 @@ class Levels:
         return bool(known.any() and largest > 0 and (nearest[known] > STANDING * largest).mean() > MOST)
 
     def still(self, nothing: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
-        """Whether in some channel the frames (frame,) without contact are far from 0 and vary little from one to the
-        next.
-        """
+        """Whether some channel's frames (frame,) without contact are far from 0 and vary little between frames."""
         if not self._sizes:
             return False
         sizes, steps = np.concatenate(self._sizes), np.concatenate(self._steps)

@@ -39,6 +39,21 @@ class Preset:
     name : str
     text : str
         Text of its skin.toml.
+
+    Examples
+    --------
+    >>> from palpate import sensors
+    >>> sensors.own_gel().summary
+    'A gel with dots of your own in front of any camera: measure the lines that end in <- .'
+
+    >>> sensors.preset("anyskin").sources
+    'arXiv 2409.08276; raunaqbhirangi/anyskin on GitHub (five magnetometers: one in the middle, four around it)'
+
+    >>> sensors.preset("gelslim").unknown["youngs_modulus"]
+    'palpate weigh: one known weight tells it'
+
+    >>> "410 kPa +- 4 %" in sensors.gelsight_mini().changed(youngs_modulus="410 kPa +- 4 %").text
+    True
     """
 
     name: str
@@ -46,39 +61,18 @@ class Preset:
 
     @property
     def summary(self) -> str:
-        """What the sensor is, in one line.
-
-        Examples
-        --------
-        >>> from palpate import sensors
-        >>> sensors.own_gel().summary
-        'A gel with dots of your own in front of any camera: measure the lines that end in <- .'
-        """
+        """What the sensor is, in one line."""
         return self.text.splitlines()[0].lstrip("# ").strip()
 
     @property
     def sources(self) -> str:
-        """Where the numbers come from, in one line; "" if all of them are the user's.
-
-        Examples
-        --------
-        >>> from palpate import sensors
-        >>> sensors.preset("anyskin").sources
-        'arXiv 2409.08276; raunaqbhirangi/anyskin on GitHub (five magnetometers: one in the middle, four around it)'
-        """
+        """Where the numbers come from, in one line; "" if all of them are the user's."""
         found = re.search(r"^# Sources: (.*)$", self.text, re.MULTILINE)
         return "" if found is None else found[1]
 
     @property
     def unknown(self) -> dict[str, str]:
-        """Unpublished values by their key in the file, each with how to measure it.
-
-        Examples
-        --------
-        >>> from palpate import sensors
-        >>> sensors.preset("gelslim").unknown["youngs_modulus"]
-        'palpate weigh: one known weight tells it'
-        """
+        """Unpublished values by their key in the file, each with how to measure it."""
         return dict(re.findall(r'^(\w+) = "unknown"\s*# <- (.*)$', self.text, re.MULTILINE))
 
     def write(self, path: str | Path) -> Path:
@@ -114,12 +108,6 @@ class Preset:
         ------
         InvalidInput
             A key that the file does not have.
-
-        Examples
-        --------
-        >>> from palpate import sensors
-        >>> "410 kPa +- 4 %" in sensors.gelsight_mini().changed(youngs_modulus="410 kPa +- 4 %").text
-        True
         """
         text = self.text
         for key, value in numbers.items():

@@ -571,7 +571,7 @@ class SolidPad:
         for array in planes:
             if not isinstance(array, AreaArray | ScatteredArray) or array.dimensions != 2:
                 raise Unsupported(
-                    f"a solid pad is touched on an area, and a {type(array).__name__} is in line contact. Use AreaArray or ScatteredArray, or BondedLayers."
+                    f"a solid pad needs taxels spread over an area, and a {type(array).__name__} is a line of taxels. Use AreaArray or ScatteredArray; or keep the line and use a BondedLayers pad."
                 )
             (x0, x1), (y0, y1) = self.outline
             slack = 1.0 - 1e-6  # a taxel on the rim

@@ -85,9 +85,7 @@ class Anchor:
         self.take(own, values.reshape(len(values), -1), part)
 
     def take(self, own: Floats, single: Floats, part: float = 1.0) -> None:
-        """Store the tracker's and the single solve's traction of one frame, and the fraction ``part`` of their
-        difference to apply.
-        """
+        """Store the tracker's and the single solve's traction of a frame; apply ``part`` of their difference."""
         if own.shape == single.shape and own[-1].sum() > 0 and np.isfinite(single).all():
             self._own, self._difference = own.copy(), part * (single - own)
 

@@ -24,7 +24,7 @@ from palpate.tracking.background import Background
 from palpate.tracking.discrepancy import LARGEST, share_of
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
-from palpate.tracking.frames import Found, Frame
+from palpate.tracking.frames import Frame, Residual
 from palpate.tracking.health import Flags, Index, ReadingCheck
 from palpate.tracking.interim import interim, unconverged, wider
 from palpate.tracking.iteration import Iteration
@@ -99,7 +99,7 @@ class Contact:
         self._pulling = Pulling(estimator, equations)
         self._dragging = Dragging(estimator, equations)
         self.residual = math.nan
-        self._looked: Found | None = None
+        self._unjudged: Residual | None = None
         self._misfit = misfit
         self.release()
 
@@ -193,17 +193,19 @@ class Contact:
         filling = self.pushing and self.cells is not None and bool(used.any())
         converged = self._push(frame) if filling else True
         learned = self._learn(frame)
-        known = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
-        noise = frame.noise if known is None else known
+        learned_noise = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
+        noise = frame.noise if learned_noise is None else learned_noise
         frame = frame._replace(noise=noise)
         if not self.pushing:
             pulled = self._net_pull
-            found = self._pull(frame)
-            turned = pulled and not self._net_pull
-            if regular or turned or (self.fits and not found.fits):  # what nothing explains is looked at now and then
+            residual = self._pull(frame)
+            pull_ended = pulled and not self._net_pull
+            if (
+                regular or pull_ended or (self.fits and not residual.fits)
+            ):  # what nothing explains is looked at now and then
                 converged = self._weigh(frame, restarted)
             else:
-                self._take(found, noise)
+                self._take(residual, noise)
         else:
             converged = self._push(frame) if learned or not filling else converged
             if self._beyond(noise, ENERGY) and not learned and self._learn(frame, misfit=True):
@@ -262,7 +264,7 @@ class Contact:
         filled = self._filled(frame)
         # Include readings that the contact does not fit: if the penalty is too smooth, the contact fits few.
         came = np.where(self._check.suspects & np.isfinite(frame.actual), frame.actual, filled)
-        new = self._learning.learn(
+        changed = self._learning.learn(
             filled,
             frame.noise,
             float(self._equations.diagonal.max()),
@@ -271,11 +273,11 @@ class Contact:
             leaving=lambda: self._leaving(filled, frame.noise),
             misfit=misfit,
         )
-        self._since_learned = 0 if new else self._since_learned + 1
-        self._holed = 0 if new else self._holed
-        if new:
+        self._since_learned = 0 if changed else self._since_learned + 1
+        self._holed = 0 if changed else self._holed
+        if changed:
             self._errors.outdate(later=True)
-        return new
+        return changed
 
     def _leaving(self, y: Floats, noise: float) -> Callable[[float], float]:
         """A function from penalty to the residual of pushing contact (root mean square per degree of freedom), in the present region or in the region it would start with. All cells might leave a
@@ -283,21 +285,21 @@ class Contact:
         """
         equations, estimator = self._equations, self._estimator
         region, nothing = self._solution.region if self.pushing else None, np.zeros(len(y), dtype=bool)
-        there = None if region is None else self._enough(region)
+        cells_of_region = None if region is None else self._enough(region)
 
-        def left(parameter: float) -> float:
+        def residual_rms(parameter: float) -> float:
             slope = equations.adjoint_of(y, nothing)
-            cells = self._search.first(equations.score(slope) / noise) if there is None else there
+            cells = self._search.first(equations.score(slope) / noise) if cells_of_region is None else cells_of_region
             trial = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
             trial.move(Making(equations, cells, parameter, nothing)())
             give_way()
             trial.solve(slope, tolerance=self._tolerance, deadline=math.inf)
-            rest = estimator.readings.white(y - equations.explained(trial.region, trial.traction), ~nothing)
+            residual = estimator.readings.white(y - equations.explained(trial.region, trial.traction), ~nothing)
             share = min(float(np.count_nonzero(trial.pressure)) / estimator.taxels, 1.0)
-            free = max(len(rest) - share * estimator.effective_freedom(parameter), 1.0)
-            return math.sqrt(float(rest @ rest) / free)
+            free = max(len(residual) - share * estimator.effective_freedom(parameter), 1.0)
+            return math.sqrt(float(residual @ residual) / free)
 
-        return left
+        return residual_rms
 
     def _finish(self, frame: Frame, converged: bool) -> None:
         """Update offsets and error bars."""
@@ -306,7 +308,7 @@ class Contact:
             raise RuntimeError("the frame was not solved")
         y = np.where(unused, 0.0, frame.actual)
         if not converged and self.pushing:
-            self._level(self._here(frame), frame.noise)
+            self._level(self._push_residual(frame), frame.noise)
         if self.fits:
             self._offsets.seen(y, frame.noise)
         if self.pushing:
@@ -330,10 +332,10 @@ class Contact:
             if bars is None or not self._errors.serves(self._solution):
                 bars = wider(bars, interim(self._estimator, self._solution, self.noise))
             self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
-        if self._looked is None and self.fit < POOR_FIT and self.pushing:
-            self._looked = self._here(frame)  # that a frame is not explained is no news of the next
-        if self._looked is not None:
-            self.fit, self._looked = self._fit(self._looked, frame), None
+        if self._unjudged is None and self.fit < POOR_FIT and self.pushing:
+            self._unjudged = self._push_residual(frame)  # that a frame is not explained is no news of the next
+        if self._unjudged is not None:
+            self.fit, self._unjudged = self._fit(self._unjudged, frame), None
         observed = self._errors.observed
         self.observes = converged
         if observed is None or not self.fits:
@@ -345,12 +347,12 @@ class Contact:
         innovation = observed.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
         self._offsets.update(observed.counts, innovation, self.noise)
 
-    def _fit(self, found: Found, frame: Frame) -> float:
+    def _fit(self, residual: Residual, frame: Frame) -> float:
         """Misfit probability of the residual."""
-        used = ~found.unused
+        used = ~residual.unused
         noise = self._learning.in_contact(frame.actual[used])
         return self._misfit.probability(
-            found.rest,
+            residual.values,
             used,
             (frame.noise if noise is None else noise) * frame.noisier,
             largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
@@ -378,9 +380,9 @@ class Contact:
         if not unused.any():
             return frame.actual
         explained = self._explained()
-        least = np.where(clipped, frame.actual, 0.0)
-        more = np.where(least < 0.0, np.minimum(explained, least), np.maximum(explained, least))
-        return np.where(unused, np.where(clipped, more, explained), frame.actual)
+        lower_bound = np.where(clipped, frame.actual, 0.0)
+        saturated = np.where(lower_bound < 0.0, np.minimum(explained, lower_bound), np.maximum(explained, lower_bound))
+        return np.where(unused, np.where(clipped, saturated, explained), frame.actual)
 
     def _explained(self) -> Floats:
         """The readings predicted by the present solution, in units of their standard deviations."""
@@ -420,47 +422,47 @@ class Contact:
         self._used = int((~unused).sum())
         return converged
 
-    def _pull(self, frame: Frame) -> Found:
+    def _pull(self, frame: Frame) -> Residual:
         """Solve traction of either sign."""
         y, unused, marginal = self._prepared(frame)
         self._pulling.solve(y, frame.noise, unused, self._parameter, marginal)
         self._marginal = marginal
-        return self._left(frame, self._pulling.explained(), self._pulling.shared())
+        return self._residual_of(frame, self._pulling.explained(), self._pulling.shared())
 
     def _beyond(self, noise: float, tolerated: float) -> bool:
         """Whether the misfit exceeds the noise plus a fraction ``tolerated`` of the readings' energy."""
         n = self._used
         return self._objective > noise**2 * (n + UNUSUAL * math.sqrt(2.0 * n)) + tolerated * self._energy
 
-    def _left(self, frame: Frame, explained: Floats, shared: Floats) -> Found:
+    def _residual_of(self, frame: Frame, explained: Floats, shared: Floats) -> Residual:
         """Residual of a solution in this frame."""
         if self._marginal is None:
             raise RuntimeError("the frame was not solved")
         unused = self._check.unused
         shift = self._marginal.gain @ (self._marginal.sums - shared)
-        rest = frame.actual - explained - shift[self._offsets.index]
-        rest = np.where(np.isfinite(rest), rest, 0.0)
+        residual = frame.actual - explained - shift[self._offsets.index]
+        residual = np.where(np.isfinite(residual), residual, 0.0)
         used = ~unused
-        left = float(np.sqrt(np.mean(rest[used] ** 2)))
+        rms = float(np.sqrt(np.mean(residual[used] ** 2)))
         signal = float(np.sqrt(np.mean(frame.actual[used] ** 2)))
-        fits = left <= math.hypot(EXCESS * frame.noise, self._limits.unexplained_signal * signal)
-        return Found(rest, left, unused.copy(), fits)
+        fits = rms <= math.hypot(EXCESS * frame.noise, self._limits.unexplained_signal * signal)
+        return Residual(residual, rms, unused.copy(), fits)
 
-    def _here(self, frame: Frame) -> Found:
+    def _push_residual(self, frame: Frame) -> Residual:
         """Residual of the present pushing contact in this frame."""
         solution = self._solution
         explained = self._equations.explained(solution.region, solution.traction, single=True)
-        return self._left(frame, explained, solution.shared())
+        return self._residual_of(frame, explained, solution.shared())
 
-    def _wrong(self, frame: Frame, found: Found) -> tuple[Flags, float]:
+    def _wrong(self, frame: Frame, residual: Residual) -> tuple[Flags, float]:
         """Mask of readings with the largest residuals, and the limit beyond which a residual counts as wrong."""
-        used, rest = ~found.unused, found.rest
-        typical = max(frame.noise, float(np.median(np.abs(rest[used]))) / NORMAL)
+        used, values = ~residual.unused, residual.values
+        typical = max(frame.noise, float(np.median(np.abs(values[used]))) / NORMAL)
         largest = float(np.abs(np.where(used, frame.actual, 0.0)).max())
         limit = max(UNEXPLAINED * typical, GROSS * largest)
-        size = np.where(self._judged(frame), np.abs(rest), 0.0)
-        fresh = np.where(self._check.suspects, 0.0, size)
-        worst = fresh > max(limit, WORST * float(fresh.max()))
+        size = np.where(self._judged(frame), np.abs(values), 0.0)
+        unsuspected = np.where(self._check.suspects, 0.0, size)
+        worst = unsuspected > max(limit, WORST * float(unsuspected.max()))
         return worst | (self._check.suspects & (size > limit)), limit
 
     def _judged(self, frame: Frame) -> Flags:
@@ -479,14 +481,14 @@ class Contact:
         count = int(check.suspects.sum())
         suspects = check.suspects.copy()
         unexplained = DISCREPANCY if self._learning.discrepancy.zeroed else self._limits.unexplained_signal
-        if pushed.fits and not pulls and count <= max(FEWEST, FEW * len(pushed.rest)):
+        if pushed.fits and not pulls and count <= max(FEWEST, FEW * len(pushed.values)):
             return self._accept_push(frame, pushed, converged)
         marginal = self._marginal
         check.suspects[:] = False
         pulled = self._pulled(frame)
         variance = frame.noise**2 + (unexplained * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
         costs = [
-            0.5 * f.left**2 * float((~f.unused).sum()) / variance + COST_OF_READING * c + extra
+            0.5 * f.rms**2 * float((~f.unused).sum()) / variance + COST_OF_READING * c + extra
             for f, c, extra in ((pushed, count, 0.0), (pulled, int(check.suspects.sum()), COST_OF_PULL))
         ]
         if costs[1] < costs[0]:
@@ -499,21 +501,21 @@ class Contact:
         self._marginal = marginal
         if not np.array_equal(check.unused, pushed.unused) or self._solution.region is None:
             converged = self._push(frame)
-            pushed = self._here(frame)
+            pushed = self._push_residual(frame)
         return self._accept_push(frame, pushed, converged)
 
-    def _jumped(self, frame: Frame) -> tuple[Found | None, bool]:
+    def _jumped(self, frame: Frame) -> tuple[Residual | None, bool]:
         """Pushing contact with a zero that has jumped; None if that does not fit the frame."""
         offsets, solution = self._offsets, self._solution
         state = offsets.state()
         for _ in range(JUMPS):
             offsets.jump()
-            found, converged, pulls = self._pushed(frame)
-            if self._marginal is None or not found.fits or pulls:
+            residual, converged, pulls = self._pushed(frame)
+            if self._marginal is None or not residual.fits or pulls:
                 break
             before = offsets.value()
-            left = self._marginal.sums - solution.shared(FAINT)
-            offsets.update(0.5 * offsets.counts(self._check.unused), 0.5 * left, frame.noise)
+            sums = self._marginal.sums - solution.shared(FAINT)
+            offsets.update(0.5 * offsets.counts(self._check.unused), 0.5 * sums, frame.noise)
             frame = frame._replace(actual=frame.actual - (offsets.value() - before))
             self._push(frame)
         else:
@@ -521,58 +523,58 @@ class Contact:
             covered = int((pressure > FAINT * float(pressure.max(initial=0.0))).sum())
             if offsets.plausible(state[0]) and covered < COMPACT * math.prod(self._estimator.operator.surface.shape):
                 self.jumped = True
-                return found, converged
+                return residual, converged
         offsets.restore(state)
         solution.clear()
         return None, True
 
-    def _accept_push(self, frame: Frame, pushed: Found, converged: bool) -> bool:
+    def _accept_push(self, frame: Frame, pushed: Residual, converged: bool) -> bool:
         self.pushing = True
         self._pulling.clear()
         frame, pushed = self._with_discrepancy(frame, pushed)
-        if pushed.fits and self._check.suspects.sum() <= MOST * len(pushed.rest):
+        if pushed.fits and self._check.suspects.sum() <= MOST * len(pushed.values):
             _, limit = self._wrong(frame, pushed)
-            self._check.judge(self._check.suspects.copy(), pushed.rest, limit, EVERY)
+            self._check.judge(self._check.suspects.copy(), pushed.values, limit, EVERY)
         excess = self._objective - frame.noise**2 * self._used
         self._tolerated = max(ENERGY, TOLERATED * excess / max(self._energy, 1e-300))
         self._take(pushed, frame.noise)
         return converged
 
-    def _with_discrepancy(self, frame: Frame, found: Found) -> tuple[Frame, Found]:
+    def _with_discrepancy(self, frame: Frame, residual: Residual) -> tuple[Frame, Residual]:
         """Learn the discrepancy of the pad's model; accept a frame whose residual it explains."""
-        noise, known, used = self._learning.noise, self._learning.discrepancy, ~found.unused
-        if noise is None or not known.zeroed or not used.any():
-            return frame, found
+        noise, discrepancy, used = self._learning.noise, self._learning.discrepancy, ~residual.unused
+        if noise is None or not discrepancy.zeroed or not used.any():
+            return frame, residual
         size, count = float(np.sqrt(np.mean(frame.actual[used] ** 2))), int(used.sum())
         free = count - self._taken(count)
-        share = share_of(found.left, noise, size, used=count, free=free)
+        share = share_of(residual.rms, noise, size, used=count, free=free)
         if share <= LARGEST:
-            known.look(share, free=free)
-            if not found.fits:
-                known.raised(share)
-            frame, found = frame._replace(noise=known.noise(noise, size)), found._replace(fits=True)
-        return frame, found
+            discrepancy.look(share, free=free)
+            if not residual.fits:
+                discrepancy.raised(share)
+            frame, residual = frame._replace(noise=discrepancy.noise(noise, size)), residual._replace(fits=True)
+        return frame, residual
 
     def _taken(self, count: int) -> float:
         """Degrees of freedom that the contact uses of ``count`` readings, at most one less than these."""
-        taken = self._errors.taken
-        if math.isnan(taken):
+        freedom = self._errors.taken
+        if math.isnan(freedom):
             pressed = np.count_nonzero(self._solution.pressure) / self._estimator.taxels
-            taken = min(pressed, 1.0) * self._estimator.effective_freedom(self._parameter)
-        return min(taken, count - 1.0)
+            freedom = min(pressed, 1.0) * self._estimator.effective_freedom(self._parameter)
+        return min(freedom, count - 1.0)
 
-    def _take(self, found: Found, noise: float) -> None:
-        self.fits, self.residual, self._looked = found.fits, found.left, found
-        self._level(found, noise)
+    def _take(self, residual: Residual, noise: float) -> None:
+        self.fits, self.residual, self._unjudged = residual.fits, residual.rms, residual
+        self._level(residual, noise)
 
-    def _level(self, found: Found, noise: float) -> None:
+    def _level(self, residual: Residual, noise: float) -> None:
         """Set the noise level used for error bars."""
-        level = noise if found.fits else max(noise, found.left)
+        level = noise if residual.fits else max(noise, residual.rms)
         if not 0.8 * level < self.noise < 1.25 * level:
             self._errors.outdate()
             self.noise = level
 
-    def _pushed(self, frame: Frame) -> tuple[Found, bool, bool]:
+    def _pushed(self, frame: Frame) -> tuple[Residual, bool, bool]:
         """Solve pushing contact, add cells where pressure is missing, and exclude readings that it does not fit."""
         check, equations, solution = self._check, self._equations, self._solution
         if solution.region is None or not self.pushing:
@@ -582,53 +584,53 @@ class Contact:
             converged = True
         pulls = False
         for turn in range(TURNS):
-            found = self._here(frame)
-            wrong, _ = self._wrong(frame, found)
-            few = bool(wrong.mean() <= MOST)
-            wrong = wrong & few & ~check.health.left_out
-            new = not np.array_equal(wrong, check.suspects)
-            left = np.where(found.unused | wrong, 0.0, found.rest)
-            typical = max(frame.noise, float(np.median(np.abs(found.rest[~found.unused]))) / NORMAL)
-            score = equations.score(equations.adjoint(left, found.unused)) / typical
+            residual = self._push_residual(frame)
+            wrong, _ = self._wrong(frame, residual)
+            plausible = bool(wrong.mean() <= MOST)
+            wrong = wrong & plausible & ~check.health.left_out
+            changed = not np.array_equal(wrong, check.suspects)
+            unexplained = np.where(residual.unused | wrong, 0.0, residual.values)
+            typical = max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / NORMAL)
+            score = equations.score(equations.adjoint(unexplained, residual.unused)) / typical
             highest = float(
-                equations.score(equations.adjoint(np.where(found.unused, 0.0, frame.actual), found.unused)).max()
+                equations.score(equations.adjoint(np.where(residual.unused, 0.0, frame.actual), residual.unused)).max()
             )
             pulls = bool(score.min() < -max(TAKEN, WANTS * highest / typical))
             if solution.region is not None:
                 score[solution.region.cells] = 0.0
             missing = score > TAKEN
-            if missing.any() and not new:  # a wrong reading bends the solution round it
+            if missing.any() and not changed:  # a wrong reading bends the solution round it
                 self._search.missing(missing)
             check.suspects = wrong
             # With a time budget, missing cells are added in later frames.
-            if turn == TURNS - 1 or not (new or (missing.any() and self._at_once)):
+            if turn == TURNS - 1 or not (changed or (missing.any() and self._at_once)):
                 break
             region = solution.region
             converged = self._push(frame)
-            if not new and solution.region is region:
-                found = self._here(frame)
+            if not changed and solution.region is region:
+                residual = self._push_residual(frame)
                 break
-        return found, converged, pulls
+        return residual, converged, pulls
 
-    def _pulled(self, frame: Frame) -> Found:
+    def _pulled(self, frame: Frame) -> Residual:
         """Solve traction of either sign, and exclude readings that it does not fit."""
         check = self._check
-        found = self._pull(frame)
+        residual = self._pull(frame)
         for _ in range(TURNS):
-            wrong, _ = self._wrong(frame, found)
+            wrong, _ = self._wrong(frame, residual)
             wrong = wrong & ~check.health.left_out
             if wrong.mean() > MOST:
                 check.suspects[:] = False
-                found = self._pull(frame)
+                residual = self._pull(frame)
                 break
             if np.array_equal(wrong, check.suspects):
                 break
             check.suspects = wrong
-            found = self._pull(frame)
+            residual = self._pull(frame)
         # Traction with as many degrees of freedom as readings fits anything.
-        used = float((~found.unused).sum())
+        used = float((~residual.unused).sum())
         free = used - self._estimator.effective_freedom(self._parameter)
-        return found._replace(fits=found.fits and free >= LEAST_FREE * used)
+        return residual._replace(fits=residual.fits and free >= LEAST_FREE * used)
 
     # -- cells ----------------------------------------------------------------------------------------------------------
 
@@ -671,20 +673,20 @@ class Contact:
         if region is None:
             self._moved(self._making(self._search.first(score))())
         elif "move" in self._background:
-            found = self._background.result("move", lambda: None)
-            if found is not None:
+            matrix = self._background.result("move", lambda: None)
+            if matrix is not None:
                 # Penalty and readings may have changed in the meantime.
-                self._moved(found if self._serves(found) else self._making(found.cells)())
+                self._moved(matrix if self._serves(matrix) else self._making(matrix.cells)())
         else:
             cells = self._search.next(region, self._solution.pressure)
             if cells is None:
                 return
             making = self._making(cells)
-            found = self._background.result("move", making.__call__)
-            if found is None and self._at_once and self._background.wait(("move",), self._under_way()):
-                found = self._background.result("move", lambda: None)
-            if found is not None:
-                self._moved(found)
+            matrix = self._background.result("move", making.__call__)
+            if matrix is None and self._at_once and self._background.wait(("move",), self._under_way()):
+                matrix = self._background.result("move", lambda: None)
+            if matrix is not None:
+                self._moved(matrix)
 
     def _under_way(self) -> float:
         """Deadline until which a late frame waits for the thread, in `time.perf_counter`."""

@@ -76,9 +76,7 @@ class _Templates(NamedTuple):
     firm: Floats
 
     def fitted(self, left: Floats, sums: Floats, which: slice) -> tuple[Floats, Floats]:
-        """Fitted size of each template (template, tangential), given A'r = ``left`` (component, cell) and B'r =
-        ``sums``; and the decrease of |r|^2.
-        """
+        """Size of each template (template, tangential) from A'r = ``left`` and B'r = ``sums``; decrease of |r|^2."""
         right = self.shear[which] @ left[:-1].T - (self.firm @ sums) @ self.cross[which]
         size = np.einsum("sij,sj->si", self.inverse[which], right)
         return size, np.asarray((size * right).sum(axis=1))
@@ -109,9 +107,7 @@ class Dragging:
         noise: float,
         largest: float,
     ) -> Drag | None:
-        """The ratio from A'y (component, cell of the surface) and B'y of the readings minus their offsets; None if
-        shear is not sought.
-        """
+        """The ratio from A'y (component, cell) and B'y of readings minus their offsets; None if shear is not sought."""
         region = solution.region
         if not self._possible or region is None or not noise > 0:
             return None

@@ -202,9 +202,7 @@ class ErrorBars:
         return Observed(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
 
     def _owe(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
-        """Add the stated errors of modulus, depth, thickness and gains to a model; ``std`` is the unit of its
-        readings.
-        """
+        """Add stated errors of modulus, depth, thickness and gains to a model; ``std`` is the unit of its readings."""
         estimator, used = self._estimator, ~unused
         problem = estimator.problem
         if not problem.doubts.any:

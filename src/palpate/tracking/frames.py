@@ -7,7 +7,7 @@ from typing import NamedTuple
 from palpate.elastic.pad import Floats
 from palpate.tracking.health import Flags
 
-__all__ = ["Found", "Frame"]
+__all__ = ["Frame", "Residual"]
 
 
 class Frame(NamedTuple):
@@ -21,10 +21,10 @@ class Frame(NamedTuple):
     noisier: float = 1.0
 
 
-class Found(NamedTuple):
+class Residual(NamedTuple):
     """Residual of each reading, its root mean square, the readings that were not used, and whether the solution fits."""
 
-    rest: Floats
-    left: float
+    values: Floats
+    rms: float
     unused: Flags
     fits: bool

@@ -34,9 +34,7 @@ def picked(matrix: Floats, components: int, count: int, places: Index) -> Floats
 
 @dataclass(frozen=True)
 class _Kept:
-    """Cached cells, in order of arrival: influences (cell * component, reading) in blocks, and A'A (cell * component,
-    cell * component).
-    """
+    """Cached cells by arrival: influences (cell * component, reading) in blocks, and A'A of cells * components."""
 
     cells: Index
     blocks: tuple[Floats, ...]

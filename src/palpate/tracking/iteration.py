@@ -45,9 +45,7 @@ class Iteration:
         self.product = 0.0  # t'A'y of the last frame
 
     def shared(self, faint: float = 0.0) -> Floats:
-        """B'A t: contribution of the solution to the sums of each channel, without cells below ``faint`` times the
-        peak.
-        """
+        """B'A t: contribution of the solution to the sums of each channel; cells below ``faint`` peaks left out."""
         if self.region is None:
             raise RuntimeError("there is no contact")
         pressure = self.pressure

@@ -56,16 +56,12 @@ LOUDER = 3.0
 
 
 def rough_noise(used: Floats) -> float:
-    """Robust noise estimate of the readings ``used`` in a frame before it is learned, not below the accuracy of the
-    model.
-    """
+    """Robust noise estimate of the readings ``used`` before noise is learned, not below the model's accuracy."""
     return max(float(np.median(np.abs(used))) / NORMAL, MODEL_ERROR * float(np.abs(used).max(initial=0.0)))
 
 
 class Learning:
-    """Penalty ``parameter``, ``noise`` (in units of the readings' standard deviations) and ``resolution`` [m]; None
-    until known.
-    """
+    """``parameter`` (penalty), ``noise`` (in standard deviations of readings), ``resolution`` [m]; None until known."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
         self._estimator = estimator
@@ -112,15 +108,11 @@ class Learning:
             self.noise, self._energy, self._doubts = None, 0.0, 0
 
     def anew(self) -> None:
-        """Forget the penalty and its sources, but not the noise: without it, a press over the whole array would be
-        taken for noise.
-        """
+        """Forget the penalty but not the noise: without it a press over the whole array would be taken for noise."""
         self.parameter, self.resolution, self._energy, self._signal, self._outgrown = None, None, 0.0, 0.0, 0
 
     def again(self, y: Floats, noise: float, largest: float) -> None:
-        """Start with a penalty that is too smooth rather than too rough, and learn again from the next frame, whatever
-        its load.
-        """
+        """Start with a penalty rather too smooth than too rough; learn again from the next frame, whatever its load."""
         self._energy = 0.0
         if self._estimator.parameter is None:
             self.parameter = noise**2 * largest / max(float(y @ y), 1e-300) * PROVISIONAL
@@ -212,9 +204,7 @@ class Learning:
         return True
 
     def _left(self, y: Floats, little: float) -> float:
-        """Residual of contact of one sign, to compare with the linear model's noise. Stop at a residual below
-        ``little``.
-        """
+        """Residual of contact of one sign, to compare with the linear model's noise; ends below ``little``."""
         estimator = self._estimator
         data, observed = y * estimator.readings.std, np.ones(len(y), dtype=bool)
         total = float(np.sqrt(np.mean(estimator.readings.white(y, observed) ** 2)))

@@ -178,9 +178,7 @@ class Offsets:
             self._both = both
 
     def pass_time(self, elapsed: float, scale: float, *, observed: bool = True) -> None:
-        """Let the offsets drift over ``elapsed`` seconds; ``observed``: whether the last frame gave information about
-        them.
-        """
+        """Let offsets drift over ``elapsed`` seconds; ``observed``: whether the last frame told about them."""
         self._scale, self._elapsed = scale, min(max(elapsed, 0.0), 1.0)
         self.rate = np.where(self._share > CONFIRMED, 1.0, math.exp(-self._elapsed / RATE_HOLDS)) * self.rate
         self._share = np.zeros_like(self.rate)

@@ -126,9 +126,7 @@ class Pulling:
         return self._estimator.explained_by(whole) / self._estimator.readings.std
 
     def model(self, data: Normal, parameter: float, traction: Floats) -> ContactModel:
-        """A solution ``traction`` as a model in which every cell is free; ``data`` are in units of the noise, with the
-        matching weight of the penalty.
-        """
+        """``traction`` as a model in which every cell is free; ``data`` in units of the noise, penalty to match."""
         c, n = traction.shape
         penalty = Penalty(data.cells, self._estimator.precisions(data.level, 1, parameter), data.level.grid.shape)
         hessian = penalty.added(data.gram.copy())

@@ -22,9 +22,7 @@ WEAKEST = 100.0
 
 
 def make_ready(estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
-    """Compute what all frames share and the first contact needs: neighbours, differences, degrees of freedom; load
-    modules.
-    """
+    """Compute what the first contact needs: neighbours, differences, degrees of freedom; load modules."""
     grid, count = estimator.operator.surface, len(estimator.readings.std)
     _ = estimator.pairs, estimator.level(1).differences.laplacian
     equations.shared(np.zeros(count, dtype=bool))

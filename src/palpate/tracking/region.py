@@ -93,9 +93,7 @@ class NormalEquations:
         self._last: Region | None = None
 
     def _prepare(self) -> Floats:
-        """Compute the normal matrix of the whole surface, if it fits in memory, and in any case the diagonal for
-        pressure.
-        """
+        """Compute the normal matrix of the whole surface if it fits in memory; the diagonal for pressure always."""
         estimator, columns = self.estimator, self.estimator.columns
         level = estimator.level(1)
         everything = np.ones(len(self._std), dtype=bool)
@@ -164,9 +162,7 @@ class NormalEquations:
         return np.asarray(adjoint[-1] / self._norm)
 
     def explained(self, region: Region | None, traction: Floats, *, single: bool = False) -> Floats:
-        """The whitened readings predicted by a traction (component, cell) on a region's cells; ``single`` precision
-        takes half the time.
-        """
+        """Whitened readings that a traction (component, cell) on a region predicts; ``single`` takes half the time."""
         if region is None:
             return np.zeros(len(self._std))
         whole = np.zeros((len(self.estimator.columns), self._cells), dtype=np.float32 if single else np.float64)
@@ -174,9 +170,7 @@ class NormalEquations:
         return self.estimator.explained_by(whole) / self._std
 
     def region(self, cells: Index, parameter: float, unused: Flags) -> Region:
-        """The region of some cells: their normal matrix with the penalty, and the inverse for the iteration. The last
-        one is cached.
-        """
+        """The region of some cells: normal matrix with the penalty, and its inverse. The last one is cached."""
         last = self._last
         if (
             last is None

@@ -76,9 +76,7 @@ class SingleSolve:
 
 @dataclass(frozen=True)
 class Answer:
-    """Net force (component,) with its 95 % interval, NaN if unknown; whether the readings are explained; the sum of
-    the load.
-    """
+    """Net force (component,) with its 95 % interval (NaN: unknown), whether readings are explained, total load."""
 
     force: Floats
     low: Floats
@@ -111,9 +109,7 @@ class Answer:
         return replace(self, force=self.force - by, low=self.low - by, high=self.high - by)
 
     def without(self, share: float) -> Answer:
-        """The result with a narrower interval: the part due to an error of ``share`` times the load (standard
-        deviation) is removed.
-        """
+        """The result without the part of its interval that an error of ``share`` times the load causes."""
         room = (1.96 * share * self.load) ** 2
         low = self.force - np.sqrt(np.maximum((self.force - self.low) ** 2 - room, 0.0))
         high = self.force + np.sqrt(np.maximum((self.high - self.force) ** 2 - room, 0.0))
@@ -207,8 +203,6 @@ class Comparison:
         return gap / (REACH * max(tracked.load, 1e-300))
 
     def words(self, tracked: Answer, alone: Answer, unit: str) -> str:
-        """The note for the user when the tracker restarts a contact: the last component of both forces, with intervals
-        and ``unit``.
-        """
+        """Note when the tracker restarts a contact: the last component of both forces, with intervals and ``unit``."""
         both = (f"{a.force[-1]:.3g} ({a.low[-1]:.3g} to {a.high[-1]:.3g}) {unit}" for a in (tracked, alone))
         return f"{BEGUN} {', from this frame alone '.join(both)}: the tracker restarts the contact"

@@ -225,13 +225,13 @@ class Tracker:
             raise InvalidInput(f"frames must be a whole number of at least 1; got {frames!r}.")
         arrays = self.estimator.readings.arrays
         every = [c for a in arrays for c in a.channels]
-        wanted = every if channels is None else [channels] if isinstance(channels, str) else list(channels)
-        for name in wanted:
+        chosen_channels = every if channels is None else [channels] if isinstance(channels, str) else list(channels)
+        for name in chosen_channels:
             if name not in every:
                 raise InvalidInput(
                     f"no channel {name!r} to take a zero of; there are {', '.join(dict.fromkeys(every))}."
                 )
-        only = np.isin(np.array(every), wanted)[self._offsets.index]
+        only = np.isin(np.array(every), chosen_channels)[self._offsets.index]
         self._release()
         self._offsets.clear()
         self._offsets.rate = np.zeros_like(self._offsets.rate)
@@ -334,12 +334,12 @@ class Tracker:
     def _stepped(self, reading: Any, time: float | None, std: Any) -> Touch:
         """`step`, while background work pauses."""
         started = clock.perf_counter()
-        (flat, like), known = self._flat(reading), None if std is None else self._typical(std)
+        (flat, like), noise = self._flat(reading), None if std is None else self._typical(std)
         frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
         try:
             with few_threads(self.unknowns):
-                status, converged = self._step(flat, frame.elapsed, started, known)
+                status, converged = self._step(flat, frame.elapsed, started, noise)
         except np.linalg.LinAlgError:
             # Start the next frame from nothing, so that it does not inherit the cause of the failure.
             self._release()
@@ -355,7 +355,7 @@ class Tracker:
         self._seconds = clock.perf_counter() - started
         return touch
 
-    def _compare(self, touch: Touch, again: Callable[[Status, bool], Touch]) -> Touch:
+    def _compare(self, touch: Touch, rebuild: Callable[[Status, bool], Touch]) -> Touch:
         """The touch of a frame in contact, compared with a single solve if one is due; ``again`` builds the touch after a restart."""
         alone, comparison, frame, beside = self._alone, self._comparison, self._frame, self._beside
         if alone is None or frame is None:
@@ -372,23 +372,23 @@ class Tracker:
             comparison.begun(self._contact.size)
             self._compared = Answer.of(touch).without_move(self._carried), self._own
         planes, y = self.estimator.readings.planes, frame.actual * self._std
-        rest = [planes(f * self._std) for f in self._rest.frames]
-        single = beside.result("alone", lambda: alone(planes(y), rest))
+        zero_frames = [planes(f * self._std) for f in self._rest.frames]
+        single = beside.result("alone", lambda: alone(planes(y), zero_frames))
         if single is None or self._compared is None:
             return touch
-        found, (compared, own) = Answer.of(single), self._compared
-        if comparison.settle(compared, found):
-            self._hold_to(own, single, compared, found)
+        reference, (compared, traction) = Answer.of(single), self._compared
+        if comparison.settle(compared, reference):
+            self._hold_to(traction, single, compared, reference)
         else:
             self._begin_anew()
             unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
-            self._said.append(comparison.words(compared, found, unit))
+            self._said.append(comparison.words(compared, reference, unit))
             if not beside.threaded:
-                touch = again(*self._in_contact(frame, 0.0, regular=True, restarted=False))
+                touch = rebuild(*self._in_contact(frame, 0.0, regular=True, restarted=False))
                 compared = Answer.of(touch).without_move(self._carried)
-                comparison.settle(compared, found)
-                self._hold_to(self._own, single, compared, found)
-        return again(*self._status(bool(touch.converged)))
+                comparison.settle(compared, reference)
+                self._hold_to(self._own, single, compared, reference)
+        return rebuild(*self._status(bool(touch.converged)))
 
     def _knows_no_more(self) -> bool:
         """Whether earlier frames give the tracker no more information on this frame than a single solve has."""
@@ -397,11 +397,11 @@ class Tracker:
     def _offsets_beyond_noise(self) -> bool:
         return float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
 
-    def _hold_to(self, own: Floats, single: Touch, compared: Answer, found: Answer) -> None:
+    def _hold_to(self, traction: Floats, single: Touch, compared: Answer, reference: Answer) -> None:
         """Keep a single solve as a correction if both results agree and push, and if the tracker took no load for offsets."""
-        meet = found.explained and not compared.parted(found) and not self._offsets_beyond_noise()
-        part = beyond(found.force - compared.force, found.discrepancy * found.load)
-        self._anchor.hold(own, single if meet and self._contact.pushing else None, part)
+        meet = reference.explained and not compared.parted(reference) and not self._offsets_beyond_noise()
+        part = beyond(reference.force - compared.force, reference.discrepancy * reference.load)
+        self._anchor.hold(traction, single if meet and self._contact.pushing else None, part)
 
     def _begin_anew(self) -> None:
         """Forget everything that the result depends on, except the readings, the zero and its noise."""
@@ -433,7 +433,7 @@ class Tracker:
         good = scaled[np.isfinite(scaled)]
         return float(np.median(good)) if good.size else None
 
-    def _step(self, flat: Floats, elapsed: float, started: float, known: float | None) -> tuple[Status, bool]:
+    def _step(self, flat: Floats, elapsed: float, started: float, noise_given: float | None) -> tuple[Status, bool]:
         """Process a frame; return its status, and whether its iteration converged."""
         health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
         health.frames += 1
@@ -449,8 +449,8 @@ class Tracker:
                 if zero.moved:
                     self._said.append(MOVED)
             return Status.CAPTURING_ZERO, True
-        if known is not None:
-            learning.state(known)
+        if noise_given is not None:
+            learning.state(noise_given)
         if zero.moved:
             self._said.append(MOVED)
         follows = self.drift_time is not None
@@ -472,17 +472,18 @@ class Tracker:
         if not self._touching and highest > TAKEN and self._one_taxel(y, level):
             return self._unless_frozen(Status.NO_CONTACT), True  # a glitch of one taxel is not a contact
         if self._touching and offsets.mean.any():
-            whole = self._equations.score(slope + self._equations.of_offsets(offsets.mean, unused))
-            without = float((np.abs(whole) / level).max())
-            if without < LOST:
+            raw_score = self._equations.score(slope + self._equations.of_offsets(offsets.mean, unused))
+            raw_highest = float((np.abs(raw_score) / level).max())
+            if raw_highest < LOST:
                 # At rest with the old zero: offsets, and a rate of drift smaller than its error, were not real.
                 offsets.clear()
-                if without <= highest:
+                if raw_highest <= highest:
                     offsets.rate = np.zeros_like(offsets.rate)
-                y, score, highest = check.zeroed(scaled - zero.baseline, flat, offsets.index, noise), whole, without
-        before, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
+                y = check.zeroed(scaled - zero.baseline, flat, offsets.index, noise)
+                score, highest = raw_score, raw_highest
+        was_touching, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
         if not self._touching:
-            if before:
+            if was_touching:
                 self._release()
                 zero.shift(offsets.value())  # quiet with them: they are the zero's
             offsets.clear()
@@ -541,15 +542,15 @@ class Tracker:
 
     def _say(self, elapsed: float) -> None:
         """Add the notes about the present contact."""
-        contact, said = self._contact, self._said
+        contact, notes = self._contact, self._said
         self._standing.interrupt()
         if self._standing.now and not self._learning.discrepancy.zeroed:
-            said.append(STANDS)
+            notes.append(STANDS)
         if not contact.pushing and contact.fits:
-            said.append("traction that pulls in places explains the readings, and was allowed")
-        said += at_their_end(int(self._check.clipped.sum()), overload=self._check.overload)
-        said += drifted(self._offsets.notable(), self._offsets.index, self._std, self._label)
-        said += self._steady.look(contact.size, elapsed)
+            notes.append("traction that pulls in places explains the readings, and was allowed")
+        notes += at_their_end(int(self._check.clipped.sum()), overload=self._check.overload)
+        notes += drifted(self._offsets.notable(), self._offsets.index, self._std, self._label)
+        notes += self._steady.look(contact.size, elapsed)
 
     def _unless_frozen(self, status: Status) -> Status:
         """The status of a solved frame, or FROZEN if the sensor repeats itself."""
@@ -639,23 +640,23 @@ class Tracker:
         grid, noise = estimator.surface, learning.noise
         values: Floats = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
         errors: Errors | None = None
-        stated: Stated | None = None
+        pad_std: Stated | None = None
         share = 0.0
         if not status.known:
             self.health.unknown += 1
             values[:] = math.nan
         elif self._touching and contact.cells is not None:
             values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
-            errors, stated, share = contact.errors, contact.stated, learning.discrepancy.posterior
+            errors, pad_std, share = contact.errors, contact.stated, learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None:
                 errors = open_above(errors)
             self._own = values
             values = self._anchor.carried(values) if contact.pushing else values
-            whole = values.reshape(-1, *grid.shape)
-            self._carried = grid.total_force(whole - self._own.reshape(whole.shape))
-            apart = self._comparison.reaching(self._carried, float(grid.integral(np.sqrt((whole**2).sum(axis=0)))))
-            if apart and values.any():
-                stated = widened(stated, whole, grid, apart)
+            traction = values.reshape(-1, *grid.shape)
+            self._carried = grid.total_force(traction - self._own.reshape(traction.shape))
+            spread = self._comparison.reaching(self._carried, float(grid.integral(np.sqrt((traction**2).sum(axis=0)))))
+            if spread and values.any():
+                pad_std = widened(pad_std, traction, grid, spread)
         else:
             errors = contact.undetected(noise)
             if errors is not None and status is Status.NO_CONTACT:
@@ -677,7 +678,7 @@ class Tracker:
             None if learning.parameter is None else np.asarray(learning.parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if status.known else math.nan),
-            _errors=ErrorParts.of(errors, stated, estimator.problem.common_std),
+            _errors=ErrorParts.of(errors, pad_std, estimator.problem.common_std),
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),
             outliers=self._check.unused,

@@ -34,9 +34,7 @@ def at_their_end(count: int, *, overload: bool) -> list[str]:
 
 
 def drifted(drift: Floats, index: npt.NDArray[np.intp], std: Floats, label: Callable[[int], str]) -> list[str]:
-    """Notes on channels whose zero has drifted by ``drift`` (channel,), 0 if not worth reporting; ``index`` is the
-    channel of each reading.
-    """
+    """Notes on channels (``index`` of each reading) whose zero drifted by ``drift`` (channel,); 0: not notable."""
     said = []
     for c in np.flatnonzero(drift):
         first = int(np.argmax(index == c))

@@ -178,7 +178,7 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
     ``limit`` [s] is the processor time allowed for the frame, and for the clean frame of the same sensor.
     """
     options: dict[str, Any] = {} if frame.friction is None else {"friction": frame.friction}
-    said: tuple[str, ...] = ()
+    warned: tuple[str, ...] = ()
     try:
         with _limited(limit):
             reference, options = _clean(frame, options)
@@ -187,7 +187,7 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
             if frame.recorded is None:
                 touch = frame.skin.reconstruct(frame.readings, **options)
             else:
-                touch, said = _answered(frame, frame.recorded, options)
+                touch, warned = _answered(frame, frame.recorded, options)
         seconds = time.process_time() - start
     except _Late:
         return _unanswered(frame, f"no answer within {limit:g} s", seconds=float(limit or np.nan), late=True)
@@ -195,8 +195,8 @@ def judge(frame: Frame, *, limit: float | None = None) -> Verdict:
         return _unanswered(frame, f"refused: {error}", words=(f"refused: {error}",))
     except (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError) as error:  # LinAlgError is a ValueError
         return _unanswered(frame, f"broke down: {type(error).__name__}: {error}", broken=True)
-    found = verdict(frame, touch, reference, seconds)
-    return replace(found, words=(*found.words, *said)) if said else found
+    result = verdict(frame, touch, reference, seconds)
+    return replace(result, words=(*result.words, *warned)) if warned else result
 
 
 def _clean(frame: Frame, options: dict[str, Any]) -> tuple[Touch, dict[str, Any]]:
@@ -229,13 +229,13 @@ def _answered(frame: Frame, recorded: Recorded, options: dict[str, Any]) -> tupl
         # only without limits: limits refer to raw readings, and subtracting the zero would shift them
         return skin.reconstruct(last if frame.limits else last - recorded.rest.mean(axis=0), **options), ()
     readings, times = np.concatenate([recorded.rest, recorded.steps]), recorded.times
-    said: tuple[str, ...] = ()
+    warned: tuple[str, ...] = ()
     if recorded.road == "table":
-        readings, times, said = _through_a_table(readings, times, frame.described.channels)
+        readings, times, warned = _through_a_table(readings, times, frame.described.channels)
     with skin.track(baseline=len(recorded.rest), rate=RATE, **options) as tracker:
         for reading, at in zip(readings, times):
             touch = tracker.step(reading, float(at))
-    return touch, said
+    return touch, warned
 
 
 def _through_a_table(
@@ -254,13 +254,13 @@ def _through_a_table(
         path = Path(folder) / "recording.csv"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         recording = read_recording(path, mapping=mapping)
-    said = tuple(f"warning: {w.message}" for w in caught)
-    return np.asarray(recording.readings, dtype=np.float64), np.asarray(recording.time, dtype=np.float64), said
+    warned = tuple(f"warning: {w.message}" for w in caught)
+    return np.asarray(recording.readings, dtype=np.float64), np.asarray(recording.time, dtype=np.float64), warned
 
 
 def _unanswered(
     frame: Frame,
-    said: str,
+    status: str,
     *,
     words: tuple[str, ...] = (),
     seconds: float = np.nan,
@@ -279,7 +279,7 @@ def _unanswered(
         inside={"force": np.nan, "peak": np.nan, "cells": np.nan},
         words=words,
         seconds=seconds,
-        status=said,
+        status=status,
         broken=broken,
         late=late,
         found=none,
@@ -299,44 +299,44 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     values = to_numpy(touch.values)
     load = frame.typical.size
     names = grid.components
-    asked = [i for i, c in enumerate(names) if c in touch.components or c == "z"]
-    sought = [i for i, c in enumerate(names) if c in touch.components]
+    judged = [i for i, c in enumerate(names) if c in touch.components or c == "z"]
+    estimated = [i for i, c in enumerate(names) if c in touch.components]
     force, true = to_numpy(touch.force).astype(np.float64), frame.load.force
-    least = true if frame.least is None else frame.least.force
-    smallest, largest = np.minimum(least, true), np.maximum(least, true)
+    lower_force = true if frame.least is None else frame.least.force
+    smallest, largest = np.minimum(lower_force, true), np.maximum(lower_force, true)
     error = force - np.clip(force, smallest, largest)
     low, high = _interval(touch, "force", len(names))
     peak_low, peak_high = _interval(touch, "peak_pressure", 0) if "z" in touch.components else (np.nan, np.nan)
     # a component that is not estimated is assumed zero
-    left_out = [i for i in asked if i not in sought]
-    low[left_out] = high[left_out] = 0.0 if np.isfinite(low[sought]).any() else np.nan
+    left_out = [i for i in judged if i not in estimated]
+    low[left_out] = high[left_out] = 0.0 if np.isfinite(low[estimated]).any() else np.nan
     slack = _EXACT * load
     miss = [float(np.maximum(low[i] - largest[i], smallest[i] - high[i])) for i in range(len(names))]
     if frame.open_above and np.isfinite(high[-1]):
         miss[-1] = math.inf
-    outside = [miss[i] > FAR_OUTSIDE * 0.5 * (high[i] - low[i]) + slack for i in asked]
-    inside_force = [miss[i] <= slack for i in asked if np.isfinite(low[i])]
+    outside = [miss[i] > FAR_OUTSIDE * 0.5 * (high[i] - low[i]) + slack for i in judged]
+    inside_force = [miss[i] <= slack for i in judged if np.isfinite(low[i])]
     # of a net pull use the strongest pull
     peak = float(truth[-1].max() if (truth[-1] > 0).any() else truth[-1].min())
     strongest = float(np.abs(typical).max())
-    beyond = _distance_outside(peak, peak_low, peak_high)
+    peak_miss = _distance_outside(peak, peak_low, peak_high)
     inside = {
         "force": float(np.mean(inside_force)) if inside_force else np.nan,
-        "peak": np.nan if not np.isfinite(peak_low) else float(beyond <= _EXACT * strongest),
-        "cells": _cells(touch, truth, sought),
+        "peak": np.nan if not np.isfinite(peak_low) else float(peak_miss <= _EXACT * strongest),
+        "cells": _cells(touch, truth, estimated),
     }
-    norm = float(np.linalg.norm(typical[asked]))
+    norm = float(np.linalg.norm(typical[judged]))
     fit = getattr(touch, "fit", None)
     fit = float("nan") if fit is None else float(np.min(np.asarray(fit, dtype=np.float64)))
-    worst = asked[int(np.nanargmax(np.abs(error[asked])))] if np.isfinite(error[asked]).any() else asked[-1]
+    worst = judged[int(np.nanargmax(np.abs(error[judged])))] if np.isfinite(error[judged]).any() else judged[-1]
     status = Status.SOLVED if touch.status is None else Status.coded(int(np.asarray(touch.status)))
     words = []
     if status not in (Status.SOLVED, Status.NO_CONTACT):
         words.append(f"status {status}")
     if fit < MISFIT:
         words.append(f"fit {fit:.2g}")
-    known = _known(reference)
-    if known > _known(touch):
+    knowledge = _known(reference)
+    if knowledge > _known(touch):
         words.append("force or interval not known")
     if high[worst] - low[worst] > load:
         words.append("interval wider than the load")
@@ -344,14 +344,14 @@ def verdict(frame: Frame, touch: Touch, reference: Touch, seconds: float) -> Ver
     for note in touch.notes:
         if _without_figures(note) not in usual and not note.startswith(Status.NO_CONTACT.label):
             words.append(f"note: {note}")
-    finite = error[asked][np.isfinite(error[asked])]
+    finite = error[judged][np.isfinite(error[judged])]
     return Verdict(
         row=frame.row,
         index=frame.index,
         force_error=float(np.linalg.norm(finite)) / load,
-        field_error=float(np.linalg.norm((values - truth)[asked])) / norm,
+        field_error=float(np.linalg.norm((values - truth)[judged])) / norm,
         far=any(outside),
-        peak_far=bool(beyond > FAR_OUTSIDE * 0.5 * (peak_high - peak_low) + _EXACT * strongest),
+        peak_far=bool(peak_miss > FAR_OUTSIDE * 0.5 * (peak_high - peak_low) + _EXACT * strongest),
         inside=inside,
         words=tuple(words),
         seconds=seconds,
@@ -383,8 +383,8 @@ def _known(touch: Touch) -> int:
     if not np.isfinite(to_numpy(touch.force)).all():
         return 0
     low, high = _interval(touch, "force", len(touch.surface.components))
-    sought = [touch.surface.components.index(c) for c in touch.components]
-    return 1 + int(np.isfinite(low[sought]).all() and np.isfinite(high[sought]).all())
+    estimated = [touch.surface.components.index(c) for c in touch.components]
+    return 1 + int(np.isfinite(low[estimated]).all() and np.isfinite(high[estimated]).all())
 
 
 def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
@@ -396,20 +396,18 @@ def _interval(touch: Touch, of: str, length: int) -> tuple[Any, Any]:
     return np.array(to_numpy(low), dtype=np.float64), np.array(to_numpy(high), dtype=np.float64)
 
 
-def _cells(touch: Touch, truth: Floats, sought: list[int]) -> float:
-    """Return the fraction of cells in contact (truly or as estimated) whose traction is in its interval, for the
-    estimated components.
-    """
+def _cells(touch: Touch, truth: Floats, estimated: list[int]) -> float:
+    """Fraction of cells in contact (truly or as estimated) with traction in its interval, of estimated components."""
     if not touch.has_intervals:
         return np.nan
-    low, high = (np.asarray(side)[sought] for side in touch.interval(0.95))
+    low, high = (np.asarray(side)[estimated] for side in touch.interval(0.95))
     values = to_numpy(touch.values)
-    here = (np.abs(truth).sum(axis=0) > 0) | (np.abs(values).sum(axis=0) > 0)
-    if not here.any() or not np.isfinite(low[:, here]).any():
+    in_contact = (np.abs(truth).sum(axis=0) > 0) | (np.abs(values).sum(axis=0) > 0)
+    if not in_contact.any() or not np.isfinite(low[:, in_contact]).any():
         return np.nan
     slack = _EXACT * float(np.abs(truth).max())
-    inside = (truth[sought] >= low - slack) & (truth[sought] <= high + slack)
-    return float(np.mean(inside[:, here]))
+    inside = (truth[estimated] >= low - slack) & (truth[estimated] <= high + slack)
+    return float(np.mean(inside[:, in_contact]))
 
 
 def _without_figures(note: str) -> str:

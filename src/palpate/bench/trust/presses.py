@@ -32,9 +32,7 @@ class Load:
 
     @property
     def size(self) -> float:
-        """Integral of the magnitude of the traction: for a plain push its force; for pulls beside pushes more than
-        their sum.
-        """
+        """Integral of the magnitude of the traction: the force of a plain push, more than it where pulls are beside."""
         return float(np.sqrt((self.traction**2).sum(axis=0)).sum() * self.grid.cell)
 
     def times(self, factor: float) -> Load:
@@ -181,9 +179,7 @@ def plain_ball(sensor: Sensor, pressure: float) -> Load:
 
 
 def _around(sensor: Sensor, parts: list[_Patch], wider: float) -> tuple[Grid, Floats]:
-    """Return a fine grid around the patches, and the points (axis, *3 points a cell) in it, with axes in the order x,
-    y.
-    """
+    """Fine grid around the patches, and the points (axis, *3 points a cell) in it, with axes in the order x, y."""
     # a patch may be rotated: its corners reach further
     reach = [wider * (part.size if len(part.size) == 1 else np.full(2, float(np.hypot(*part.size)))) for part in parts]
     low = np.min([part.center - r for part, r in zip(parts, reach)], axis=0)

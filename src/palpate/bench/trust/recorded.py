@@ -231,9 +231,7 @@ def lattice(rng: np.random.Generator) -> Case:
 def _wide(
     rng: np.random.Generator, suits: Callable[[Sensor], bool], low: float, high: float
 ) -> tuple[Sensor, Load, Load]:
-    """Return a sensor, a press whose half-width is ``low`` to ``high`` times that of the array, and the part of it on
-    the array.
-    """
+    """A sensor, a press whose half-width is ``low`` to ``high`` of the array's, and its part on the array."""
     sensor = random_sensor(rng, suits)
     half = 0.5 * sensor.pitch * np.array(sensor.shape[::-1], dtype=np.float64)
     block = rng.random() < 0.5
@@ -268,9 +266,7 @@ def all_at_their_end(rng: np.random.Generator) -> Case:
 
 
 def even_press(rng: np.random.Generator) -> Case:
-    """Simulate a press that is uniform over the whole array and continues beyond it. Without the zero it would look
-    like an offset.
-    """
+    """Simulate an even press that goes on beyond the array; without the zero it would look like an offset."""
     sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 1.2, 5.0)
     case = Case(rng, sensor, load, sensed(sensor, load))
     case.words.append("pressed evenly and beyond the array")
@@ -303,9 +299,7 @@ def frozen_patch(rng: np.random.Generator) -> Case:
 
 
 def zeros_after_press(rng: np.random.Generator) -> Case:
-    """Simulate a sensor that writes exactly 0 without contact, for up to two seconds after a press; at rest it writes
-    0, rounded values or noise.
-    """
+    """Simulate a sensor that writes exactly 0 without contact, up to two seconds late; at rest rounding or noise."""
     # depth cameras do so
     case = _pressed(rng, _sees_depth if rng.random() < 0.5 else _small)
     after, ramp = int(rng.integers(5, 61)), int(rng.integers(2, 7))
@@ -324,9 +318,7 @@ def zeros_after_press(rng: np.random.Generator) -> Case:
 
 
 def restarted_clock(rng: np.random.Generator) -> Case:
-    """Make time stamps restart, wrap, jump, have whole seconds or be swapped, in a stream or a table; the readings are
-    right.
-    """
+    """Make time stamps restart, wrap, jump, be whole seconds or swap, in a stream or table of right readings."""
     case = _pressed(rng, _small)
     case.raw()
     rest, steps = case.frames(np.zeros(REST)), case.frames(_press(int(rng.integers(5, 12)), int(rng.integers(8, 20))))

@@ -92,9 +92,9 @@ class Frame:
         return not np.any(self.load.traction)
 
     def __str__(self) -> str:
-        given = [] if self.friction is None else [f"friction {self.friction:.2g} given"]
-        given.append("noise given" if self.noise is not None else "noise not given")
-        return f"{self.row} {self.index}: {self.sensor}; {self.load.words}; {', '.join(given)}; {self.words}"
+        stated = [] if self.friction is None else [f"friction {self.friction:.2g} given"]
+        stated.append("noise given" if self.noise is not None else "noise not given")
+        return f"{self.row} {self.index}: {self.sensor}; {self.load.words}; {', '.join(stated)}; {self.words}"
 
 
 @dataclass
@@ -154,8 +154,8 @@ def _row_offset(draft: _Draft) -> None:
     axis = int(draft.rng.integers(2))
     k, channel = int(draft.rng.integers(draft.sensor.shape[axis])), int(draft.rng.integers(len(draft.readings)))
     all_channels = bool(draft.rng.random() < 0.5)
-    where = "all channels" if all_channels else draft.sensor.channels[channel]
-    draft.say(f"{('row', 'column')[axis]} {k} of {where} off by {100 * part:.0f} % of the peak")
+    channel_name = "all channels" if all_channels else draft.sensor.channels[channel]
+    draft.say(f"{('row', 'column')[axis]} {k} of {channel_name} off by {100 * part:.0f} % of the peak")
     change = np.zeros(draft.readings.shape)
     change[(slice(None) if all_channels else channel, *((slice(None),) * axis), k)] = part * draft.peak
     draft.readings = draft.readings + change
@@ -171,8 +171,8 @@ def _ramp(draft: _Draft) -> None:
 
 def _clipped(draft: _Draft) -> float:
     ceiling = 0.6 * draft.peak
-    whole = draft.readings + draft.noise
-    draft.noise = np.clip(whole, -ceiling, ceiling) - draft.readings
+    noisy = draft.readings + draft.noise
+    draft.noise = np.clip(noisy, -ceiling, ceiling) - draft.readings
     draft.say(f"clipped at {ceiling:.3g}")
     return ceiling
 
@@ -198,10 +198,10 @@ def _stuck(draft: _Draft) -> None:
 
 def _dead(draft: _Draft) -> None:
     place = np.unravel_index(int(np.abs(draft.readings).argmax()), draft.readings.shape)[1:]
-    where = tuple(int(i) for i in place)
-    draft.say(f"taxel {where} reads zero")
+    taxel = tuple(int(i) for i in place)
+    draft.say(f"taxel {taxel} reads zero")
     for channel in range(len(draft.readings)):
-        draft.readings[(channel, *where)] = draft.noise[(channel, *where)] = 0.0
+        draft.readings[(channel, *taxel)] = draft.noise[(channel, *taxel)] = 0.0
 
 
 def _gains(draft: _Draft) -> None:
@@ -296,8 +296,8 @@ _MIXABLE: tuple[Change, ...] = (
 
 def _mixed(draft: _Draft) -> None:
     # apply defects in the order in which they arise: gains and offsets before noise, noise before the converter
-    chosen = sorted(draft.rng.choice(len(_MIXABLE), size=int(draft.rng.integers(2, 4)), replace=False))
-    for i in chosen:
+    defects = sorted(draft.rng.choice(len(_MIXABLE), size=int(draft.rng.integers(2, 4)), replace=False))
+    for i in defects:
         _MIXABLE[int(i)](draft)
 
 
@@ -526,46 +526,46 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
     """
     if row not in ROWS:
         raise InvalidInput(f"row must be one of {', '.join(ROWS)}; got {row!r}.")
-    this = ROWS[row]
+    kind = ROWS[row]
     rng = np.random.default_rng([seed, zlib.crc32(row.encode()), index])
-    if this.recorded is not None:
-        return _last_frame(row, index, this.recorded(rng))
-    sensor = random_sensor(rng, this.suits)
-    axes = "xy"[: len(sensor.shape)] if this.load == "unseen shear" else sensor.shears
+    if kind.recorded is not None:
+        return _last_frame(row, index, kind.recorded(rng))
+    sensor = random_sensor(rng, kind.suits)
+    axes = "xy"[: len(sensor.shape)] if kind.load == "unseen shear" else sensor.shears
     mu = float(rng.uniform(0.2, 0.9))
-    adhesion = float(rng.uniform(0.2, 0.6)) if this.load == "adhesion" else 0.0
-    load = random_load(rng, sensor, friction=mu, axes=axes, adhesion=adhesion, small=this.load == "small")
-    if this.load == "pull":
+    adhesion = float(rng.uniform(0.2, 0.6)) if kind.load == "adhesion" else 0.0
+    load = random_load(rng, sensor, friction=mu, axes=axes, adhesion=adhesion, small=kind.load == "small")
+    if kind.load == "pull":
         load = load.times(-1.0)
     typical = load
     readings = sensed(sensor, load)
     peak = float(np.abs(readings).max())
-    level = float(np.exp(rng.uniform(*np.log(this.noise))))
+    level = float(np.exp(rng.uniform(*np.log(kind.noise))))
     std = np.full(len(sensor.channels), level * peak)
     if len(std) > 1 and rng.random() < 0.25:
         std[int(rng.integers(len(std)))] *= 3.0
     column = std.reshape(-1, *(1,) * len(sensor.shape))
     draft = _Draft(sensor, load, readings, column * rng.standard_normal(readings.shape), rng)
     draft.say(f"noise {level:.2g} of the largest reading")
-    if this.load == "nothing":
+    if kind.load == "nothing":
         load = replace(load.times(0.0), words="nothing touches")
         draft.readings = np.zeros_like(readings)
-    if this.change is not None:
-        this.change(draft)
-    described = sensor if this.described is None else this.described(sensor, rng)
-    if this.described is not None:
+    if kind.change is not None:
+        kind.change(draft)
+    described = sensor if kind.described is None else kind.described(sensor, rng)
+    if kind.described is not None:
         draft.say(
             f"described depth {described.depth / sensor.depth if sensor.depth else 1:.2f}, modulus {described.modulus / sensor.modulus:.2f}, "
             f"thickness {described.thickness / sensor.thickness if sensor.layers else 1:.2f} times the true one"
         )
-    given = rng.random() < 0.5 or this.misstated
-    says = std * (float(rng.choice([1 / 3, 3.0])) if this.misstated else 1.0)
-    if this.misstated:
-        draft.say(f"noise said to be {says[0] / std[0]:.2g} times what it is")
+    noise_stated = rng.random() < 0.5 or kind.misstated
+    stated_std = std * (float(rng.choice([1 / 3, 3.0])) if kind.misstated else 1.0)
+    if kind.misstated:
+        draft.say(f"noise said to be {stated_std[0] / std[0]:.2g} times what it is")
     # friction applies to pushing loads: no user would state it for a pull
-    presses = this.load not in ("pull", "adhesion")
+    presses = kind.load not in ("pull", "adhesion")
     friction = mu * float(rng.choice([1.0, 1.0, 1.3])) if presses and sensor.shears and rng.random() < 0.5 else None
-    if this.load == "unseen shear":
+    if kind.load == "unseen shear":
         friction = None
     ball = plain_ball(described, float(np.abs(typical.traction).max()))
     clean = sensed(described, ball)
@@ -577,9 +577,9 @@ def make_frame(row: str, index: int, *, seed: int = 0) -> Frame:
         index=index,
         sensor=sensor,
         described=described,
-        uncertainty=this.uncertainty,
+        uncertainty=kind.uncertainty,
         friction=friction,
-        noise=tuple(float(v) for v in says) if given else None,
+        noise=tuple(float(v) for v in stated_std) if noise_stated else None,
         readings=draft.readings + draft.noise,
         load=load,
         typical=typical,

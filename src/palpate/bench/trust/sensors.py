@@ -144,7 +144,8 @@ class Sensor:
         """Return cells ``finer`` times smaller than the pitch over the box from ``low`` to ``high`` (x, or x and y)
         [m].
 
-        The cells are not aligned with the surface on which traction is estimated.
+        These cells do not coincide with those of the surface on which traction is estimated, so that the truth does not favour
+        the estimate.
         """
         spacing = self.pitch / finer
         counts = [max(2, math.ceil((b - a) / spacing)) for a, b in zip(low, high)]

@@ -79,8 +79,9 @@ FACTORS = 3.0
 def by_products(
     operator: Operator, cells: Index, components: int, readings: int, *, once: bool = False, slides: bool = False
 ) -> bool:
-    """Whether products are faster than matrices for this contact, by counting operations. ``once``: it is solved only
-    once; ``slides``: it may slide as a whole.
+    """Whether products are faster than matrices for this contact, by counting operations. ``once``: only a first
+    solution is asked for, from which noise and region follow; ``slides``: friction is given and the contact may slide as
+    a whole.
     """
     unknowns = components * len(cells)
     # With so many readings, even the columns of a few cells take long.
