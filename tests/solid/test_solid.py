@@ -314,7 +314,7 @@ def test_refusals(tmp_path: Path, pad: pp.SolidPad) -> None:
     beside = pp.AreaArray(shape=(9, 9), pitch=2e-3, depth="base", channels=["stress_zz"])
     with pytest.raises(pp.InvalidInput, match="beside the pad"):
         pp.Skin(pad, beside)
-    with pytest.raises(pp.Unsupported, match="line contact"):
+    with pytest.raises(pp.Unsupported, match="line of taxels"):
         pp.Skin(pad, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
     array = pp.AreaArray(shape=(3, 3), pitch=1e-3, depth=1e-3, channels=["stress_zz"])
     skin = pp.Skin(pad, array, boundary="periodic")

@@ -194,8 +194,9 @@ def linear_noise(
     c = np.asarray(linear.spectrum.project(rows)) if projected is None else projected
     values = linear.spectrum.eigenvalues
     known = 1.0 if linear.noise_known else policy.screening.first_noise * total
-    some = patterns is not None and len(patterns) > 0
-    beside = Marginal(values, c, patterns, linear.spectrum.tried) if some else None
+    beside = None
+    if patterns is not None and len(patterns):
+        beside = Marginal(values, c, patterns, linear.spectrum.tried)
     for _ in range(policy.screening.rounds):
         found = linear_evidence(linear, rows, None, known, beside, projected=c)
         w = found.parameter / (found.parameter + values)
