@@ -13,7 +13,7 @@ from palpate.elastic.pad import Pad
 from palpate.errors import InvalidInput
 from palpate.identify import Identified, IdentifiedPress, identify
 from palpate.inverse.observability import Observability, observability, observable_components
-from palpate.inverse.problem import Problem
+from palpate.inverse.problem import Kept, Problem
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 from palpate.sensing.maps import check_modelled
@@ -37,6 +37,8 @@ class SkinProperties:
     _surface: Grid
     _boundary: Boundary
     _problem: Problem
+    #: Problems by the components that they seek.
+    _problems: Kept
     _whole: tuple[Array, ...]
     _calibration: SkinCalibration | None
 
@@ -293,7 +295,7 @@ class SkinProperties:
         >>> str(skin.case())
         'line, stress, half-space'
         """
-        problem = self._problem.seeking(self._names(components))
+        problem = self._seeking(self._names(components))
         return Case.of(self._elastic, self._planes, problem.components, ambiguous=problem.ambiguous)
 
     def problem(self, *, components: Sequence[str] | None = None) -> Problem:
@@ -308,6 +310,10 @@ class SkinProperties:
         ('z',)
         """
         return self._problem.seeking(self._names(components))
+
+    def _seeking(self, names: tuple[str, ...]) -> Problem:
+        """The problem of these components, made once: frames share what it has computed."""
+        return self._problems.get(names, lambda: self._problem.seeking(names))
 
     def _names(self, components: Sequence[str] | None) -> tuple[str, ...]:
         if components is None:

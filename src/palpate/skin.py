@@ -139,7 +139,7 @@ class Skin(SkinProperties):
             uncertainty=uncertainty,
         )
         self._problem.uncertainty.check(self._elastic)
-        self._methods = Kept(entries=PREPARED)
+        self._methods, self._problems = Kept(entries=PREPARED), Kept()
         self._rests = Kept(entries=RESTS)
         self._whole = planes
         self._calibration: SkinCalibration | None = None
@@ -446,7 +446,7 @@ class Skin(SkinProperties):
             prepared.grid,
             sought,
             str(found_by[0]),
-            (*notes(self._problem.seeking(sought), self.components, chosen, prepared), *estimate.remarks(), *heeded),
+            (*notes(self._seeking(sought), self.components, chosen, prepared), *estimate.remarks(), *heeded),
             estimate.parameter,
             estimate.noise_std,
             estimate.residual,
@@ -597,13 +597,13 @@ class Skin(SkinProperties):
         """
         self._problem.recall = read_prepared(self._problem, path)
         # objects prepared before remain valid for those who hold them
-        self._problem.kept.clear()
-        self._methods.clear()
+        for kept in (self._problem.kept, self._methods, self._problems):
+            kept.clear()
 
     def _ready(self, chosen: Method, components: Sequence[str] | None) -> tuple[Method, tuple[str, ...], Any]:
         """Return the method for this skin, the components it estimates, and the prepared method."""
         names = chosen.seeks if chosen.seeks is not None and components is None else self._names(components)
-        chosen = chosen.resolved(self._problem.seeking(names))
+        chosen = chosen.resolved(self._seeking(names))
         return chosen, names, self._prepared(chosen, names)
 
     def track(

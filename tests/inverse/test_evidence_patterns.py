@@ -20,17 +20,31 @@ def test_patterns_are_those_of_restricted_likelihood(singles: int, parameter: fl
     c = rng.standard_normal(n) * np.sqrt(1.0 + values / parameter)
     own = np.concatenate([basis[:singles], rng.standard_normal((2, n))])
     patterns = np.concatenate([own, own[:singles].sum(axis=0)[None]])
-    found = evidence._with_patterns(values, c, patterns, parameter, True)
+    patterns /= np.linalg.norm(patterns, axis=1, keepdims=True)
+    found = evidence.Marginal(values, c, patterns)
     covariance = np.diag(1.0 + values / parameter)
     left_out, _ = np.linalg.qr(patterns.T[:, :-1])
     rest = np.linalg.svd(np.eye(n) - left_out @ left_out.T)[0][:, : n - len(own)]
     inner = rest.T @ covariance @ rest
     sizes = np.linalg.svd(patterns, compute_uv=False)[: len(own)]
-    everything, left = found[2]
+    (everything, alone), (left, there) = found.alone, found.at(parameter)
     assert left == pytest.approx(rest.T @ c @ np.linalg.solve(inner, rest.T @ c), rel=1e-9)
     assert everything == pytest.approx(((rest.T @ c) ** 2).sum(), rel=1e-9)
-    assert found[3] == pytest.approx(np.linalg.slogdet(inner)[1] + 2.0 * np.log(sizes).sum(), rel=1e-9)
-    assert found[4] == pytest.approx(2.0 * np.log(sizes).sum(), rel=1e-9)
+    assert there == pytest.approx(np.linalg.slogdet(inner)[1] + 2.0 * np.log(sizes).sum(), rel=1e-9)
+    assert alone == pytest.approx(2.0 * np.log(sizes).sum(), rel=1e-9)
+
+
+def test_one_frame_serves_noise_of_every_size() -> None:
+    """Noise of another size is readings of another size."""
+    n = 120
+    rng = np.random.default_rng(2)
+    values = 10.0 ** rng.uniform(-4.0, 4.0, n)
+    c = rng.standard_normal(n) * np.sqrt(1.0 + values / 0.1)
+    for count in (3, 30):
+        patterns = rng.standard_normal((count, n))
+        frame = evidence.Marginal(values, c, patterns)
+        for noise in (0.1, 3.0):
+            assert frame.best(True, noise) == pytest.approx(evidence.Marginal(values, c / noise, patterns).best(True))
 
 
 def test_patterns_that_weights_no_longer_tell_apart_count_as_one() -> None:

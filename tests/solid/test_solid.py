@@ -12,7 +12,9 @@ import pytest
 from skfem import MeshHex
 
 import palpate as pp
+from palpate.sensing.maps import MatrixMap
 from palpate.solid.elasticity import Solid
+from palpate.solid.maps import ThroughNodes
 
 MATERIAL = {"youngs_modulus": 2e5, "poissons_ratio": 0.48}
 BALL = pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0).sliding(0.3)
@@ -112,6 +114,51 @@ def test_adjoint(pad: pp.SolidPad) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("shape", [(4, 5), (5, 4)])
+@pytest.mark.parametrize("center", [(0.0, 0.0), (2e-4, 0.0)], ids=["mirrored", "beside"])
+def test_many_cells_go_through_the_nodes(pad: pp.SolidPad, shape: tuple[int, int], center: tuple[float, float]) -> None:
+    array = pp.AreaArray(shape=shape, pitch=1e-3, depth=5e-4, channels=[*STRESS, "stress_xy"], center=center)
+    surface = pad.grid(shape=(30, 40), spacing=2e-4)
+    found = pad.response(array, surface)
+    assert isinstance(found, ThroughNodes)
+    assert pad.mirrored_in([array], surface) is (center == (0.0, 0.0))
+    readings = np.random.default_rng(0).standard_normal((2, 3, 4, *shape))
+    expected = MatrixMap(found.dense().reshape(4, 20, 3, 30, 40), shape)
+    size = 1e-12 * np.abs(expected.adjoint(readings)).max()
+    for among in (None, (2,), (0, 2)):
+        assert np.abs(found.adjoint(readings, among) - expected.adjoint(readings, among)).max() < size
+    single = readings.astype(np.float32)
+    assert found.adjoint(single).dtype == np.float32
+
+
+@pytest.mark.long
+def test_frames_of_a_symmetric_pad_do_not_depend_on_its_symmetry(
+    pad: pp.SolidPad, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More readings than an SVD takes: split by symmetry, or whole."""
+    array = pp.AreaArray(shape=(15, 17), pitch=(3.5e-4, 4.2e-4), depth=0.0, channels=DISPLACEMENT, noise=1e-6)
+    surface = pad.grid(shape=(30, 40), spacing=2e-4)
+    readings = pp.Skin(pad, array, surface=surface).sense(BALL.shifted(1e-3, 5e-4), rng=np.random.default_rng(0))
+    found = pp.Skin(pad, array, surface=surface).reconstruct(readings, method="tikhonov")
+    monkeypatch.setattr(pp.SolidPad, "mirrored_in", lambda *_: False)
+    whole = pp.Skin(pad, array, surface=surface).reconstruct(readings, method="tikhonov")
+    assert found.force[2] == pytest.approx(1.0, rel=0.1)
+    assert np.abs(found.values - whole.values).max() < 1e-9 * np.abs(whole.values).max()
+    for name in ("force", "traction"):
+        here, there = (np.asarray(t.std(name)) for t in (found, whole))
+        assert np.abs(here - there).max() < 1e-6 * np.abs(there).max()
+
+
+def test_a_part_of_an_array_needs_no_solve_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts are at the same places but for rounding: a contact in closed form is integrated for them with other cells."""
+    pad = pp.SolidPad.box(8e-3, 6e-3, 2e-3, element=1e-3, **MATERIAL)
+    array = pp.AreaArray(shape=(7, 7), pitch=(0.7e-3, 0.9e-3), depth=0.0, channels=DISPLACEMENT)
+    skin = pp.Skin(pad, array)
+    assert np.asarray(skin.sense(np.zeros((3, *skin.surface.shape)))).any() == 0
+    monkeypatch.setattr(Solid, "solve", None)
+    assert np.asarray(skin.sense(BALL.shifted(5e-4, 0.0))).any()
+
+
 def test_far_from_the_sides_it_is_the_layer() -> None:
     pad = pp.SolidPad.box(14e-3, 14e-3, 2e-3, element=1e-3, **MATERIAL)
     grid = 1e-3 * np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
@@ -267,7 +314,7 @@ def test_refusals(tmp_path: Path, pad: pp.SolidPad) -> None:
     beside = pp.AreaArray(shape=(9, 9), pitch=2e-3, depth="base", channels=["stress_zz"])
     with pytest.raises(pp.InvalidInput, match="beside the pad"):
         pp.Skin(pad, beside)
-    with pytest.raises(pp.Unsupported, match="line contact"):
+    with pytest.raises(pp.Unsupported, match="line of taxels"):
         pp.Skin(pad, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
     array = pp.AreaArray(shape=(3, 3), pitch=1e-3, depth=1e-3, channels=["stress_zz"])
     skin = pp.Skin(pad, array, boundary="periodic")

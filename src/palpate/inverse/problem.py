@@ -19,7 +19,7 @@ from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.regularised import Decomposition, decompose
 from palpate.inverse.linear.spectrum import DataSpectrum
-from palpate.inverse.observability import is_observable
+from palpate.inverse.observability import blind_to_force, is_observable
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator, check_surface
@@ -193,6 +193,11 @@ class Problem:
         return self.kept.get(
             ("ambiguous", self.columns), lambda: not is_observable(self.pad, self.planes, self.components)
         )
+
+    @property
+    def blind(self) -> tuple[str, ...]:
+        """The components whose net force no channel responds to (`blind_to_force`)."""
+        return self.kept.get(("blind", self.columns), lambda: blind_to_force(self.pad, self.planes, self.components))
 
     @property
     def operator(self) -> Operator:

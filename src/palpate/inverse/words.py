@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.inverse.method import Method
-from palpate.inverse.observability import blind_to_force, presses, without_mean
+from palpate.inverse.observability import presses, without_mean
 from palpate.inverse.problem import Problem
 from palpate.sensing.uncertainty import MODULUS, scale_free
 
@@ -47,7 +47,7 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
             "net force cannot be known from displacements of a periodic half-space: the mean traction is set to zero"
         )
     elif prepared.grid is problem.surface:
-        blind = blind_to_force(problem.pad, problem.planes, sought)
+        blind = problem.blind
         if blind:
             found.append(
                 f"these channels do not respond to a uniform load: the net force of {_spoken(blind)} follows from the finite width of the "

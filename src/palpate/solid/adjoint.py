@@ -32,6 +32,8 @@ CACHE_BYTES = 2_000_000_000
 BLOCK = 128
 #: Mirrored positions agree to this fraction of the solid's width; meshers write eight digits.
 SYMMETRIC = 1e-7
+#: Decimals of the positions [m] of readings: 0.1 pm.
+DIGITS = 13
 
 
 def mirrors(pad: Any) -> tuple[Index | None, Index | None]:
@@ -97,7 +99,9 @@ def fields(pad: Any, array: Array) -> Floats:
     ordered by taxel, then channel.
     """
     widths = tuple(float(w) for w in array.apertures)
-    keys = [(float(x), float(y), float(array.depth), c, *widths) for y, x in array.points for c in array.channels]
+    # the same taxel in a part of the array is at the same place but for rounding
+    points = np.round(array.points, DIGITS).tolist()
+    keys = [(x, y, float(array.depth), c, *widths) for y, x in points for c in array.channels]
     images = _images(pad, keys)
     missing = list(dict.fromkeys(k for k, _ in images if k not in pad._kept))
     for start in range(0, len(missing), BLOCK):

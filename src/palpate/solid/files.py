@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate._recall import digest, read, write
 from palpate.errors import InvalidInput
+from palpate.solid.adjoint import DIGITS
 
 __all__ = ["known_to", "load", "save"]
 
@@ -52,5 +53,7 @@ def load(pad: Any, path: str | Path) -> Any:
 
     places, names, widths, fields = read(path, check).entries["fields"]
     for place, name, width, field in zip(places, names, widths, fields):
-        pad._kept[(*map(float, place), bytes(name).decode(), *map(float, width))] = np.asarray(field)
+        x, y, depth = place.tolist()
+        where = (round(x, DIGITS), round(y, DIGITS), depth)
+        pad._kept[(*where, bytes(name).decode(), *map(float, width))] = np.asarray(field)
     return pad if pad.accuracy is not None or "accuracy" not in said else known_to(pad, float(said["accuracy"]))

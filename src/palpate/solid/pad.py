@@ -29,6 +29,7 @@ from palpate.sensing.uncertainty import Uncertainty
 from palpate.solid import accuracy, adjoint, files, making
 from palpate.solid.charts import PlaneChart
 from palpate.solid.making import FLAT, LARGEST
+from palpate.solid.maps import ThroughNodes, mirrored_in
 
 if TYPE_CHECKING:
     from palpate.solid.elasticity import Solid
@@ -46,6 +47,8 @@ WIDEST, DEEPEST = 10.0, 0.5
 #: Cells along an axis, at most, that are chosen for a patch; and up to which an endless pad's cells are halved: these are refined by convolution where a
 #: contact is small, and the error of cells as wide as a contact would be explained by pressure at the sides (a ball that reads 1.6 N of 1 N then reads 1.0 N).
 CELLS, HALVED = 48, 24
+#: From this many cells to a node of the surface the adjoint of a map is computed by its factors.
+MANY_CELLS = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -438,10 +441,29 @@ class SolidPad:
         )
         fields = adjoint.fields(self, array)
         out = np.zeros((readings, 3, cells))
-        for component, axis, loads in self._cell_loads(surface):
-            out[:, component] += (loads @ fields[:, axis].T).T
+        loads = list(self._cell_loads(surface))
+        for component, axis, load in loads:
+            out[:, component] += (load @ fields[:, axis].T).T
         found = out.reshape(points, len(array.channels), 3, *surface.shape).swapaxes(0, 1)
-        return MatrixMap(np.ascontiguousarray(found), array.shape)
+        matrix = np.ascontiguousarray(found)
+        if cells < MANY_CELLS * len(top):
+            return MatrixMap(matrix, array.shape)
+        return ThroughNodes(self, array, surface, matrix, fields, loads)
+
+    def mirrored_in(self, planes: Sequence[Array], surface: Grid) -> bool:
+        """Whether the pad is its own mirror image in x = 0 and in y = 0, and so are these arrays and cells.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.SolidPad.box(8e-3, 8e-3, 2e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
+        >>> cells = pad.grid(shape=(8, 8), spacing=1e-3)
+        >>> array = pp.AreaArray(shape=(3, 3), pitch=2e-3, depth="base", channels=["stress_zz"])
+        >>> (plane,) = pp.Skin(pad, array).planes
+        >>> pad.mirrored_in([plane], cells), pad.mirrored_in([plane], pad.grid(shape=(8, 8), spacing=1e-3, center=(1e-3, 0.0)))
+        (True, False)
+        """
+        return mirrored_in(self, planes, surface)
 
     def mesh_error(self, other: SolidPad, array: Array, *, radius: float | None = None) -> float:
         """Error of readings by the mesh, for ``Uncertainty(gain=...)``: rms difference to another mesh of the pad, over the rms of the readings.

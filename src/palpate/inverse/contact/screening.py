@@ -21,7 +21,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.score import gain_of
-from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence, log_evidence
+from palpate.inverse.linear.evidence import LinearEvidence, Marginal, linear_evidence, log_evidence
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize
 from palpate.inverse.linear.matrix_free.path import LinearModel
 from palpate.inverse.linear.regularised import Decomposition
@@ -194,8 +194,11 @@ def linear_noise(
     c = np.asarray(linear.spectrum.project(rows)) if projected is None else projected
     values = linear.spectrum.eigenvalues
     known = 1.0 if linear.noise_known else policy.screening.first_noise * total
+    beside = None
+    if patterns is not None and len(patterns):
+        beside = Marginal(values, c, patterns, linear.spectrum.tried)
     for _ in range(policy.screening.rounds):
-        found = linear_evidence(linear, rows, None, known, patterns, projected=c)
+        found = linear_evidence(linear, rows, None, known, beside, projected=c)
         w = found.parameter / (found.parameter + values)
         free = max(float(w.sum()) - (0 if patterns is None else len(patterns)), 1.0)
         left = math.sqrt(max(_misfit(linear, c, found, patterns), 0.0) / free)

@@ -17,7 +17,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, refined, tikhonov
 from palpate.inverse.linear.regularised import Decomposition
 
-__all__ = ["LinearEvidence", "linear_evidence", "log_evidence", "of_unit_size"]
+__all__ = ["LinearEvidence", "Marginal", "linear_evidence", "log_evidence", "of_unit_size"]
 
 #: Combinations of patterns below this fraction of the largest eigenvalue are rounding errors of the normal matrix.
 MIN_EIGENVALUE = 1e-10
@@ -59,32 +59,36 @@ def linear_evidence(
     rows: Sequence[Floats],
     parameter: float | None = None,
     known: float | None = None,
-    patterns: Floats | None = None,
+    patterns: Floats | Marginal | None = None,
     *,
     projected: Floats | None = None,
 ) -> LinearEvidence:
     """Evidence of one frame of readings, with the parameter given or chosen by evidence.
 
     ``known`` fixes the noise scale (in units of the whitening; default: that of the arrays). ``patterns`` (pattern,
-    coefficient) are nuisances of the readings, projected in the same way; ``projected`` are the readings in the basis
-    of the spectrum, if available.
+    coefficient) are nuisances of the readings, projected in the same way, or the `Marginal` of the frame beside them;
+    ``projected`` are the readings in the basis of the spectrum, if available.
     """
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
     unit = known or 1.0
     coefficients = np.asarray(spectrum.project(rows) if projected is None else projected) / unit
     certain = linear.noise_known or known is not None
-    if patterns is not None and len(patterns):
-        # An offset in Pa and a ramp in Pa/m are compared as patterns of one size.
-        size, patterns = of_unit_size(patterns)
-        best, variance, total, logdet, base, count = _with_patterns(
-            values, coefficients, patterns, parameter, certain, spectrum.tried
+    if patterns is not None and (isinstance(patterns, Marginal) or len(patterns)):
+        given = (
+            patterns
+            if isinstance(patterns, Marginal)
+            else Marginal(values, coefficients * unit, patterns, spectrum.tried)
         )
-        free, sizes = _without(values, coefficients, patterns, best)
-        own = 2.0 * float(np.log(size).sum())
-        logdet, base, sizes = logdet + own, base + own, sizes / size
-        left = total[1]
-        everything = total[0]
+        if parameter is None:
+            best, variance = given.best(certain, unit)
+        else:
+            best, variance = parameter, given.variance(parameter, certain, unit)
+        (everything, base), (left, logdet), count = given.alone, given.at(best), given.count
+        everything, left = everything / unit**2, left / unit**2
+        free, sizes = _without(values, coefficients, given.patterns, best)
+        own = 2.0 * float(np.log(given.size).sum())
+        logdet, base, sizes = logdet + own, base + own, sizes / given.size
     else:
         power = np.abs(coefficients) ** 2
         if parameter is None:
@@ -135,30 +139,57 @@ def log_evidence(objective: float, logdet: float, count: float, noise: float | N
     return math.lgamma(0.5 * count) - 0.5 * count * math.log(max(0.5 * objective, 1e-300)) - 0.5 * logdet
 
 
-def _with_patterns(
-    values: Floats, c: Floats, patterns: Floats, parameter: float | None, certain: bool, tried: Tried | None = None
-) -> tuple[float, float, tuple[float, float], float, float, float]:
-    """Parameter, noise variance, (objective of noise alone, objective), log determinant, that of noise alone, and count."""
-    count, own = float(len(c) - len(patterns)), 0.0
-    if len(patterns) > MAX_EIGEN_PATTERNS:
-        patterns, own = _independent(patterns)
-    if parameter is None and tried is not None:
-        grid, (weights, logs) = tried.grid, tried.weights(values)
-    else:
-        grid, logs = candidates(values) if parameter is None else np.array([parameter]), None
-        weights = grid[:, None] / (grid[:, None] + values[None, :])
-    objective, logdet = _restricted(weights, c, patterns, logs)
-    (everything,), (base,) = _restricted(np.ones((1, len(c))), c, patterns)
-    if certain:
-        score = objective + logdet
-    else:
-        score = count * np.log(np.maximum(objective, 1e-300) / count) + logdet
-    score = np.where(np.isfinite(score), score, np.inf)[None]
-    place = np.argmin(score, axis=1)
-    best = float(grid[0]) if parameter is not None else float(refined(grid, score, place)[0])
-    (left,), (there,) = _restricted(best / (best + values)[None], c, patterns)
-    variance = 1.0 if certain else max(float(left), 0.0) / count
-    return best, variance, (float(everything), float(left)), float(there) + own, float(base) + own, count
+class Marginal:
+    """One frame ``c`` beside ``patterns`` of unknown size, in the basis of a spectrum of eigenvalues ``values``.
+
+    Objectives are those of noise of size 1: noise of another size divides them by its square, so that they are computed
+    once for all of them. Log determinants are those of ``patterns`` of norm 1, whose norms are ``size``.
+    """
+
+    def __init__(self, values: Floats, c: Floats, patterns: Floats, tried: Tried | None = None) -> None:
+        self.values, self.c, self._tried = values, c, tried
+        # An offset in Pa and a ramp in Pa/m are compared as patterns of one size.
+        self.size, self.patterns = of_unit_size(patterns)
+        self.count, self._own = float(len(c) - len(patterns)), 0.0
+        self._rows = self.patterns
+        if len(patterns) > MAX_EIGEN_PATTERNS:
+            self._rows, self._own = _independent(self.patterns)
+
+    @cached_property
+    def curve(self) -> tuple[Floats, Floats, Floats]:
+        """Parameters to try, and objective and log determinant of each."""
+        if self._tried is not None:
+            grid, (weights, logs) = self._tried.grid, self._tried.weights(self.values)
+            return grid, *_restricted(weights, self.c, self._rows, logs)
+        grid = candidates(self.values)
+        return grid, *_restricted(grid[:, None] / (grid[:, None] + self.values), self.c, self._rows)
+
+    @cached_property
+    def alone(self) -> tuple[float, float]:
+        """Objective and log determinant of noise alone."""
+        (objective,), (logdet,) = _restricted(np.ones((1, len(self.c))), self.c, self._rows)
+        return float(objective), float(logdet) + self._own
+
+    def at(self, parameter: float) -> tuple[float, float]:
+        """Objective and log determinant of a parameter."""
+        (objective,), (logdet,) = _restricted(parameter / (parameter + self.values)[None], self.c, self._rows)
+        return float(objective), float(logdet) + self._own
+
+    def best(self, certain: bool, noise: float = 1.0) -> tuple[float, float]:
+        """The parameter of largest evidence, and the variance of the noise over that of ``noise``, which is 1 if ``noise``
+        is ``certain``.
+        """
+        grid, objective, logdet = self.curve
+        score = objective / noise**2 + logdet
+        if not certain:
+            score = self.count * np.log(np.maximum(objective / noise**2, 1e-300) / self.count) + logdet
+        score = np.where(np.isfinite(score), score, np.inf)[None]
+        parameter = float(refined(grid, score, np.argmin(score, axis=1))[0])
+        return parameter, self.variance(parameter, certain, noise)
+
+    def variance(self, parameter: float, certain: bool, noise: float = 1.0) -> float:
+        """The variance of the noise for a parameter."""
+        return 1.0 if certain else max(self.at(parameter)[0] / noise**2, 0.0) / self.count
 
 
 def _independent(patterns: Floats) -> tuple[Floats, float]:

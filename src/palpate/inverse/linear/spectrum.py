@@ -578,8 +578,10 @@ def in_blocks(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
 
 def mirrored(pad: Pad, planes: Sequence[Array], surface: Grid) -> bool:
     """Whether pad, arrays and surface are mirror images of themselves about one centre."""
-    if body_of(pad) is not None:  # the symmetry of its maps is unknown
-        return False
+    if body_of(pad) is not None:  # the symmetry of its maps is unknown, but where it says it
+        says = getattr(pad, "mirrored_in", None)
+        if says is None or not says(planes, surface):
+            return False
     for array in planes:
         if isinstance(array, ScatteredArray) or array.mask is not None:
             return False
