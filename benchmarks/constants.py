@@ -252,8 +252,8 @@ def weighed(oracles: Path, seeds: range, only: str) -> list[str]:
                 calibrated = skin.calibrate(frames[:k], reference=known[:k])
                 touch, found = calibrated.reconstruct(frames[k:]), calibrated.calibration
                 assert found is not None
-                assert touch.calibrated_std is not None
-                value, std = np.asarray(touch.force)[:, 2], touch.calibrated_std[:, 2]
+                assert touch.calibrated is not None
+                value, std = np.asarray(touch.force)[:, 2], touch.calibrated.std[:, 2]
                 student = scipy.special.stdtrit(found.freedom, 0.975)
                 error, row = np.abs(value - known[k:]), []
                 one = found.maps["fz"]

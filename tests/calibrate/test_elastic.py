@@ -62,11 +62,11 @@ def test_few_weights_are_helped_by_the_elastic_model(elastic: pp.Skin, presses: 
     assert found.elastic_weight > 0.5
     touch, force = elastic.reconstruct(presses), ASKED
     low, high = touch.interval(0.95, "force")
-    assert touch.calibrated_std is not None
+    assert touch.calibrated is not None
     alone, std = found.force(presses.reshape(len(force), -1))
     assert np.abs(touch.force[:, 2] - force).mean() < 0.8 * np.abs(alone[:, 2] - force).mean()
     assert ((low[:, 2] <= force) & (force <= high[:, 2])).all()
-    assert touch.calibrated_std[:, 2].mean() < 0.8 * std[:, 2].mean()
+    assert touch.calibrated.std[:, 2].mean() < 0.8 * std[:, 2].mean()
 
 
 def test_frames_that_the_elastic_model_does_not_solve_have_the_map(elastic: pp.Skin, presses: np.ndarray) -> None:
@@ -76,16 +76,15 @@ def test_frames_that_the_elastic_model_does_not_solve_have_the_map(elastic: pp.S
     flat = readings.reshape(2, -1)
     touch = dataclasses.replace(
         elastic.reconstruct(readings), status=np.array([int(pp.Status.UNEXPLAINED), int(pp.Status.SOLVED)], dtype=np.int8),
-        calibrated=None, calibrated_std=None, calibrated_freedom=None,
+        calibrated=None,
     )  # fmt: skip
     alone, std = found.force(flat)
     force = found.attach(touch, flat)
     assert force.calibrated is not None
-    assert force.calibrated_std is not None
     assert np.isnan(normal_force(touch)[0][0])
-    assert force.calibrated[0] == pytest.approx(alone[0], nan_ok=True)
-    assert force.calibrated_std[0] == pytest.approx(std[0], nan_ok=True)
-    assert force.calibrated[1, 2] != pytest.approx(alone[1, 2], rel=1e-6)
+    assert force.calibrated.force[0] == pytest.approx(alone[0], nan_ok=True)
+    assert force.calibrated.std[0] == pytest.approx(std[0], nan_ok=True)
+    assert force.calibrated.force[1, 2] != pytest.approx(alone[1, 2], rel=1e-6)
 
 
 def test_the_weight_of_the_elastic_model_travels(elastic: pp.Skin, tmp_path: Path) -> None:

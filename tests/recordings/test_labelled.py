@@ -16,7 +16,7 @@ from palpate import solutions
 from palpate.inverse.estimate import Errors, Stated
 from palpate.recordings.labelled import recording_dataset, recording_of, touch_dataset, touch_of
 from palpate.sensing.grids import AreaGrid, LineGrid
-from palpate.touch.fields import ErrorParts
+from palpate.touch.fields import CalibratedForce, ErrorParts
 
 #: Of every plane and length in UTF-8, with what JSON, TOML and HDF5 might trip over. All of Unicode takes seconds to list.
 LETTERS = "aZ0 _-/\\\"'{}[],:=#%&<>;\t\x01\x7f\xa0\xad\xb5\xdf\xe9\u0301\u03c3\u05d0\u0628\u200d\u202e\u2212\u4e2d\ue000\ufeff\ufffd\U00010348\U0001f600\U000e0001\U0010ffff"  # fmt: skip
@@ -184,6 +184,23 @@ def test_what_is_no_recording_and_no_touch() -> None:
     ):
         with pytest.raises(pp.InvalidInput, match=words):
             touch_of(bad)
+
+
+def test_files_before_calibrated_force_are_read() -> None:
+    """They called its force ``calibrated``, and its other parts as now."""
+    grid = AreaGrid(shape=(3, 4), spacing=1e-3)
+    known = CalibratedForce(
+        np.full((2, 3), 1.5), np.full((2, 3), 0.2), np.full(2, 7.0), np.zeros((2, 2)), np.ones((2, 2))
+    )
+    touch = pp.Touch(np.ones((2, 3, 3, 4)), grid, ("x", "y", "z"), "tikhonov", calibrated=known)
+    held = touch_dataset(touch)
+    for dataset in (held, held.rename({"calibrated_force": "calibrated"})):
+        back = touch_of(dataset).calibrated
+        assert back is not None
+        for f in fields(CalibratedForce):
+            np.testing.assert_array_equal(getattr(back, f.name), getattr(known, f.name))
+        np.testing.assert_array_equal(touch_of(dataset).force, touch.force)
+    assert touch_of(touch_dataset(pp.Touch(np.ones((3, 3, 4)), grid, ("z",), "tikhonov"))).calibrated is None
 
 
 def test_files_keep_the_parts_of_the_errors_under_the_names_they_had() -> None:

@@ -11,7 +11,7 @@ from palpate._batches import per_frame_fields
 from palpate.inverse.estimate import Errors, Stated
 from palpate.status import Status
 from palpate.touch import joined
-from palpate.touch.fields import ErrorParts
+from palpate.touch.fields import CalibratedForce, ErrorParts
 from palpate.touch.intervals import uncalibrated
 from palpate.touch.table import table_words
 from palpate.uncertainty import Case, constants
@@ -150,11 +150,7 @@ def full(frames: int = 4) -> pp.Touch:
         nuisance_std=some(2),
         discrepancy=0.1 * some(),
         strain=0.1 * some(),
-        calibrated=some(3),
-        calibrated_std=0.1 * some(3),
-        calibrated_freedom=5.0 + some(),
-        calibrated_center=some(2),
-        calibrated_center_std=0.1 * some(2),
+        calibrated=CalibratedForce(some(3), 0.1 * some(3), 5.0 + some(), some(2), 0.1 * some(2)),
         force_bounds=np.where(some(3, 2) > 0.5, np.nan, some(3, 2)),
         nuisance_names=(("offset of stress_zz", "Pa"), ("rotation about z", "rad")),
         at_limit=some(36) > 0.9,

@@ -23,7 +23,7 @@ from palpate.inverse.estimate import Errors
 from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.touch.fields import ErrorParts
+from palpate.touch.fields import CalibratedForce, ErrorParts
 
 __all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
@@ -207,15 +207,11 @@ class SkinCalibration:
             notes += (
                 "readings are unlike those of any labelled press (larger, or of another place): the force there is a guess, see its interval; calibrate with presses there",
             )
-        changes: dict[str, Any] = {
-            "calibrated": value.reshape(*batch, 3),
-            "calibrated_std": std.reshape(*batch, 3),
-            "calibrated_freedom": np.min(list(freedom.values()), axis=0).reshape(batch),
-            "assumptions": (*touch.assumptions, *notes),
-        }
-        if place is not None:
-            changes["calibrated_center"], changes["calibrated_center_std"] = (v.reshape(*batch, 2) for v in place)
-        return replace(touch, **changes)
+        center, center_std = (None, None) if place is None else (v.reshape(*batch, 2) for v in place)
+        force, std = value.reshape(*batch, 3), std.reshape(*batch, 3)
+        least = np.min(list(freedom.values()), axis=0).reshape(batch)
+        calibrated = CalibratedForce(force, std, least, center, center_std)
+        return replace(touch, calibrated=calibrated, assumptions=(*touch.assumptions, *notes))
 
     def _with_elastic(self, touch: Touch, value: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
         """Return normal force, its standard deviation and degrees of freedom: an average of the map alone and the map
@@ -252,9 +248,12 @@ class SkinCalibration:
             ),
             flat,
         )
-        value, std = np.asarray(touch.calibrated), np.asarray(touch.calibrated_std)
-        with np.errstate(invalid="ignore"):
-            quiet = ~missing & ~(np.abs(value) > 2.0 * std).any(axis=-1)
+        known = touch.calibrated
+        loud: Any = False
+        if known is not None:  # for the type checker: `attach` always sets it
+            with np.errstate(invalid="ignore"):
+                loud = (np.abs(known.force) > 2.0 * known.std).any(axis=-1)
+        quiet = ~missing & ~loud
         return replace(
             touch, status=np.where(quiet, int(Status.NO_CONTACT), status).astype(np.int8), touching=~quiet & ~missing
         )

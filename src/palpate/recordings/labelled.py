@@ -27,7 +27,7 @@ from palpate.sensing.view import View
 from palpate.solid.charts import MeshChart
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.touch.fields import ErrorParts
+from palpate.touch.fields import CalibratedForce, ErrorParts
 from palpate.uncertainty import Case
 
 if TYPE_CHECKING:
@@ -207,10 +207,14 @@ def touch_dataset(touch: Touch, provenance: Mapping[str, str] | None = None) -> 
             found[f"errors_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(posterior, key)))
         for key, tail in _declared(Stated).items() if pad is not None else ():
             found[f"stated_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(getattr(pad, key)))
-    for key, tail in _declared(Touch, without=("values", "time", "_errors", *_TEXT)).items():
+    for key, tail in _declared(Touch, without=("values", "time", "_errors", "calibrated", *_TEXT)).items():
         value = getattr(touch, key)
         if value is not None:
             found[key] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
+    for key, tail in _declared(CalibratedForce).items() if touch.calibrated is not None else ():
+        value = getattr(touch.calibrated, key)
+        if value is not None:
+            found[f"calibrated_{key}"] = ((*batch, *_expanded(tail, surface)), to_numpy(value))
     if touch.found_by is not None:
         names = list(dict.fromkeys(np.ravel(touch.found_by).tolist()))
         codes = np.array([names.index(n) for n in np.ravel(touch.found_by)], dtype=np.int8)
@@ -276,7 +280,7 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         time = None
     fields_of: dict[str, Any] = {
         key: dataset[key].values
-        for key in _declared(Touch, without=("values", "time", "_errors", *_TEXT))
+        for key in _declared(Touch, without=("values", "time", "_errors", "calibrated", *_TEXT))
         if key in dataset
     }
     return Touch(
@@ -295,8 +299,18 @@ def touch_of(dataset: xarray.Dataset, name: str = "the data set") -> Touch:
         friction=float(attrs["friction"]) if "friction" in attrs else None,
         nuisance_names=tuple((str(a), str(b)) for a, b in _loaded(attrs.get("nuisance_names", "[]"), name)),
         view=view_of(dataset, name),
+        calibrated=_calibrated(dataset),
         **fields_of,
     )
+
+
+def _calibrated(dataset: xarray.Dataset) -> CalibratedForce | None:
+    """The force by a calibration; in files before `CalibratedForce` the variable is called ``calibrated``."""
+    dataset = dataset.rename({"calibrated": "calibrated_force"}) if "calibrated" in dataset else dataset
+    found = {
+        key: dataset[f"calibrated_{key}"].values for key in _declared(CalibratedForce) if f"calibrated_{key}" in dataset
+    }
+    return CalibratedForce(**found) if "force" in found else None
 
 
 def view_of(dataset: xarray.Dataset, name: str = "the data set") -> View | None:

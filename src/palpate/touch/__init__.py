@@ -5,8 +5,9 @@ Out: `Touch`: labelled maps, net force, intervals, summary, tables, files.
 Open first: `result.py`.
 """
 
+from palpate.touch.fields import CalibratedForce
 from palpate.touch.joining import joined
 from palpate.touch.result import Touch
 from palpate.touch.table import Forces
 
-__all__ = ["Forces", "Touch", "joined"]
+__all__ = ["CalibratedForce", "Forces", "Touch", "joined"]

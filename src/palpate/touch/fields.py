@@ -22,7 +22,7 @@ from palpate.sensing.view import View
 from palpate.status import Status
 from palpate.uncertainty import Case, contact_kind
 
-__all__ = ["ErrorParts", "Fields", "pulling"]
+__all__ = ["CalibratedForce", "ErrorParts", "Fields", "pulling"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,62 @@ class ErrorParts:
     def adding(self, more: Mapping[str, Any]) -> ErrorParts:
         """Return the errors with the pad's standard deviations added in quadrature."""
         return replace(self, pad=Stated.added(self.pad, more))
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedForce:
+    """Net force by the calibration of a skin (`palpate.Skin.calibrate`), and the centre where labelled places determine it.
+
+    Attributes
+    ----------
+    force, std : array (*batch, component)
+        Net force [N] and its standard deviation; NaN for components that no label determines.
+    freedom : array (*batch)
+        Degrees of freedom of the intervals, which are Student's.
+    center, center_std : array (*batch, 2) or None
+        Centre (x, y) [m] and its standard deviation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.touch import CalibratedForce
+    >>> known = CalibratedForce(np.array([0.0, 0.0, 2.0]), np.array([0.1, 0.1, 0.1]), np.array(10.0))
+    >>> low, high = known.interval(0.95)
+    >>> low[2].round(2).item(), high[2].round(2).item()
+    (1.78, 2.22)
+    """
+
+    force: Floats = field(metadata=per_frame("component"))
+    std: Floats = field(metadata=per_frame("component"))
+    freedom: Floats = field(metadata=per_frame())
+    center: Floats | None = field(default=None, metadata=per_frame("along"))
+    center_std: Floats | None = field(default=None, metadata=per_frame("along"))
+
+    def __post_init__(self) -> None:
+        freeze(self)
+
+    @property
+    def known(self) -> bool:
+        """Whether any component of the force is known in any frame."""
+        return bool(np.isfinite(self.force).any())
+
+    def interval(self, level: float, of: str = "force") -> tuple[Floats, Floats] | None:
+        """Value -+ Student's quantile times standard deviation of "force" or "center_of_pressure"; None where the calibration has no such value."""
+        from scipy.special import stdtrit
+
+        parts = {"force": (self.force, self.std), "center_of_pressure": (self.center, self.center_std)}
+        value, std = parts.get(of, (None, None))
+        if value is None or std is None:
+            return None
+        half = stdtrit(np.asarray(self.freedom), 0.5 * (1.0 + level))[..., None] * std
+        return np.asarray(value - half), np.asarray(value + half)
+
+    def chance_above(self, limit: float) -> Floats:
+        """Probability (*batch) that the normal force exceeds a limit [N]."""
+        from scipy.special import stdtr
+
+        gap = (np.asarray(self.force)[..., -1] - limit) / np.asarray(self.std)[..., -1]
+        return np.asarray(stdtr(np.asarray(self.freedom), gap), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +143,7 @@ class Fields:
     discrepancy: Floats | None = field(default=None, metadata=per_frame(missing=0.0))
     force_bounds: Floats | None = field(default=None, metadata=per_frame("component", "bound"))
     strain: Floats | None = field(default=None, metadata=per_frame())
-    calibrated: Floats | None = field(default=None, metadata=per_frame("component"))
-    calibrated_std: Floats | None = field(default=None, metadata=per_frame("component"))
-    calibrated_freedom: Floats | None = field(default=None, metadata=per_frame())
-    calibrated_center: Floats | None = field(default=None, metadata=per_frame("along"))
-    calibrated_center_std: Floats | None = field(default=None, metadata=per_frame("along"))
+    calibrated: CalibratedForce | None = field(default=None, metadata=per_frame())
 
     def __post_init__(self) -> None:
         expected = (len(self.surface.components), *self.surface.shape)

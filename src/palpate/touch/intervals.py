@@ -184,32 +184,18 @@ def interval(
     except Unsupported:
         if touch.calibrated is None:
             raise
-        low, high = (np.full(np.shape(touch.calibrated), math.nan) for _ in range(2))
+        low, high = (np.full(np.shape(touch.calibrated.force), math.nan) for _ in range(2))
     if touch.force_bounds is not None and of in ("force", "peak_pressure"):
         ends = np.asarray(touch.force_bounds, dtype=np.float64)
         if of == "force":
             low, high = np.fmin(low, ends[..., 0]), np.fmax(high, ends[..., 1])
         else:
             low, high = low, np.where(np.isinf(ends[..., -1, 1]), math.inf, high)
-    return by_calibration(touch, level, of, low, high)
-
-
-def by_calibration(touch: Numbers, level: float, of: str, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """The interval, replaced by that of the skin's calibration for quantities that it determines: value -+ Student's
-    quantile times standard deviation.
-    """
-    of_it = {
-        "force": (touch.calibrated, touch.calibrated_std),
-        "center_of_pressure": (touch.calibrated_center, touch.calibrated_center_std),
-    }
-    value, deviation = of_it.get(of, (None, None))
-    if value is None or deviation is None or touch.calibrated_freedom is None:
+    by_calibration = None if touch.calibrated is None else touch.calibrated.interval(level, of)
+    if by_calibration is None:
         return low, high
-    import scipy.special
-
-    half = scipy.special.stdtrit(np.asarray(touch.calibrated_freedom), 0.5 * (1.0 + level))[..., None] * deviation
-    known = np.isfinite(value)
-    return np.where(known, value - half, low), np.where(known, value + half, high)
+    known = np.isfinite(by_calibration[0])
+    return np.where(known, by_calibration[0], low), np.where(known, by_calibration[1], high)
 
 
 def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
@@ -217,16 +203,9 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
     if of not in ("peak_pressure", "force"):
         raise InvalidInput(f'of must be "peak_pressure" or "force" (the normal force); got {of!r}.')
     errors(touch)
-    if (
-        of == "force"
-        and touch.calibrated is not None
-        and touch.calibrated_std is not None
-        and np.isfinite(touch.calibrated[..., -1]).all()
-    ):
-        import scipy.special
-
-        gap = (np.asarray(touch.calibrated)[..., -1] - limit) / np.asarray(touch.calibrated_std)[..., -1]
-        return np.asarray(scipy.special.stdtr(np.asarray(touch.calibrated_freedom), gap), dtype=np.float64)
+    calibrated = touch.calibrated if of == "force" else None
+    if calibrated is not None and np.isfinite(calibrated.force[..., -1]).all():
+        return calibrated.chance_above(limit)
 
     def chance(known: Constants) -> tuple[Floats, ...]:
         value, deviation, outside, _ = uncalibrated(touch, known, of)

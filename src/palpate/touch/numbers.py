@@ -63,7 +63,8 @@ class Numbers(Fields):
             lost = np.array([math.nan if c in self.unobservable_force else 0.0 for c in self.surface.components])
             total = total + from_numpy(lost, self.values)
         if self.calibrated is not None:
-            total = from_numpy(np.where(np.isfinite(self.calibrated), self.calibrated, to_numpy(total)), self.values)
+            known = self.calibrated.force
+            total = from_numpy(np.where(np.isfinite(known), known, to_numpy(total)), self.values)
         return xp.asarray(total)
 
     @property
@@ -111,9 +112,9 @@ class Numbers(Fields):
         safe = xp.where(total > 0, total, xp.ones_like(total) * math.nan)
         names = ("x",) if self.surface.dimensions == 1 else ("x", "y")
         center = xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)
-        if self.calibrated_center is not None:
-            known = np.isfinite(self.calibrated_center)
-            center = from_numpy(np.where(known, self.calibrated_center, to_numpy(center)), self.values)
+        if self.calibrated is not None and self.calibrated.center is not None:
+            known = self.calibrated.center
+            center = from_numpy(np.where(np.isfinite(known), known, to_numpy(center)), self.values)
         return center
 
     @property

@@ -108,10 +108,9 @@ class Touch(Numbers):
         Readings at an end of their range: the true one is at least that.
     reading_names : mapping of int to str
         Channel and taxel of the readings excluded in some frame.
-    calibrated, calibrated_std : array (*batch, component) or None
-        Net force by the calibration of the skin [N] and its standard deviation (`Skin.calibrate`): `force` is this if it is known;
-        ``calibrated_freedom`` are the degrees of freedom of its intervals, ``calibrated_center`` (x, y) [m] the centre, if labelled places determine
-        it.
+    calibrated : CalibratedForce or None
+        Net force, and centre if labelled places determine it, by the calibration of the skin (`Skin.calibrate`): `force` and
+        `center_of_pressure` are these where they are known.
     case : Case or None
         The case of the error bars' constants: contact, kind of channels, body (`palpate.uncertainty`).
     friction : float or None

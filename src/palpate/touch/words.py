@@ -52,7 +52,7 @@ def summary(one: Numbers, friction: float | None) -> str:
     if unexplained or not np.isfinite(force).any():
         return "\n".join([f"{'net force':<16}not known{_at_most(one, line=line)}", *_below(one)])
     # Some frames have no intervals: solved by a method without error bars, or before a stream has computed them.
-    calibrated = one.calibrated is not None and bool(np.isfinite(one.calibrated).any())
+    calibrated = one.calibrated is not None and one.calibrated.known
     known = one._errors is not None and (calibrated or bool(np.isfinite(one._errors.posterior.force).any()))
 
     def bounds(of: str, **given: float) -> tuple[Floats, Floats]:
