@@ -205,7 +205,7 @@ class Skin(SkinProperties):
         masks = [working] if len(self._planes) == 1 else list(working)  # type: ignore[arg-type]
         if len(masks) != len(self._planes):
             raise InvalidInput(f"working must hold one mask for each of {len(self._planes)} planes; got {len(masks)}.")
-        return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)], whole=self._whole)
+        return self._with(self._pad, [p.masked(m) for p, m in zip(self._planes, masks)])
 
     def without_creep(self) -> Skin:
         """The same skin with the instantaneous pad, for readings from which creep was removed.
@@ -252,8 +252,8 @@ class Skin(SkinProperties):
         out._problem.zero = [np.nan_to_num(part) for part in np.split(found.zero, counts)]
         return out
 
-    def _with(self, pad: Pad, planes: Sequence[Array], *, whole: tuple[Array, ...] = ()) -> Skin:
-        """A skin with other taxels on the same surface, so that results stay comparable. The components sought follow from the ``whole`` array, also
+    def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
+        """A skin with other taxels on the same surface, so that results stay comparable. The components sought follow from the whole array, also
         if taxels fail.
         """
         out = Skin(
@@ -266,7 +266,7 @@ class Skin(SkinProperties):
         )
         out._given = out._problem.fixed = self._given
         out._problem.zeroed, out._problem.zero = self._problem.zeroed, self._problem.zero
-        out._whole = whole or out._planes
+        out._whole = self._whole
         out._calibration = self._calibration
         return out
 
@@ -423,10 +423,8 @@ class Skin(SkinProperties):
             return self._noisy(noise).reconstruct(readings, zero=zero, time=time, **named)
         if zero is not None:
             rest = Rest.of(rest_frames(zero, self._planes))
-            several = isinstance(readings, list | tuple) and len(self._planes) > 1
-            less = joined_planes(readings, self._planes) if several else readings
-            less = np.asarray(less) if isinstance(less, list | tuple) else less
-            return self._zeroed(rest).reconstruct(less - from_numpy(rest.zero, less), time=time, **named)
+            less, time = self._layout.without_zero(readings, rest.zero, time)
+            return self._zeroed(rest).reconstruct(less, time=time, **named)
         if self._calibration is not None:
             return self._answer_by(self._calibration, readings, time, named)
         chosen = requested_method(method, options)
@@ -519,7 +517,7 @@ class Skin(SkinProperties):
 
     def _uncalibrated(self) -> Skin:
         """The same skin, whose readings are in SI units."""
-        out = self._with(self._pad, self._planes, whole=self._whole)
+        out = self._with(self._pad, self._planes)
         out._calibration = None
         return out
 

@@ -32,7 +32,7 @@ from palpate.recordings.recording import Recording
 from palpate.recordings.touchstream import Collected
 from palpate.recordings.zarrstream import interrupted_run
 from palpate.sensing.readings import Creep, Layout, joined_planes
-from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest, given_rest
+from palpate.sensing.zero import OFFSETS, STANDS, Levels, Rest, given_rest, rest_frames
 from palpate.touch import Touch
 from palpate.touch.counted import Counted
 from palpate.touch.outcome import Outcome, notes_with
@@ -267,7 +267,7 @@ def reconstruct_recording(
         elastic = skin.without_creep() if isinstance(skin.pad, Viscoelastic) else skin
         settings: dict[str, Any] = {"method": chosen, "components": components}
         if baseline:
-            rest = Rest.of(source.frames(0, baseline).readings)
+            rest = Rest.of(rest_frames(source.frames(0, baseline).readings, skin.planes))
         zero = None if rest is None else rest.zero
         if not baseline and skin.calibration is not None and skin.calibration.is_zero(zero):
             elastic = at_calibrated_zero(elastic)

@@ -248,6 +248,13 @@ class Layout:
             out.append(finite)
         return out
 
+    def without_zero(self, readings: Any, zero: Floats, time: Any) -> tuple[Any, Any]:
+        """Readings minus a zero (channel, *array), for planes of one shape; and the time of their frames [s], from their
+        labels if not given.
+        """
+        values = joined_planes(checked_planes(readings, self.planes), self.planes)
+        return values - from_numpy(zero, values), labelled_time(readings) if time is None else time
+
     def frame(self, reading: Any) -> tuple[list[Floats], Any]:
         """One frame (channel, *array) per plane in double precision, NaN where missing; and an array of the caller's kind."""
         parts = checked_planes(reading, self.planes, single=True)

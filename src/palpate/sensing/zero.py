@@ -13,6 +13,7 @@ from palpate._arrays import as_double, to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array, check_noise
+from palpate.sensing.labels import is_labelled, labelled_readings
 
 __all__ = [
     "FRAMES",
@@ -253,6 +254,8 @@ def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
         raise Unsupported(
             "planes of different shapes have no common frames: take the zero from the readings yourself, and give noise= to each array."
         )
+    if is_labelled(rest):
+        rest = labelled_readings(rest, planes)
     plain = rest if isinstance(rest, list | tuple | np.ndarray) else to_numpy(rest)
     try:
         frames = as_double(plain if np.asarray(plain).dtype.kind in "iuf" else None)
@@ -267,6 +270,12 @@ def rest_frames(rest: Any, planes: Sequence[Array]) -> Floats:
         raise InvalidInput(
             f"zero must hold frames at rest of shape (frame, {', '.join(map(str, expected))}); got {frames.shape}."
         )
+    start = 0
+    for plane in planes:
+        stop = start + len(plane.channels)
+        if plane.mask is not None:  # missing taxels may hold anything
+            frames[:, start:stop, ~plane.valid] = math.nan
+        start = stop
     return frames
 
 
