@@ -46,6 +46,7 @@ def identify(
     import numpy as np
 
     from palpate.recordings import read_recording
+    from palpate.sensing.zero import Rest, rest_frames
     from palpate.skin import Skin
     from palpate.units import parse_quantity
 
@@ -56,8 +57,8 @@ def identify(
     if baseline:
         if baseline >= len(readings):
             raise InvalidInput(f"--baseline {baseline} leaves no frame of the {len(readings)}: give fewer.")
-        rest = readings[:baseline]
-        skin, readings = skin.at_rest(rest), readings - rest.mean(axis=0)
+        rest = Rest.of(rest_frames(readings[:baseline], skin.planes))
+        skin, readings = skin.at_rest(rest), readings - rest.zero
     if frame is None:
         size = np.nanmax(np.abs(readings), axis=tuple(range(1, readings.ndim)))
         frame = [int(np.nanargmax(size))]
