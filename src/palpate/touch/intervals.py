@@ -206,6 +206,7 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
     calibrated = touch.calibrated if of == "force" else None
     if calibrated is not None and np.isfinite(calibrated.force[..., -1]).all():
         return calibrated.chance_above(limit)
+    pulls = pulling(touch)
 
     def chance(known: Constants) -> tuple[Floats, ...]:
         value, deviation, outside, _ = uncalibrated(touch, known, of)
@@ -213,12 +214,22 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
         if of == "force":
             value, deviation, outside, more = (part[..., -1] for part in (value, deviation, outside, more))
         beyond = _outside_load(touch)[..., -1] if of == "force" else 0.0
+        # A pull is a push with the opposite sign.
+        value, bound = np.where(pulls, -value, value), np.where(pulls, -limit, limit)
         table = known.quantities[of]
-        found = table.above(limit, value, deviation, outside, more, beyond)
-        if touch.converged is not None and not touch.converged.all():
-            either = replace(table, shift=0.0).above(limit, value, deviation, outside, more, beyond)
-            found = np.where(touch.converged, found, either)
-        return (found,)
+        found = table.above(bound, value, deviation, outside, more, beyond)
+        unbiased = np.zeros(touch.batch, dtype=bool)
+        if touch.converged is not None:
+            unbiased |= ~touch.converged
+        if touch.pushing is not None:
+            unbiased |= ~touch.pushing & ~pulls
+        if unbiased.any():
+            either = replace(table, shift=0.0).above(bound, value, deviation, outside, more, beyond)
+            found = np.where(unbiased, either, found)
+        if touch.touching is not None and not touch.touching.all():
+            plain = Calibration().above(bound, value, deviation, outside, more)
+            found = np.where(touch.touching, found, plain)
+        return (np.where(pulls, 1.0 - found, found),)
 
     found = _each_method(touch, chance)[0]
     if touch.force_bounds is not None and of == "force":
@@ -227,7 +238,9 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
     if touch.status is not None:
         # the size of an overload is unknown
         found = np.where(np.asarray(touch.status) == int(Status.OVERLOAD), 1.0, found)
-    return found
+    if calibrated is not None:
+        found = np.where(np.isfinite(calibrated.force[..., -1]), calibrated.chance_above(limit), found)
+    return np.asarray(found)
 
 
 def uncalibrated(

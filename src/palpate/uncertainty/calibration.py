@@ -78,7 +78,7 @@ class Calibration:
 
     def above(
         self,
-        limit: float,
+        limit: Floats | float,
         value: Floats,
         std: Floats,
         outside: Floats,
