@@ -157,7 +157,7 @@ def live(
         name = str(recording_file)
 
         def source() -> Iterator[tuple[float, Any]]:
-            yield from zip((recording.time / speed).tolist(), recording.readings)
+            yield from zip(recording.time.tolist(), recording.readings)
 
     monitor = grasp_monitor(skin, options.get("friction"), max_pressure, max_force)
     if seen is not None and seen.touches.tracker is not None:
@@ -182,6 +182,7 @@ def live(
         name=name,
         pace=pace,
         loop=loop,
+        speed=speed,
         end=end,
         sinks=sinks,
         report=lambda words: typer.echo(f"warning: {words}", err=True),

@@ -140,6 +140,8 @@ class Session:
         Wait until each frame is due by its time (a recording); else process frames as they come (a sensor).
     loop : bool
         Start again when the source ends.
+    speed : float
+        With ``pace``, play this many times faster than the times say; page, tracker and sinks see the times of the source.
     end : callable, optional
         Ends a source that waits for frames.
     sinks : sequence of Sink
@@ -163,6 +165,7 @@ class Session:
         name: str = "",
         pace: bool = True,
         loop: bool = False,
+        speed: float = 1.0,
         end: Callable[[], None] | None = None,
         sinks: Sequence[Sink] = (),
         report: Callable[[str], None] | None = None,
@@ -170,7 +173,7 @@ class Session:
         pages: bool = True,
     ) -> None:
         self.skin, self.source, self.tracker, self.monitor = skin, source, tracker, monitor
-        self.name, self.pace, self.loop, self._end = name, pace, loop, end
+        self.name, self.pace, self.loop, self.speed, self._end = name, pace, loop, speed, end
         self._step, self._pages = step, pages
         self._next: Tracker | None = None
         self.packet: bytes | None = None
@@ -363,7 +366,7 @@ class Session:
                 self._shift = self._now + waited - time
             number = which
             if self.pace:
-                wait = (time - first) - (clock.perf_counter() - begun)
+                wait = (time - first) / self.speed - (clock.perf_counter() - begun)
                 if wait > 0:
                     self._stop.wait(wait)
                 elif wait < -0.1 and not self.tracker.capturing:
