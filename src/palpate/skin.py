@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import from_numpy
 from palpate._skin_properties import SkinProperties
 from palpate.elastic.pad import Floats, Pad, check_pad
 from palpate.elastic.viscoelastic import Viscoelastic
@@ -28,11 +27,18 @@ from palpate.recordings.prepared import read_prepared, write_prepared
 from palpate.sensing.arrays import AreaArray, Array, LineArray, Noise, ScatteredArray
 from palpate.sensing.contacts import contact_readings, sampled
 from palpate.sensing.grids import Grid
-from palpate.sensing.limits import check_creep, cut, saturation_notes
+from palpate.sensing.limits import check_creep, saturation_notes
 from palpate.sensing.maps import body_of
 from palpate.sensing.nuisance import check_nuisance
 from palpate.sensing.operator import Boundary
-from palpate.sensing.readings import Layout, checked_traction, creeping, frame_times, joined_planes, with_creep
+from palpate.sensing.readings import (
+    Layout,
+    as_sensed,
+    checked_traction,
+    creeping,
+    frame_times,
+    with_creep,
+)
 from palpate.sensing.surface import surface_of
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.sensing.zero import Rest, given_rest, rest_frames, with_noise
@@ -332,14 +338,7 @@ class Skin(SkinProperties):
             out = with_creep(out, self._planes, self._pad.prony, frame_times(traction, out, self._planes, time), "add")
         elif time is not None:
             raise Unsupported("time has a meaning in sense() only where the pad creeps (Viscoelastic).")
-        noisy = []
-        for array, part in zip(self._planes, out):
-            if rng is not None:
-                noise = array.sample_noise(rng, tuple(part.shape[: -1 - len(array.shape)]))
-                part = part + from_numpy(noise, part)
-            gaps = None if array.mask is None else np.where(array.valid, 0.0, np.nan)
-            noisy.append(cut(part if gaps is None else part + from_numpy(gaps, part), array))
-        return joined_planes(noisy, self._planes)
+        return as_sensed(out, self._planes, rng)
 
     @property
     def _layout(self) -> Layout:

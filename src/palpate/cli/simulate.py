@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.files import Overwrite, check_output, command_line, skin_files, skin_text, written
-from palpate.cli.progress import progress
+from palpate.cli.progress import busy
 from palpate.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -47,6 +47,8 @@ def simulate(
     from palpate.elastic import Viscoelastic
     from palpate.recordings import Recording, write_recording
     from palpate.recordings.formats import file_format
+    from palpate.sensing.contacts import contact_readings
+    from palpate.sensing.readings import as_sensed, with_creep
     from palpate.skin import Skin
 
     file_format(out, task="write")
@@ -64,7 +66,6 @@ def simulate(
         "Give fewer --frames, or make several recordings.",
     )
     body = _contact(skin, contact, force, size, x, y, friction, drag, direction)
-    full = skin.sample(body)
     noisy = all(p.noise_std is not None for p in skin.planes)
     if not noisy and any(p.noise_std is not None for p in skin.planes):
         raise InvalidInput(
@@ -73,11 +74,12 @@ def simulate(
     rng = np.random.default_rng(seed) if noisy else None
     scale = (np.arange(frames) + 1.0) / frames
     times = np.arange(frames) / rate
+    with busy("simulating"):
+        # readings are proportional to the force
+        parts = [np.multiply.outer(scale, part) for part in contact_readings(skin.operator, body)]
     if isinstance(skin.pad, Viscoelastic):
-        tractions = scale.reshape(-1, *(1,) * full.ndim) * full
-        readings = np.asarray(skin.sense(tractions, rng=rng, time=times))
-    else:
-        readings = np.stack([skin.sense(s * full, rng=rng) for s in progress(scale, "simulating")])
+        parts = with_creep(parts, skin.planes, skin.pad.prony, times, "add")
+    readings = np.asarray(as_sensed(parts, skin.planes, rng))
     if readings.ndim == 3 and skin.surface.dimensions == 2:
         positions: Any = skin.planes[0].points[:, ::-1]
     else:

@@ -25,11 +25,13 @@ from palpate.errors import InvalidInput
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.labels import is_labelled, labelled_readings, labelled_time, labelled_traction
+from palpate.sensing.limits import cut
 from palpate.sensing.times import as_seconds
 
 __all__ = [
     "Creep",
     "Layout",
+    "as_sensed",
     "check_finite",
     "check_size",
     "checked_planes",
@@ -78,6 +80,18 @@ def joined_planes(parts: Sequence[Any], planes: Sequence[Array]) -> Any:
     if len({p.shape for p in planes}) == 1:
         return namespace(parts[0]).concat(list(parts), axis=-1 - len(planes[0].shape))
     return list(parts)
+
+
+def as_sensed(parts: Sequence[Any], planes: Sequence[Array], rng: np.random.Generator | None) -> Any:
+    """Exact readings of each plane as its sensor gives them: with noise (``rng``), gaps and limits; joined."""
+    out = []
+    for array, part in zip(planes, parts):
+        if rng is not None:
+            noise = array.sample_noise(rng, tuple(part.shape[: -1 - len(array.shape)]))
+            part = part + from_numpy(noise, part)
+        gaps = None if array.mask is None else np.where(array.valid, 0.0, np.nan)
+        out.append(cut(part if gaps is None else part + from_numpy(gaps, part), array))
+    return joined_planes(out, planes)
 
 
 def checked_planes(readings: Any, planes: Sequence[Array], *, single: bool = False) -> list[Any]:
