@@ -64,7 +64,7 @@ def columns(touch: Numbers, *, friction: float | None = None, level: float = 0.9
     axes = _AXES["force"][d]
     put("force", per, touch.force, "force", axes)
     for c in axes:
-        if c not in touch.components:  # assumed zero, not measured
+        if c not in touch.components and not touch.surface.bends:  # assumed zero, not measured
             for suffix in ("", "_low", "_high"):
                 del out[f"force_{c}{suffix} ({per})"]
     both = set(touch.components) == set(touch.surface.components)

@@ -71,7 +71,7 @@ def summary(one: Numbers, friction: float | None) -> str:
     factor, unit = force_unit(float(np.max(sizes[np.isfinite(sizes)], initial=0.0)), "N/m" if line else "N")
     force_factor, force_name = factor, unit
     for i, c in enumerate(components):
-        if c in one.components:
+        if c in one.components or one.surface.bends:
             say(f"net force {c}", float(force[i]), float(low[i]), float(high[i]), factor, unit)
         else:
             lines.append(f"{f'net force {c}':<16}taken as 0, not measured")
