@@ -80,6 +80,9 @@ def test_missing_times_are_nan() -> None:
         np.array(["NaT", "1970-01-01T00:00:01"], dtype="datetime64[s]"),
         [pd.NaT, pd.Timestamp("1970-01-01T00:00:01")],
         np.ma.masked_array([0.0, 1.0], [True, False]),
+        np.ma.masked_array(np.array([5000, 1000], dtype="datetime64[ms]"), [True, False]),
+        np.ma.masked_array(np.array([5000, 1000], dtype="timedelta64[ms]"), [True, False]),
+        np.ma.masked_array([datetime.timedelta(seconds=5), datetime.timedelta(seconds=1)], [True, False]),
     ):
         if isinstance(time, list):
             time = pd.Series(time)

@@ -112,6 +112,9 @@ def _dated(time: Any, what: str) -> Floats | None:
         if not isinstance(first, datetime.date | datetime.timedelta | datetime.time | np.datetime64 | np.timedelta64):
             return None
         found = np.asarray(time) if isinstance(first, np.generic) else np.asarray(time, dtype=object)
+    if isinstance(found, np.ma.MaskedArray) and found.dtype.kind in "mMO":
+        masked, found = np.ma.getmaskarray(found), np.array(found.data)
+        found[masked] = None if found.dtype.kind == "O" else "NaT"
     if found.dtype.kind in "mM":
         return _counted(np.asarray(found), what)
     if found.dtype.kind != "O":
