@@ -199,11 +199,12 @@ def check_frames(readings: Any, planes: Sequence[Array], surface: Grid, draws: i
 
     ``draws`` (draw, component, *surface) per frame are included.
     """
-    first = readings[0] if isinstance(readings, list | tuple) and len(planes) > 1 and len(readings) else readings
+    several = isinstance(readings, list | tuple) and len(planes) > 1 and len(readings) > 0
+    first = readings[0] if several else readings
     shape = getattr(first, "shape", None)
     if shape is None or str(getattr(first, "device", "cpu")) != "cpu":
         return
-    frames = math.prod(shape) // (len(planes[0].channels) * math.prod(planes[0].shape))
+    frames = math.prod(shape) // sum(len(a.channels) * math.prod(a.shape) for a in (planes[:1] if several else planes))
     count = sum(len(a.channels) * math.prod(a.shape) for a in planes)
     cells = len(surface.components) * math.prod(surface.shape)
     each = (4.0 if str(getattr(first, "dtype", "")).endswith("float32") else 8.0) * (
