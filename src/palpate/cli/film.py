@@ -71,13 +71,12 @@ def film(
     force: Force = False,
 ) -> None:
     """Films and many cells: one row for each frame and cell, on all cores. A run that was stopped continues where it ended."""
-    from palpate.cli.options import numbers, value_and_std
-    from palpate.cli.tfm import _pixel
+    from palpate.cli.options import numbers
+    from palpate.cli.tfm import _modulus_of, _pixel
     from palpate.elastic import BondedLayers, HalfSpace, Layer
     from palpate.microscopy import Film, is_field
     from palpate.microscopy.labels import write_labels_table
     from palpate.microscopy.pixelsize import pixel_size_of_all
-    from palpate.sensing.uncertainty import Uncertainty
     from palpate.units import parse_quantity
 
     beside = out.with_name(f"{out.stem}-labels{out.suffix}")
@@ -98,8 +97,7 @@ def film(
     first = None if start is None else numbers(start, "--start")
     if first is not None and len(first) != 2:
         raise InvalidInput(f"--start takes column,row of the first vector in pixels, such as 16,16; got {start!r}.")
-    value, share = value_and_std(youngs_modulus, "pressure", "--youngs-modulus")
-    uncertainty = Uncertainty(youngs_modulus=share) if share else None
+    value, uncertainty = _modulus_of("--youngs-modulus", youngs_modulus)
     if thickness is None:
         pad: HalfSpace | BondedLayers = HalfSpace(youngs_modulus=value, poissons_ratio=poissons_ratio)
     else:
