@@ -196,3 +196,11 @@ def test_the_command_takes_tables_and_traces(tmp_path: Path) -> None:
             2,
             "error: bad.toml: cannot be read as text in UTF-8 (invalid continuation byte); save it in UTF-8.\n",
         ), command
+
+
+def test_a_trace_without_forces_for_a_while_gives_none(tmp_path: Path) -> None:
+    path = tmp_path / "force.csv"
+    rows = [f"{0.1 * k:.1f},{'nan' if 30 <= k < 72 else 0.0}" for k in range(100)]
+    path.write_text("time (s),fz (N)\n" + "\n".join(rows) + "\n")
+    found = read_force_trace(path).at(np.array([2.0, 5.0, 8.0]))
+    np.testing.assert_array_equal(found, [0.0, np.nan, 0.0])

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.times import interpolated
 from palpate.units import UNITS, parse_quantity
 
 __all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers", "stuck_labels"]
@@ -124,7 +125,7 @@ def find_delay(
         readings = middle @ np.linalg.svd(middle, full_matrices=False)[2][:few].T
     for _ in range(3):
         for delay in best + step * np.arange(-40, 41):
-            force = np.interp(time, reference_time + delay, reference, left=np.nan, right=np.nan)
+            force = interpolated(time, reference_time + delay, reference)
             seen = np.isfinite(force)
             if seen.sum() < max(10, 0.4 * len(time), readings.shape[1] + 3):
                 continue
