@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.calibrate import SkinCalibration, calibrate
+from palpate.calibrate import SkinCalibration, calibrate, calibrating
 from palpate.calibrate.calibrating import Run, find_rest, flat_readings
 from palpate.calibrate.calibrating import _labels as force_labels
+from palpate.calibrate.labels import Labelled
+from palpate.errors import InvalidInput
 from palpate.sensing.times import interpolated
 
 PAD = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
@@ -153,3 +155,53 @@ def test_missing_values_are_not_interpolated() -> None:
     assert interpolated(np.array([5.0]), logged, logged)[0] == 5.0
     one = np.array([np.nan, 4.0, np.nan])
     np.testing.assert_allclose(interpolated(np.array([0.5, 1.0]), np.arange(3.0), one), [np.nan, 4.0])
+
+
+def presses_of(runs: list[Any], monkeypatch: pytest.MonkeyPatch, **options: Any) -> Labelled:
+    """The labelled frames of a calibration, without its fit."""
+
+    class Found(Exception):
+        data: Labelled
+
+    def caught(_: Any, data: Labelled, *__: Any) -> None:
+        found = Found()
+        found.data = data
+        raise found
+
+    monkeypatch.setattr(calibrating, "labelled_constants", caught)
+    with pytest.raises(Found) as found:
+        calibrate(skin(), runs, **options)
+    return found.value.data
+
+
+def test_frames_of_a_press_are_one_in_a_list_of_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    force = np.concatenate([applied(), applied()])
+    runs, reference = [read(force), read(force, seed=1)], [force, force]
+    time = np.arange(0.0, 60.0, 0.1)
+    one = presses_of(runs[:1], monkeypatch, time=time, reference=force)
+    assert one.time is not None
+    single = len(np.unique(one.press))
+    assert single < 12
+    for times in ([time], (time,)):
+        assert len(np.unique(presses_of(runs[:1], monkeypatch, time=times, reference=force).press)) == single
+    both = presses_of(runs, monkeypatch, time=[time, time], reference=reference)
+    assert len(np.unique(both.press)) == 2 * single
+    assert both.time is not None
+    none = presses_of(runs, monkeypatch, reference=reference)
+    assert len(np.unique(none.press)) == len(none.flat)
+
+
+def test_a_force_sensor_keeps_its_presses_beside_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+    force = np.concatenate([applied(), applied()])
+    time = np.arange(0.0, 60.0, 0.1)
+    runs = [read(applied()), pp.Recording(readings=read(force, seed=1), channels=["stress_zz"], time=time)]
+    data = presses_of(runs, monkeypatch, time=[TIME, None], weights=[AT_REST, *WEIGHTS], reference=[None, force])
+    assert len(np.unique(data.press[data.run == 0])) == 5  # each weight is a press
+    assert len(np.unique(data.press[data.run == 1])) < 12
+    assert not set(data.press[data.run == 0]) & set(data.press[data.run == 1])
+
+
+@pytest.mark.parametrize("time", [TIME, [TIME], [TIME, 3.0], [TIME, TIME, TIME]])
+def test_a_list_of_runs_needs_a_list_of_times(time: Any) -> None:
+    with pytest.raises(InvalidInput, match=r"time must be a list with the times of each of 2 runs"):
+        calibrate(skin(), [read(applied())] * 2, time=time, reference=[applied()] * 2)

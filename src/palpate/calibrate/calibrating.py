@@ -122,7 +122,7 @@ def calibrate(
     weights : sequence of str or Weight
         Weights on the pad with their times, such as "200 g, 12 s to 20 s"; "0 g, ..." for rest.
     time : array (frame,), optional
-        Times of an array of presses [s]; without them each frame is a separate press.
+        Times of an array of presses [s]; without them each frame is a separate press. For a list of presses a list, None for a Recording.
     baseline : int, optional
         Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, else none.
     labels : int
@@ -160,7 +160,7 @@ def calibrate(
     if this_run and (before is None or constants or pad_models is not None or isinstance(presses, list | tuple)):
         raise InvalidInput(THIS_RUN_NEEDS)
     given = list(presses) if isinstance(presses, list | tuple) else [presses]
-    runs = [_run(one, skin, time if len(given) == 1 else None) for one in given]
+    runs = [_run(one, skin, seconds) for one, seconds in zip(given, _times_of(time, len(given)))]
     if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MAX_LABELS:
         raise InvalidInput(f"labels must be a whole number from 1 to {MAX_LABELS}; got {labels!r}.")
     references = list(reference) if len(runs) > 1 and isinstance(reference, list | tuple) else [reference]
@@ -233,6 +233,20 @@ def calibrate(
         said=tuple(said),
         table=table,
     )
+
+
+def _times_of(time: Any, count: int) -> list[Any]:
+    """Return the times of each of so many runs; None where none are given."""
+    if time is None:
+        return [None] * count
+    listed = isinstance(time, list | tuple)
+    if count == 1:
+        return [time[0] if listed and len(time) == 1 and np.ndim(time[0]) == 1 else time]
+    if not listed or len(time) != count or any(one is not None and np.ndim(one) != 1 for one in time):
+        raise InvalidInput(
+            f"time must be a list with the times of each of {count} runs, such as time=[first, second], None for a Recording; got {type(time).__name__}."
+        )
+    return list(time)
 
 
 def _run(one: Any, skin: Any, time: Any) -> Run:
@@ -474,7 +488,7 @@ def _join_runs(
         rows["flat"].append(flat[at])
         rows["planes"].append(run.readings[at])
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
-        rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
+        rows["time"].append(np.full(len(at), math.nan) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
         for n in names:
             rows[n].append(one[n][at] if n in one else np.full(len(at), math.nan))
@@ -485,7 +499,7 @@ def _join_runs(
     if not np.abs(made["flat"]).max() > 0.0:
         raise InvalidInput("all labelled readings are zero: check which columns hold them.")
     time = made["time"] if timed else None
-    press = press_numbers(time, everything, made["run"])
+    press = press_numbers(made["time"], everything, made["run"])
     return Labelled(
         made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
         np.asarray(press, dtype=np.int64), _rest_readings(runs, flats, known, made["planes"], baseline),

@@ -177,18 +177,20 @@ def stuck_labels(force: Floats, flat: Floats) -> tuple[npt.NDArray[np.bool_], fl
 
 
 def press_numbers(
-    time: Floats | None, force: Floats, run: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+    time: Floats, force: Floats, run: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 ) -> npt.NDArray[np.int64]:
-    """Return the number of the press to which each labelled frame belongs, from the force over time; without times
-    each frame is a press.
+    """Return the number of the press to which each labelled frame belongs, from the force over time. In a run without
+    times (NaN) each frame is a press.
     """
-    if time is None:
-        return np.arange(len(force), dtype=np.int64)
     out = np.zeros(len(force), dtype=np.int64)
     size = np.abs(force).reshape(len(force), -1).max(axis=1)
     count = 0
     for number in np.unique(run):
         at = np.flatnonzero(run == number)
+        if np.isnan(time[at]).any():
+            out[at] = count + np.arange(len(at))
+            count += len(at)
+            continue
         at = at[np.argsort(time[at], kind="stable")]
         on = size[at] > PRESSED * size.max()
         piece = np.cumsum(np.r_[True, on[1:] & ~on[:-1]]) - 1
