@@ -269,7 +269,7 @@ def test_what_asks_for_a_model_refuses() -> None:
             call()
     with pytest.raises(pp.Unsupported, match="differs from place to place"):
         skin.reconstruct(noisy(7)[0], method="dft")
-    with pytest.raises(pp.Unsupported, match="line contact"):
+    with pytest.raises(pp.Unsupported, match="line of taxels"):
         pp.Skin(found, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
     with pytest.raises(pp.InvalidInput, match="not in the table"):
         pp.Skin(found, pp.AreaArray(shape=(7, 7), pitch=2e-3, depth=1e-3, channels=["stress_zz"])).prepare()

@@ -105,14 +105,18 @@ def test_what_noise_explains_ill_may_be_contact() -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_a_disc_of_shear_alone_overflows_nothing() -> None:
-    """Noise with heavy tails over nothing: a disc without pressure had a penalty of 1e306, and its traction was not a number."""
+    """Noise with heavy tails over nothing: a disc without pressure had a penalty of 1e306, and its traction was not a number.
+
+    Whatever is answered, the interval has numbers, and no note prints what is none.
+    """
     array = pp.AreaArray(
         shape=(4, 4), pitch=5.06e-3, depth=2.8e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=44.0
     )
     readings = 44.0 * np.array(TAILS).reshape(3, 4, 4)
     touch = pp.Skin(pp.HalfSpace(youngs_modulus=6.4e4, poissons_ratio=0.48), array).reconstruct(readings)
-    assert np.isfinite(np.asarray(touch.values)).all()
+    assert np.isfinite(np.asarray(touch.values)).all() or touch.status == pp.Status.UNEXPLAINED
     assert np.isfinite(touch.interval(0.95, "force")).all()
+    assert not [note for note in touch.notes if "nan" in note]
 
 
 TAILS = [

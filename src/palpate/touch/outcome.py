@@ -367,9 +367,9 @@ def _nuisances(touch: Numbers) -> tuple[Nuisance, ...]:
     counted = []
     for i, (label, unit) in enumerate(touch.nuisance_names):
         size, std = np.ravel(touch.nuisance[..., i]), np.ravel(touch.nuisance_std[..., i])
-        found = size != 0
-        hidden = ~found & (std > 0)
-        largest = int(np.argmax(np.abs(size))) if len(size) else 0
+        found = np.isfinite(size) & (size != 0)  # frames without an answer have no size
+        hidden = (size == 0) & (std > 0)
+        largest = int(np.argmax(np.where(found, np.abs(size), 0.0))) if len(size) else 0
         counted.append(
             Nuisance(
                 label,

@@ -251,7 +251,7 @@ def screened(
 
 
 def outermost(linear: LinearModel) -> Flags:
-    """Mask of the readings of taxels within one pitch of the array's edge."""
+    """Mask of the readings of the taxels at the array's edge (within half a pitch of it)."""
     parts = []
     for array in linear.operator.planes_of:
         points = array.points[array.valid.ravel()]
@@ -261,8 +261,7 @@ def outermost(linear: LinearModel) -> Flags:
             array.shape if len(array.shape) == points.shape[1] else (len(points),) * points.shape[1]
         ):
             pitch = (high[axis] - low[axis]) / max(n - 1, 1)
-            reach = pitch * (1.0 + 1e-9)
-            near |= (points[:, axis] - low[axis] <= reach) | (high[axis] - points[:, axis] <= reach)
+            near |= (points[:, axis] - low[axis] <= 0.5 * pitch) | (high[axis] - points[:, axis] <= 0.5 * pitch)
         parts.append(np.tile(near, len(array.channels)))
     return np.concatenate(parts)
 
