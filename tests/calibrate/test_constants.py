@@ -247,3 +247,23 @@ def test_the_pixel_scale_moves_the_places_of_the_readings_once(skin: pp.Skin) ->
     np.testing.assert_allclose(again.planes[0].points, scale * skin.planes[0].points, rtol=0.03, atol=1e-12)
     kept = found.calibrate(presses, reference=known, again=True)
     np.testing.assert_allclose(kept.planes[0].points, found.planes[0].points)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("dead", [np.nan, 1e9])
+def test_a_masked_taxel_has_no_noise(dead: float) -> None:
+    """The noise by which constants are fitted is that of the valid taxels."""
+    mask = np.arange(25).reshape(5, 5) != 0
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    masked = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"], mask=mask)
+    whole = pp.Skin(pad, pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"]))
+    force = np.r_[np.zeros(7), 1.0, 2.0, 3.0]
+    clean = [np.asarray(whole.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=max(f, 1e-9)))) for f in force]
+    rng = np.random.default_rng(0)
+    readings = np.stack(clean) + 50.0 * rng.standard_normal((10, 1, 5, 5))
+    readings[:, 0, 0, 0] = dead * rng.standard_normal(10)
+    found = pp.Skin(pad, masked).calibrate(readings, reference=force, constants=["depth"]).calibration
+    assert found is not None
+    assert found.constants is not None
+    assert found.constants.values[0] == pytest.approx(2e-3, rel=0.1)
+    assert found.constants.std[0] < 0.1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from pathlib import Path
 from typing import Any
@@ -346,4 +347,7 @@ def test_gel_skin_keeps_what_is_known() -> None:
     found = gel_skin(known, dot_grid((3, 4), 2e-3))
     assert found.uncertainty.youngs_modulus == 0.1
     assert found.planes[0].depth == 0.5e-3
+    plane = dataclasses.replace(one.planes[0], aperture=0.4e-3, noise=1e-7, noise_correlation=1e-3)
+    dots = gel_skin(pp.Skin(one.pad, plane), dot_grid((3, 4), 2e-3)).planes[0]
+    assert (dots.aperture, dots.noise, dots.noise_correlation) == (0.4e-3, 1e-7, 1e-3)
     assert View.scaled(1e-4, size=(3, 3)).lens is None

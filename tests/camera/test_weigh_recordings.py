@@ -14,6 +14,7 @@ import palpate as pp
 pytest.importorskip("pydantic")
 
 from palpate.camera import ForceTrace, read_force_trace, weigh
+from palpate.camera.weighing import _without_modulus
 from palpate.recordings import Recording
 
 #: Stiffer than the skins below say by a third.
@@ -196,3 +197,38 @@ def test_the_command_takes_tables_and_traces(tmp_path: Path) -> None:
             2,
             "error: bad.toml: cannot be read as text in UTF-8 (invalid continuation byte); save it in UTF-8.\n",
         ), command
+
+
+def test_a_trace_without_forces_for_a_while_gives_none(tmp_path: Path) -> None:
+    path = tmp_path / "force.csv"
+    rows = [f"{0.1 * k:.1f},{'nan' if 30 <= k < 72 else 0.0}" for k in range(100)]
+    path.write_text("time (s),fz (N)\n" + "\n".join(rows) + "\n")
+    found = read_force_trace(path).at(np.array([2.0, 5.0, 8.0]))
+    np.testing.assert_array_equal(found, [0.0, np.nan, 0.0])
+
+
+@pytest.mark.parametrize(("boundary", "nuisance"), [("periodic", "auto"), ("free", ()), ("free", "auto")])
+def test_the_skin_that_is_weighed_keeps_boundary_and_drift(boundary: str, nuisance: Any) -> None:
+    given = pp.Skin(gel(SAID), skin(SAID).planes[0], boundary=boundary, nuisance=nuisance)
+    found = _without_modulus(given)
+    assert found.problem().boundary == given.problem().boundary == boundary
+    assert (found.problem().nuisance is None) == (nuisance == "auto")
+    assert found.uncertainty.youngs_modulus == 0.0
+
+
+@pytest.mark.long
+def test_a_periodic_gel_is_weighed_as_such() -> None:
+    array = pp.AreaArray(
+        shape=(8, 8),
+        pitch=2e-3,
+        depth=1e-3,
+        channels=["displacement_x", "displacement_y", "displacement_z"],
+        noise=1e-7,
+    )
+    made = pp.Skin(gel(SAID), array, boundary="periodic")
+    ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=2.0).shifted(6e-3, 0.0)
+    press = np.asarray(made.sense(ball))
+    frames = np.stack([0.0 * press] * 5 + [press] * 4)
+    frames = frames + 1e-7 * np.random.default_rng(0).standard_normal(frames.shape)
+    held = Recording(readings=frames, channels=array.channels, time=np.arange(9.0))
+    assert weigh(held, made, 2.0).factor == pytest.approx(1.0, rel=0.05)

@@ -14,6 +14,7 @@ from palpate.design import Press, place, read_design, sweep
 from palpate.design.bounds import covariance
 from palpate.design.detection import threshold
 from palpate.design.responses import Responses
+from palpate.design.variations import varied
 from skin_files import skin_text
 
 SOFT = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
@@ -380,3 +381,24 @@ def test_the_command_ranks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert picture.stat().st_size > 5000
     with pytest.raises(pp.InvalidInput, match="exists"):
         app(["design", str(path), "--out", str(table)], standalone_mode=False)
+
+
+def test_one_noise_is_not_that_of_two_units() -> None:
+    array = taxels(channels=["stress_zz", "displacement_x"], noise=[100.0, 1e-6])
+    with pytest.raises(pp.Unsupported, match="one noise cannot be that of stress_zz, displacement_x"):
+        varied(SOFT, [array], {"noise": 50.0}, keep="taxels")
+    _, (found,) = varied(SOFT, [array], {"noise": [50.0, 2e-6]}, keep="taxels")
+    assert found.noise_std == (50.0, 2e-6)
+
+
+@pytest.mark.long
+def test_placed_taxels_keep_limits_and_noise() -> None:
+    known = {"noise": 100.0, "noise_correlation": 1e-3, "limits": (0.0, 3e4), "aperture": 1e-3}
+    array = place(pp.Skin(SOFT, taxels(**known)), count=6, extent=(8e-3, 8e-3)).array
+    assert (array.noise_correlation, array.aperture) == (1e-3, 1e-3)
+    assert array.limits is not None
+    assert array.limits.tolist() == [[0.0, 3e4]]
+    uneven = np.stack([np.zeros((1, *taxels().shape)), np.full((1, *taxels().shape), 3e4)], axis=1)
+    uneven[0, 1, 0, 0] = 2e4
+    with pytest.raises(pp.Unsupported, match="limits differ between taxels"):
+        place(pp.Skin(SOFT, taxels(limits=uneven)), count=6, extent=(8e-3, 8e-3))

@@ -333,3 +333,19 @@ def test_the_command_says_the_same(tmp_path) -> None:
     assert "frames 0 to 6" in wrong.stderr
     wrong = run("identify", "finger.nc", "--skin", "skin.toml", "--indentation", "1 kPa", cwd=tmp_path)
     assert "accepted for a length" in wrong.stderr
+
+
+@pytest.mark.long
+def test_a_part_of_the_map_has_no_force_along_what_was_not_sought() -> None:
+    skin = skin_of(1.0, pitch=2e-3, depth=2e-3, shape=(6, 6))
+    clean = np.asarray(skin.sense(hertz_point(contact_radius=2e-3, force=2.0)))
+    readings = clean * (1.0 + 0.3 * np.random.default_rng(1).standard_normal(clean.shape))
+    touch = skin.reconstruct(readings, method="tikhonov")
+    found = touch.identify(skin, readings)
+    assert touch.components == ("z",)
+    assert found.patches
+    for part in found.patches:
+        assert part.force[2].known
+        for name, force in zip("xy", part.force[:2]):
+            assert not force.known
+            assert f"force along {name} was not sought" in force.reason

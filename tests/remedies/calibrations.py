@@ -161,6 +161,12 @@ REMEDIES = [
         lambda: calibrate(pp.Skin(TWO.pad, TWO.planes[0]), pressed(), reference=FORCES),
     ),
     value("presses must have the axes", lambda v: given(presses=v), pressed()[:, 0], pressed()),
+    value(
+        "time must be a list with the times of each of {} runs",
+        lambda v: given(presses=[pressed(), pressed()], reference=[FORCES, FORCES], time=v),
+        np.arange(4.0),
+        [np.arange(4.0), np.arange(4.0)],
+    ),
     value("time must hold one second for each of", lambda v: given(time=v), [0.0, 1.0], [0.0, 1.0, 2.0, 3.0]),
     value(
         "no force is known of any frame",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 import palpate as pp
 from palpate.design import place, read_design, sweep
 from remedies._remedy import Remedy, command, laid, value
@@ -25,6 +27,7 @@ SPREAD = pp.Skin(
 )
 TWO = pp.Skin(GEL, [area(), area(depth=3e-3)])
 EACH = pp.Skin(PAD, area(channels=["stress_xz", "stress_zz"], noise=[100.0, 50.0]))
+MIXED = pp.Skin(PAD, area(channels=["stress_zz", "displacement_z"], noise=[100.0, 1e-6]))
 LIMITS = pp.Skin(PAD, area(channels=["stress_xz", "stress_zz"], limits=[(-1e4, 1e4), (0.0, 3e4)]))
 FILE = skin_text(6, 6, pitch="2 mm", depth="2 mm", noise="100 Pa") + "\n"
 
@@ -99,6 +102,13 @@ REMEDIES = [
         lambda v: sweep(EACH, channels=[v]),
         ["stress_yz"],
         ["stress_zz"],
+    ),
+    value("one noise cannot be that of", lambda v: sweep(MIXED, noise=[v]), 50.0, [50.0, 2e-6]),
+    value(
+        "limits differ between taxels",
+        lambda v: place(pp.Skin(PAD, area(limits=v)), count=9, extent=(9e-3, 9e-3)),
+        np.stack([np.zeros((1, 6, 6)), np.linspace(1e4, 3e4, 36).reshape(1, 6, 6)], axis=1),
+        (0.0, 1e4),
     ),
     value("limits differ between channels", lambda s: sweep(s, channels=[["stress_zz"]]), LIMITS, SKIN),
     Remedy(

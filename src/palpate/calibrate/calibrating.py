@@ -44,7 +44,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings import Recording
 from palpate.sensing.readings import checked_planes
-from palpate.sensing.times import as_seconds
+from palpate.sensing.times import as_seconds, interpolated
 
 __all__ = ["calibrate", "flat_readings", "unflat"]
 
@@ -122,7 +122,7 @@ def calibrate(
     weights : sequence of str or Weight
         Weights on the pad with their times, such as "200 g, 12 s to 20 s"; "0 g, ..." for rest.
     time : array (frame,), optional
-        Times of an array of presses [s]; without them each frame is a separate press.
+        Times of an array of presses [s]; without them each frame is a separate press. For a list of presses a list, None for a Recording.
     baseline : int, optional
         Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, else none.
     labels : int
@@ -160,7 +160,7 @@ def calibrate(
     if this_run and (before is None or constants or pad_models is not None or isinstance(presses, list | tuple)):
         raise InvalidInput(THIS_RUN_NEEDS)
     given = list(presses) if isinstance(presses, list | tuple) else [presses]
-    runs = [_run(one, skin, time if len(given) == 1 else None) for one in given]
+    runs = [_run(one, skin, seconds) for one, seconds in zip(given, _times_of(time, len(given)))]
     if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MAX_LABELS:
         raise InvalidInput(f"labels must be a whole number from 1 to {MAX_LABELS}; got {labels!r}.")
     references = list(reference) if len(runs) > 1 and isinstance(reference, list | tuple) else [reference]
@@ -170,23 +170,34 @@ def calibrate(
         )
     said: list[str] = []
     known = []
+    whole = list(runs)  # baseline counts frames, and a run with weights keeps one for each weight
     for number, run in enumerate(runs):
         own = None if reference is None else references[number]
         if weights and number == 0:
-            runs[number], one = _weighed(run, own, weights_of(weights))
+            runs[number], one = _weighed(skin.planes, run, own, weights_of(weights), baseline)
         else:
             one = _labels(run, own, reference_time, said)
         known.append(one)
         _check_size("known forces", np.concatenate([one[f] for f in FORCES if f in one]))
-    zeros = [_zero(run, one, baseline, said) for run, one in zip(runs, known)]
-    stored = before.zero if before is not None and this_run and baseline is None and zeros[0] is None else None
+    zeros = [
+        _zero(run, one, said) if baseline is None else _mean_of_first(every, baseline)
+        for run, every, one in zip(runs, whole, known)
+    ]
+    measured = [zero for zero in zeros if zero is not None]
+    stored = None
+    if before is not None and baseline is None and before.readings == runs[0].flat.shape[1]:
+        stored = before.zero if len(measured) < len(runs) else None
     if stored is not None:
-        zeros[0] = flat_readings(skin.planes, stored)
+        zeros = [flat_readings(skin.planes, stored) if zero is None else zero for zero in zeros]
         said[:] = [s for s in said if s != NO_REST] + [STORED_ZERO]
     flats = [run.flat - (0.0 if zero is None else zero) for run, zero in zip(runs, zeros)]
     runs = [r if z is None else replace(r, readings=r.readings - unflat(skin.planes, z)) for r, z in zip(runs, zeros)]
-    data = _join_runs(runs, flats, known, labels)
-    zero, zero_std = _kept_zero(skin.planes, zeros, data.rest, [zero_drift(r.flat, k) for r, k in zip(runs, known)])
+    data = _join_runs(runs, flats, known, labels, baseline or 0)
+    drifts = [zero_drift(r.flat, k) for r, k in zip(runs, known)]
+    if stored is not None and before is not None and not measured:
+        zero, zero_std = before.zero, before.zero_std
+    else:
+        zero, zero_std = _kept_zero(skin.planes, measured, data.rest, drifts)
     if this_run and before is not None:
         found = run_calibration(before, data, said)
         return found if stored is not None else replace(found, rest=data.rest, zero=zero, zero_std=zero_std)
@@ -194,7 +205,7 @@ def calibrate(
     skin, gains = with_constants(skin, told), reading_gains(skin, told)
     if before is not None:
         said += ageing(before, data)
-    maps = _maps(skin, data, before, zero_known=all(z is not None for z in zeros))
+    maps = _maps(skin, data, before, zero_known=len(measured) == len(runs))
     found = SkinCalibration(maps, runs[0].flat.shape[1])
     main = maps.get("fz") or next(iter(maps.values()))
     table = table_of(main)
@@ -222,6 +233,20 @@ def calibrate(
         said=tuple(said),
         table=table,
     )
+
+
+def _times_of(time: Any, count: int) -> list[Any]:
+    """Return the times of each of so many runs; None where none are given."""
+    if time is None:
+        return [None] * count
+    listed = isinstance(time, list | tuple)
+    if count == 1:
+        return [time[0] if listed and len(time) == 1 and np.ndim(time[0]) == 1 else time]
+    if not listed or len(time) != count or any(one is not None and np.ndim(one) != 1 for one in time):
+        raise InvalidInput(
+            f"time must be a list with the times of each of {count} runs, such as time=[first, second], None for a Recording; got {type(time).__name__}."
+        )
+    return list(time)
 
 
 def _run(one: Any, skin: Any, time: Any) -> Run:
@@ -294,17 +319,11 @@ def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> d
             then = np.stack([np.interp(clock, run.time, column) for column in np.nan_to_num(run.flat).T], axis=1)
             out = _without_stuck(out, then, said)
             main = out.get("fz", next(iter(out.values())))
-            good = np.isfinite(main)
-            delay = find_delay(run.time, np.nan_to_num(run.flat), clock[good], main[good])
+            delay = find_delay(run.time, np.nan_to_num(run.flat), clock, main)
             said.append(
                 f"the clock of the forces is {plain_number(abs(delay), 3)} s {'behind' if delay >= 0 else 'ahead of'} that of the frames: taken out"
             )
-            seen = {k: np.isfinite(v) for k, v in out.items()}
-            out = {
-                k: np.interp(run.time, clock[seen[k]] + delay, v[seen[k]], left=np.nan, right=np.nan)
-                for k, v in out.items()
-                if seen[k].any()
-            }
+            out = {k: interpolated(run.time, clock + delay, v) for k, v in out.items() if np.isfinite(v).any()}
         elif length != count:
             raise InvalidInput(
                 f"reference holds {length} values for {count} frames: give one for each frame, NaN where nothing is known, or its own clock with reference_time=."
@@ -331,9 +350,11 @@ def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> d
     return out
 
 
-def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict[str, Floats]]:
-    """Return one frame for each weight: the mean of the frames during which it stood. They are averaged because they
-    share the error of the weight.
+def _weighed(
+    planes: Sequence[Any], run: Run, reference: Any, weights: list[Weight], baseline: int | None
+) -> tuple[Run, dict[str, Floats]]:
+    """Return one frame for each weight, in order of time: the mean of the frames during which it stood. They are
+    averaged because they share the error of the weight.
     """
     if run.time is None:
         raise InvalidInput(
@@ -344,6 +365,11 @@ def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict
             "give weights= or reference= for a run, not both; others go into a second calibration, with again=True."
         )
     frames, rest = [], []
+    complete = np.asarray(np.isfinite(run.flat).all(axis=1))
+    if baseline and complete[:baseline].any():
+        first = run.readings[:baseline][complete[:baseline]]
+        rest.append(first - first.mean(axis=0))
+    weights = sorted(weights, key=lambda w: w.start)  # the zero may drift from the first frame at rest to the last
     for weight in weights:
         at = np.flatnonzero((run.time >= weight.start) & (run.time <= weight.end))
         if not len(at):
@@ -355,30 +381,22 @@ def _weighed(run: Run, reference: Any, weights: list[Weight]) -> tuple[Run, dict
             warnings.simplefilter("ignore", RuntimeWarning)  # a taxel may be missing in all frames
             frames.append(np.nanmean(run.readings[still], axis=0))
         if weight.force == 0.0:
-            rest.append(run.readings[still] - frames[-1])
-    chosen = [int(np.argmin(np.abs(run.time - 0.5 * (w.start + w.end)))) for w in weights]
+            rest.append(run.readings[still[complete[still]]] - frames[-1])
     readings, force = np.stack(frames), np.array([w.force for w in weights])
-    flat = np.stack([_flat_like(run, f, i) for f, i in zip(readings, chosen)])
+    flat = flat_readings(planes, readings)
     return Run(readings, flat, None, np.concatenate(rest) if rest else None), {"fz": force, "std": SCALE_STD * force}
 
 
-def _flat_like(run: Run, frame: Floats, index: int) -> Floats:
-    """Return the flat form of a frame that was computed from other frames of the run."""
-    if frame.size == run.flat.shape[1]:
-        return frame.ravel()
-    # some taxels are masked: the flat form leaves them out
-    kept = np.isin(run.readings[index].ravel(), run.flat[index])
-    return frame.ravel()[kept][: run.flat.shape[1]]
+def _mean_of_first(run: Run, baseline: int) -> Floats | None:
+    """Return the mean readings of the first frames of a run, or None for no frame."""
+    if not 0 <= baseline < len(run.flat):
+        raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
+    return np.asarray(np.nanmean(run.flat[:baseline], axis=0)) if baseline else None
 
 
-def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: list[str]) -> Floats | None:
+def _zero(run: Run, known: Mapping[str, Floats], said: list[str]) -> Floats | None:
     """Return the readings at rest, or None if no frame at rest is known."""
-    if baseline is not None:
-        if not 0 <= baseline < len(run.flat):
-            raise InvalidInput(f"baseline must be a number of frames from 0 to {len(run.flat) - 1}; got {baseline!r}.")
-        return np.asarray(np.nanmean(run.flat[:baseline], axis=0)) if baseline else None
-    forces = [known[f] for f in FORCES if f in known]
-    at_rest = find_rest(forces, run.flat)
+    at_rest = find_rest(known, run.flat)
     if at_rest.any():
         return np.asarray(np.median(run.flat[at_rest], axis=0))
     if NO_REST not in said:
@@ -387,12 +405,11 @@ def _zero(run: Run, known: Mapping[str, Floats], baseline: int | None, said: lis
 
 
 def _kept_zero(
-    planes: Sequence[Any], zeros: Sequence[Floats | None], rest: Floats, drifts: Sequence[Floats]
+    planes: Sequence[Any], known: Sequence[Floats], rest: Floats, drifts: Sequence[Floats]
 ) -> tuple[Floats | None, Floats | None]:
-    """Return the zero of the last run that has one, and its standard deviation: scatter at rest, scatter between runs,
+    """Return the last of the known zeros of runs, and its standard deviation: scatter at rest, scatter between runs,
     and the largest drift within a run.
     """
-    known = [z for z in zeros if z is not None]
     if not known:
         return None, None
     scatter = flat_readings(planes, rest).std(axis=0)
@@ -406,7 +423,7 @@ def zero_drift(flat: Floats, known: Mapping[str, Floats]) -> Floats:
     """
     forces = [known[f] for f in FORCES if f in known]
     largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
-    rest = find_rest(forces, flat)
+    rest = find_rest(known, flat)
     pressed = np.flatnonzero(np.any([np.abs(f) > REST_FRACTION * largest for f in forces], axis=0) & ~rest)
     if not len(pressed):
         return np.zeros(flat.shape[1])
@@ -431,12 +448,16 @@ def unflat(planes: Sequence[Any], flat: Floats) -> Floats:
     return np.concatenate(out)
 
 
-def find_rest(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
+def find_rest(known: Mapping[str, Floats], flat: Floats) -> npt.NDArray[np.bool_]:
     """Return the frames without contact: those with zero force, or three or more with almost no force and similar
     readings.
 
-    A frame with a small force along one axis is not at rest if the force along another is large.
+    A frame with a small force along one axis is not at rest if the force along another is large. Without normal force
+    there is no shear, whether it is known or not.
     """
+    forces = [known[f] for f in FORCES if f in known]
+    if "fz" in known:
+        forces = [np.where(np.isnan(f) & (known["fz"] == 0.0), 0.0, f) for f in forces]
     seen = np.isfinite(flat).all(axis=1)
     exact = np.all([f == 0.0 for f in forces], axis=0) & seen
     largest = max(float(np.nanmax(np.abs(f), initial=0.0)) for f in forces)
@@ -449,7 +470,9 @@ def find_rest(forces: Sequence[Floats], flat: Floats) -> npt.NDArray[np.bool_]:
     return np.asarray(exact)
 
 
-def _join_runs(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int) -> Labelled:
+def _join_runs(
+    runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], labels: int, baseline: int
+) -> Labelled:
     names = [n for n in (*FORCES, *PLACES, BALL) if any(n in k for k in known)]
     timed = all(r.time is not None for r in runs)
     rows: dict[str, list[Any]] = {n: [] for n in ("flat", "planes", "std", "time", "run", *names)}
@@ -465,7 +488,7 @@ def _join_runs(runs: list[Run], flats: list[Floats], known: list[dict[str, Float
         rows["flat"].append(flat[at])
         rows["planes"].append(run.readings[at])
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
-        rows["time"].append(np.zeros(len(at)) if run.time is None else run.time[at] + 1e6 * number)
+        rows["time"].append(np.full(len(at), math.nan) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
         for n in names:
             rows[n].append(one[n][at] if n in one else np.full(len(at), math.nan))
@@ -476,24 +499,27 @@ def _join_runs(runs: list[Run], flats: list[Floats], known: list[dict[str, Float
     if not np.abs(made["flat"]).max() > 0.0:
         raise InvalidInput("all labelled readings are zero: check which columns hold them.")
     time = made["time"] if timed else None
-    press = press_numbers(time, everything, made["run"])
+    press = press_numbers(made["time"], everything, made["run"])
     return Labelled(
         made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
-        np.asarray(press, dtype=np.int64), _rest_readings(runs, flats, known, made["planes"]),
+        np.asarray(press, dtype=np.int64), _rest_readings(runs, flats, known, made["planes"], baseline),
     )  # fmt: skip
 
 
-def _rest_readings(runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats) -> Floats:
-    """Return the frames at rest minus their zero (frame, channel, *array); their scatter is the noise. With fewer than
-    five such frames, return noise of an assumed size.
+def _rest_readings(
+    runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats, baseline: int
+) -> Floats:
+    """Return the frames at rest, the first ``baseline`` of each run among them, minus their zero (frame, channel,
+    *array); their scatter is the noise. With fewer than five such frames, return noise of an assumed size.
     """
     found = []
     for run, flat, one in zip(runs, flats, known):
-        forces = np.stack([one[f] for f in FORCES if f in one])
         if run.rest is not None:
-            found.append(run.rest[np.isfinite(run.rest).reshape(len(run.rest), -1).all(axis=1)][:REST_KEPT])
-        at = np.flatnonzero(find_rest(list(forces), flat))
-        found.append(run.readings[at][:REST_KEPT])
+            found.append(run.rest[:REST_KEPT])
+        at_rest = find_rest(one, flat)
+        if run.rest is None:
+            at_rest[:baseline] |= np.isfinite(flat[:baseline]).all(axis=1)
+        found.append(run.readings[at_rest][:REST_KEPT])
     rest = np.concatenate(found)[:REST_KEPT]
     if len(rest) >= 5 and np.nanmax(rest.std(axis=0)) > 0.0:
         return np.asarray(rest)

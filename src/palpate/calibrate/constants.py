@@ -280,7 +280,9 @@ def labelled_constants(
     places = np.stack([data.known.get(n, np.full(len(data.flat), math.nan))[at] for n in ("x", "y")], axis=1)
     # one noise for each channel, plus that of the zero: the median of n frames at rest has the variance pi / (2 n)
     count = len(data.rest)
-    scatter = np.sqrt(np.mean(data.rest.std(axis=0, ddof=1).reshape(data.rest.shape[1], -1) ** 2, axis=1))
+    valid = np.concatenate([np.broadcast_to(p.valid, (len(p.channels), *p.shape)) for p in skin.planes])
+    variance = data.rest.var(axis=0, ddof=1).reshape(len(valid), -1)
+    scatter = np.sqrt(np.mean(variance, axis=1, where=valid.reshape(len(valid), -1)))
     noise = np.maximum(scatter * math.sqrt(1.0 + 0.5 * math.pi / count), 1e-9 * float(np.abs(data.flat).max()))
     radius = data.known[BALL][at] if BALL in data.known else None
     return fit_constants(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
+from palpate.sensing.times import interpolated
 from palpate.units import UNITS, parse_quantity
 
 __all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers", "stuck_labels"]
@@ -124,7 +125,7 @@ def find_delay(
         readings = middle @ np.linalg.svd(middle, full_matrices=False)[2][:few].T
     for _ in range(3):
         for delay in best + step * np.arange(-40, 41):
-            force = np.interp(time, reference_time + delay, reference, left=np.nan, right=np.nan)
+            force = interpolated(time, reference_time + delay, reference)
             seen = np.isfinite(force)
             if seen.sum() < max(10, 0.4 * len(time), readings.shape[1] + 3):
                 continue
@@ -176,18 +177,20 @@ def stuck_labels(force: Floats, flat: Floats) -> tuple[npt.NDArray[np.bool_], fl
 
 
 def press_numbers(
-    time: Floats | None, force: Floats, run: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+    time: Floats, force: Floats, run: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 ) -> npt.NDArray[np.int64]:
-    """Return the number of the press to which each labelled frame belongs, from the force over time; without times
-    each frame is a press.
+    """Return the number of the press to which each labelled frame belongs, from the force over time. In a run without
+    times (NaN) each frame is a press.
     """
-    if time is None:
-        return np.arange(len(force), dtype=np.int64)
     out = np.zeros(len(force), dtype=np.int64)
     size = np.abs(force).reshape(len(force), -1).max(axis=1)
     count = 0
     for number in np.unique(run):
         at = np.flatnonzero(run == number)
+        if np.isnan(time[at]).any():
+            out[at] = count + np.arange(len(at))
+            count += len(at)
+            continue
         at = at[np.argsort(time[at], kind="stable")]
         on = size[at] > PRESSED * size.max()
         piece = np.cumsum(np.r_[True, on[1:] & ~on[:-1]]) - 1

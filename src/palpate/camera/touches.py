@@ -74,7 +74,13 @@ def gel_skin(skin: Skin | str | Path, positions: Floats) -> Skin:
     _check(skin)
     plane = skin.planes[0]
     array = ScatteredArray(
-        positions=positions, depth=plane.depth, channels=CHANNELS, noise=plane.noise, limits=plane.limits
+        positions=positions,
+        depth=plane.depth,
+        channels=CHANNELS,
+        aperture=plane.aperture,
+        noise=plane.noise,
+        noise_correlation=plane.noise_correlation,
+        limits=plane.limits,
     )
     return _of_dots(skin, array)
 

@@ -12,6 +12,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.recordings.tabletext import Titles, read_table_text
+from palpate.sensing.times import interpolated
 from palpate.units import UNITS
 
 __all__ = ["ForceTrace", "read_force_trace"]
@@ -23,7 +24,7 @@ FORCES = ("fz", "force_z", "normal_force", "fn", "force", "f", "load")
 
 @dataclass(frozen=True)
 class ForceTrace:
-    """Normal force [N] at times [s], in their order.
+    """Normal force [N] at times [s], in their order; NaN where it is missing.
 
     Examples
     --------
@@ -48,8 +49,8 @@ class ForceTrace:
         object.__setattr__(self, "force", force)
 
     def at(self, times: Floats) -> Floats:
-        """Forces at these times by linear interpolation; NaN outside the trace."""
-        return np.asarray(np.interp(times, self.time, self.force, left=np.nan, right=np.nan))
+        """Forces at these times by linear interpolation; NaN outside the trace and where its forces are missing."""
+        return interpolated(np.asarray(times, dtype=np.float64), self.time, self.force)
 
 
 def read_force_trace(path: str | Path) -> ForceTrace:
@@ -94,7 +95,7 @@ def read_force_trace(path: str | Path) -> ForceTrace:
         return places
 
     values = read_table_text(found, wanted).values
-    values = values[np.isfinite(values).all(axis=1)]
+    values = values[np.isfinite(values[:, 0])]  # a missing force stays, so that none is interpolated there
     return ForceTrace(values[:, 0] * factors[0], values[:, 1] * factors[1], found.name)
 
 

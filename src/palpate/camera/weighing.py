@@ -281,10 +281,13 @@ def _modulus(skin: Skin) -> float:
 
 def _without_modulus(skin: Skin) -> Skin:
     """The skin with an exact modulus: the modulus is the unknown, and only other properties are uncertain."""
+    problem = skin.problem()
     return Skin(
         skin.pad,
         skin.planes,
-        surface=skin.surface if skin.problem().fixed else None,
+        surface=skin.surface if problem.fixed else None,
+        boundary=problem.boundary,
+        nuisance="auto" if problem.nuisance is None else problem.nuisance,
         uncertainty=replace(skin.uncertainty, youngs_modulus=0.0),
     )
 

@@ -78,7 +78,7 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
     Parameters
     ----------
     skin : Skin
-        Gives pad, depth, channels, aperture and noise of its first plane; its positions do not matter.
+        Gives pad, depth, channels, aperture, noise and limits of its first plane; its positions do not matter. Places are chosen for independent noise.
     count : int
         Taxels to place.
     extent : (float, float)
@@ -120,6 +120,11 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
         raise InvalidInput(
             f"count must be a whole number from {unknowns} (a press and the offsets are {len(skin.components) + 3 + len(first.channels)} unknowns) to {sites // 2}; got {count!r}."
         )
+    limits = first.limits
+    if limits is not None and limits.ndim > 2:
+        raise Unsupported(
+            "limits differ between taxels, so that they cannot be kept at other places. Give one pair for each channel, or none."
+        )
     information, places, scale = _informations(skin, first, pressed, shape, step)
     chosen = _exchanged(information, scale, count)
     # (row, column) of a candidate place, and its position relative to the middle
@@ -135,6 +140,8 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
         channels=first.channels,
         aperture=first.aperture,
         noise=first.noise,
+        noise_correlation=first.noise_correlation,
+        limits=limits,
     )
     return Placement(array, places, force, center)
 

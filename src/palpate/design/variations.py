@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from palpate.elastic.channels import find_channel
 from palpate.elastic.half_space import HalfSpace
 from palpate.elastic.layers import BondedLayers
@@ -61,7 +63,7 @@ def varied(
     if "channels" in changes:
         array = _measuring(array, changes["channels"])
     if "noise" in changes:
-        array = replace(array, noise=changes["noise"])
+        array = _with_noise(array, changes["noise"])
     planes = (array, *planes[1:])
     for plane in planes:
         pad.compliance(plane.depth)  # raises an error for a depth below a rigid base
@@ -122,6 +124,16 @@ def _measuring(array: Array, channels: Sequence[str]) -> Array:
     elif noise is not None:
         noise = (array.noise_std or (0.0,))[0]
     return replace(array, channels=list(channels), noise=noise, limits=_shared_limits(array))
+
+
+def _with_noise(array: Array, noise: Any) -> Array:
+    kinds = {find_channel(c).kind.name for c in array.channels}
+    if np.ndim(noise) == 0 and len(kinds) > 1:
+        raise Unsupported(
+            f"one noise cannot be that of {', '.join(array.channels)}: they have different units. Give a list with the noise of each channel, or write one file for each design "
+            "and rank them together: palpate design a.toml b.toml."
+        )
+    return replace(array, noise=noise)
 
 
 def _shared_limits(array: Array) -> Any:

@@ -239,7 +239,12 @@ def _guess(touch: Touch, pressure: Floats, region: npt.NDArray[np.bool_]) -> Pat
     yx = np.meshgrid(*grid.axes, indexing="ij")
     share = pressure[region] / pressure[region].sum()
     place = [Finding(float((share * axis[region]).sum()), unit="m", reason=why) for axis in yx[::-1]]
-    forces = [Finding(float(v.sum()), unit="N", reason=why) for v in values]
+    forces = [
+        Finding(float(v.sum()), unit="N", reason=why)
+        if name in touch.components
+        else Finding.unknown("N", f"force along {name} was not sought")
+        for name, v in zip(("x", "y", "z"), values)
+    ]
     return Patch(
         (forces[0], forces[1], forces[2]),
         (place[0], place[1]),

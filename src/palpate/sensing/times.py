@@ -13,12 +13,14 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.units import convert_factor
 
-__all__ = ["EPOCH", "LATEST", "as_second", "as_seconds", "epoch_unit"]
+__all__ = ["EPOCH", "LATEST", "as_second", "as_seconds", "epoch_unit", "interpolated"]
 
 #: Larger times [s] do not resolve microseconds in double precision; milliseconds since 1970, mistaken for seconds, are larger.
 LATEST = 2.0**33
 #: Range of a clock that shows the date, in seconds since 1970: from 2001 to 2100.
 EPOCH = 9.8e8, 4.1e9
+#: Missing values are interpolated over this many usual steps: over one lost sample (two steps), not over two (three).
+LONGEST_STEP = 2.5
 
 
 def as_seconds(time: Any, what: str = "time") -> Floats:
@@ -100,6 +102,33 @@ def epoch_unit(value: float) -> tuple[str, float] | None:
     """
     units = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
     return next(((n, u) for n, u in units.items() if EPOCH[0] <= value * u <= EPOCH[1]), None)
+
+
+def interpolated(times: Floats, clock: Floats, values: Floats) -> Floats:
+    """Values (sample,) at other times by linear interpolation; NaN outside the clock, and where the values are missing.
+
+    Between two values without any other between them NaN counts as missing, if they are more than 2.5 times the usual
+    (median) step apart. Values that are known at every tenth time are thus interpolated, and those of a sensor that
+    failed for a while are not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.sensing.times import interpolated
+    >>> force = np.array([0.0, 1.0, 2.0, np.nan, np.nan, np.nan, 6.0, 5.0, np.nan, 3.0])
+    >>> interpolated(np.array([0.5, 4.0, 8.0, 12.0]), np.arange(10.0), force).tolist()
+    [0.5, nan, 4.0, nan]
+    """
+    seen = np.flatnonzero(np.isfinite(values))
+    if len(seen) < 2:
+        return np.where(np.isin(times, clock[seen]), values[seen[0]] if len(seen) else math.nan, math.nan)
+    known = clock[seen]
+    steps = np.diff(known)
+    gap = (np.diff(seen) > 1) & (steps > LONGEST_STEP * np.median(steps))
+    after = np.clip(np.searchsorted(known, times), 1, len(steps))
+    inside = (times > known[after - 1]) & (times < known[after])
+    found = np.interp(times, known, values[seen], left=math.nan, right=math.nan)
+    return np.where(inside & gap[after - 1], math.nan, found)
 
 
 def _dated(time: Any, what: str) -> Floats | None:
