@@ -357,7 +357,9 @@ class Session:
             if first is None:
                 first = time
                 self._shift = (0.0 if self._shift is None else self._now + 0.02) - time
-            elif which != number or (time < self._raw and not self.pace):
+            elif which != number or time < self._raw:
+                if self.pace:
+                    begun, first = clock.perf_counter(), time
                 waited = max(clock.monotonic() - self._arrived, 1e-3)
                 if time < self._raw:
                     self.note(
@@ -401,6 +403,8 @@ class Session:
             self.tracker.rezero(frames=wanted)
             self.note(f"{time:.3f} s  a new zero is taken from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
+        if np.ma.isMaskedArray(reading):  # masked values are missing
+            reading = np.ma.filled(reading.astype(np.float64), math.nan)
         events = self.monitor.update(touch) if "z" in touch.components else []
         self._check_zero(touch, time)
         packet = self._packed(touch, events, born, self._shown(touch, reading)) if self._pages else None

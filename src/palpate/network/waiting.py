@@ -96,6 +96,9 @@ class FrameSource:
         except InvalidInput as error:
             return self._admission.refuse("malformed", sender, now, str(error).rstrip("."))
         self._report_text(f"{sender} asks for a new zero")
+        with self._ready:  # frames sent before the request may show a touch
+            self.counts["dropped"] += len(self._frames)
+            self._frames.clear()
         zero(frames)
         return "frames"
 

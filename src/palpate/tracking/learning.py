@@ -73,6 +73,9 @@ class Learning:
         self.discrepancy = Discrepancy()
         self._energy = self._signal = 0.0
         self._doubts = 0
+        self._before: tuple[float | None, bool] | None = (
+            None  # noise, and whether a contact told it, before a source stated one
+        )
         self._outgrown = 0  # consecutive penalties that the load outgrew while they were learned
 
     @property
@@ -87,8 +90,14 @@ class Learning:
             if self.noise is None:
                 self.noise, self._told, self._from_contact = noise, noise, False
 
-    def state(self, noise: float) -> None:
-        """Set the noise of a frame whose source knows it; not below that of the zero."""
+    def state(self, noise: float | None) -> None:
+        """Set the noise of a frame whose source knows it; not below that of the zero. None: the source does not."""
+        if noise is None:
+            if self._before is not None:
+                (self.noise, self._from_contact), self._before = self._before, None
+            return
+        if self._before is None:
+            self._before = self.noise, self._from_contact
         self.noise, self._from_contact = max(noise, self._told or 0.0), False
 
     def in_contact(self, y: Floats) -> float | None:

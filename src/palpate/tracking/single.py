@@ -70,6 +70,7 @@ class SingleSolve:
             mine, noise = noise[: len(a.channels)], noise[len(a.channels) :]
             planes.append(replace(a, limits=None, noise=mine.tolist() if known and a.noise is None else a.noise))
         out = self._skin._with(self._skin.pad, planes)
+        out._calibration = None  # the tracker's readings have the unit of the pad already
         out._problem.zeroed = known
         return out
 

@@ -281,7 +281,10 @@ class Tracker:
         if other._zero.capturing or other._zero.baseline is None:
             return False
         self._zero = Zero(other._zero.baseline * other._std / self._std, 0, self.drift_time, self._offsets.index)
-        self._zero.moved = other._zero.moved
+        self._zero.moved, self._zero.variance = other._zero.moved, other._zero.variance
+        told = other._learning._told
+        if told is not None and np.allclose(other._std, self._std):
+            self._learning.take_noise(told)
         return True
 
     # -- one frame -----------------------------------------------------------------------------------------------------
@@ -439,6 +442,7 @@ class Tracker:
         health.frames += 1
         self._restarted = max(self._restarted - 1, 0)
         scaled = self._scaled(flat, check.usable(flat))
+        check.absent(~np.isfinite(scaled))
         if not check.enough(np.isfinite(scaled)):
             return Status.MISSING, False
         if zero.baseline is None or zero.capturing:
@@ -449,8 +453,7 @@ class Tracker:
                 if zero.moved:
                     self._said.append(MOVED)
             return Status.CAPTURING_ZERO, True
-        if noise_given is not None:
-            learning.state(noise_given)
+        learning.state(noise_given)
         if zero.moved:
             self._said.append(MOVED)
         follows = self.drift_time is not None
@@ -483,6 +486,7 @@ class Tracker:
                 score, highest = raw_score, raw_highest
         was_touching, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
         if not self._touching:
+            self._residual = math.nan
             if was_touching:
                 self._release()
                 zero.shift(offsets.value())  # quiet with them: they are the zero's
@@ -495,7 +499,7 @@ class Tracker:
             self._standing.look(y, unused)
             if self._standing.now and not learning.discrepancy.zeroed:
                 self._said.append(STANDS)
-            check.forgive(np.abs(y) < UNEXPLAINED * noise, 1)
+            check.forgive(np.abs(actual) < UNEXPLAINED * noise, 1)
             learning.doubt(y[~unused])
             if float(np.abs(y[~unused]).max(initial=0.0)) <= rounding:
                 self._fit = 1.0

@@ -59,8 +59,9 @@ class Zero:
 
     def again(self, frames: int, only: Flags) -> None:
         """Take the zero of some readings again, from the next frames."""
+        self._captured, self._frames = [], frames
         if self.baseline is not None:
-            self._captured, self._frames, self._only = [], frames, only.copy()
+            self._only = only.copy() if self._only is None else self._only | only
 
     def shift(self, by: Floats) -> None:
         """Move the zero by a known drift."""
