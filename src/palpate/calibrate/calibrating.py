@@ -38,7 +38,7 @@ from palpate.calibrate.labels import (
 )
 from palpate.calibrate.prior import SHEAR_SHARE, likely_maps
 from palpate.calibrate.process import Process
-from palpate.calibrate.thisrun import THIS_RUN_NEEDS, quantity, run_calibration
+from palpate.calibrate.thisrun import quantity, run_calibration
 from palpate.calibrate.wiring import wrong_wiring
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
@@ -158,7 +158,9 @@ def calibrate(
     2.5
     """
     if this_run and (before is None or constants or pad_models is not None or isinstance(presses, list | tuple)):
-        raise InvalidInput(THIS_RUN_NEEDS)
+        raise InvalidInput(
+            "this_run=True (--this-run) corrects a calibration by one recording of today, and fits no constants of the pad. Give a calibrated skin and one recording, or leave it out."
+        )
     given = list(presses) if isinstance(presses, list | tuple) else [presses]
     runs = [_run(one, skin, seconds) for one, seconds in zip(given, _times_of(time, len(given)))]
     if not isinstance(labels, int) or isinstance(labels, bool) or not 1 <= labels <= MAX_LABELS:

@@ -14,9 +14,8 @@ from palpate.calibrate.run import RunLabels
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["THIS_RUN_NEEDS", "quantity", "run_calibration"]
+__all__ = ["quantity", "run_calibration"]
 
-THIS_RUN_NEEDS = "this_run=True (--this-run) corrects a calibration by one recording of today, and fits no constants of the pad. Give a calibrated skin and one recording, or leave it out."
 #: First words of the sentence about this run.
 ABOUT = "this run: "
 

@@ -193,9 +193,10 @@ class ReadingCheck:
         # A saturated reading repeats itself for that reason, and a coarse sensor may repeat its zero.
         return often & (self._repeats > ALONE * np.median(self._repeats)) & ~self.clipped & ~self._resting
 
-    def absent(self, gone: Flags) -> None:
-        """Note which readings a frame lacks, for frames that are not solved; `zeroed` does it for the others."""
-        self._absent = gone & ~self.health.left_out
+    def present(self, readings: Floats) -> Floats:
+        """The same readings; notes which the frame lacks. `zeroed` does it anew for frames that are solved."""
+        self._absent = ~np.isfinite(readings) & ~self.health.left_out
+        return readings
 
     def enough(self, usable: Flags) -> bool:
         """Whether enough readings are usable to solve the frame."""

@@ -282,9 +282,8 @@ class Tracker:
             return False
         self._zero = Zero(other._zero.baseline * other._std / self._std, 0, self.drift_time, self._offsets.index)
         self._zero.moved, self._zero.variance = other._zero.moved, other._zero.variance
-        told = other._learning._told
-        if told is not None and np.allclose(other._std, self._std):
-            self._learning.take_noise(told)
+        if other._learning._told is not None and np.allclose(other._std, self._std):
+            self._learning.take_noise(other._learning._told)
         return True
 
     # -- one frame -----------------------------------------------------------------------------------------------------
@@ -441,8 +440,7 @@ class Tracker:
         health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
         health.frames += 1
         self._restarted = max(self._restarted - 1, 0)
-        scaled = self._scaled(flat, check.usable(flat))
-        check.absent(~np.isfinite(scaled))
+        scaled = check.present(self._scaled(flat, check.usable(flat)))
         if not check.enough(np.isfinite(scaled)):
             return Status.MISSING, False
         if zero.baseline is None or zero.capturing:

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +35,8 @@ from palpate.inverse.linear.evidence import LinearEvidence
 __all__ = ["solve"]
 
 Flags = npt.NDArray[np.bool_]
+#: What `_Solving` changes from attempt to attempt, but for the counts.
+STATE = ("h", "known", "data", "rows", "observed", "near", "explained")
 
 
 def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
@@ -62,7 +66,8 @@ class _Solving:
         self.levels: Floats | None = None
         self.known, self.given, self.coarse = self._noise_at_first()
         #: Number of times the noise and the offsets were re-estimated.
-        self.learned, self.refined, self.as_given = 0, 0, False
+        self.learned, self.refined = 0, 0
+        self.rested: dict[str, Any] = {}  # state in which the noise came to rest far above the given one
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
         self.leading: ContactModel | None = None
@@ -281,17 +286,21 @@ class _Solving:
 
     def _given_noise(self, left: float) -> bool:
         """Update noise that is given up to a factor (`score.noise_beyond`): lower it to what the leading model leaves,
-        because coarse cells leave more than fine ones. If it comes to rest far above the given noise, try that once.
+        because coarse cells leave more than fine ones. If it comes to rest far above the given noise, try that once, and
+        go back if the model leaves far more then, too.
         """
         policy, now = self.policy, self.coarse if self.known is None else self.known
         again, free = policy.noise.again, float(self.observed.sum()) - taken_by(self.first_model)
         learned = max(noise_beyond(self.given, left, max(free, 0.0), policy), self.floor)
         if learned * again < now and self.learned < policy.noise.turns:
             self.known = learned if learned > again * self.given else self.given
-        elif now > policy.screening.deviations * self.given and not self.as_given:
-            self.known, self.as_given = self.given, True
-        elif self.as_given and now == self.given and learned > again * now:
+        elif now > policy.screening.deviations * self.given and not self.rested:
+            self.rested = {name: copy(getattr(self, name)) for name in STATE}
+            self.known = self.given
+        elif self.rested and now == self.given and learned > again * now:
             self.known = learned
+            if learned > policy.screening.deviations * self.given:
+                vars(self).update(self.rested)
         else:
             return False
         return True
