@@ -217,7 +217,8 @@ def fitted(split: Split) -> ForceMap:
         _LIKELY[key] = likely_maps(split.skin.pad, split.skin.planes, split.skin.surface, np.random.default_rng(41))
     likely = _LIKELY[key]
     n = len(split.force)
-    press = press_numbers(split.time, split.force, np.zeros(n, dtype=np.int64))
+    time = np.full(n, np.nan) if split.time is None else split.time
+    press = press_numbers(time, split.force, np.zeros(n, dtype=np.int64))
     physics = None if likely is None else likely[split.component]
     scale = usual_scale(split.readings)
     expected = 0.0 if split.normal is None else SHEAR_SHARE * float(np.sqrt(np.mean(split.normal**2)))
