@@ -96,7 +96,7 @@ def summary(rows: list[dict[str, float]]) -> str:
     return f"{len(rows)} | {sum(r['touching'] for r in rows):.0f} | {depth:.0f} um ({part:.0f} %) | {100 * np.median(np.abs(errors)):.0f} % | {100 * np.median(errors):+.0f} % | {np.mean([r['held'] for r in rows]):.2f} | {100 * np.median([r['width'] for r in rows]):.0f} %"
 
 
-HEAD = "| {} | pictures | contact seen | depth error, rms near the contact (of its range) | force: median error | median bias | coverage | median half width |\n|---|---|---|---|---|---|---|---|"
+HEAD = "| {} | pictures | contact detected | depth error, rms near the contact (of its range) | force: median error | median bias | coverage | median half width |\n|---|---|---|---|---|---|---|---|"
 
 
 def population(gels: int) -> Iterator[list[str]]:
@@ -186,7 +186,7 @@ def hard() -> list[str]:
             [Ball(4e-3, 1.3e-3, 9.4e-3, 0.0)],
         ),
     ]
-    lines = ["| picture | force [N] | found [N], 95 % | what is said |", "|---|---|---|---|"]
+    lines = ["| picture | force [N] | found [N], 95 % | notes |", "|---|---|---|---|"]
     for (name, _, bodies), (relief, touch) in zip(cases, solved(model, [c[1] for c in cases], pad)):
         low, high = touch.interval(0.95, "force")
         force = sum(b.force(PLANE) for b in bodies)

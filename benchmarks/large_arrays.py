@@ -181,7 +181,7 @@ def judge(record: dict[str, Any]) -> Verdict:
 def rows_of(records: list[dict[str, Any]]) -> Iterator[str]:
     yield (
         "| row | frames | wrong by > 30 % / without a word | force far outside 95 % / without a word | wrong without a word / gross | coverage at 95 %: force, peak, "
-        "cells | needless words | force error p50, p90 | field error | time p50, max [s] |"
+        "cells | needless words | force error p50, p90 | traction error | time p50, max [s] |"
     )
     yield "|---|---|---|---|---|---|---|---|---|---|"
     for name in [r for r in ROWS if any(x["row"] == r for x in records)]:

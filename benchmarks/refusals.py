@@ -256,7 +256,7 @@ def one(name: str) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    lines = ["| layout and method | | after [s] | memory [GB] | what is said |", "|---|---|---|---|---|"]
+    lines = ["| layout and method | | after [s] | memory [GB] | message |", "|---|---|---|---|---|"]
     for r in rows:
         said = r["said"] if len(r["said"]) <= WORDS else r["said"][:WORDS].rsplit(" ", 1)[0] + " ..."
         said = said.replace("|", "\\|").replace("*", "\\*")

@@ -204,7 +204,7 @@ def _bars(touch: Any) -> Any:
 
 def table_automatic(rows: list[dict[str, Any]]) -> str:
     lines = [
-        "| layout | readings | prepare [s] | first frame [s] | frame [s] | error bars, if asked for [s] | memory [GB] | error | of tikhonov | noise found | forces within 95 % |",
+        "| layout | readings | prepare [s] | first frame [s] | frame [s] | error bars, if asked for [s] | memory [GB] | error | of tikhonov | estimated noise / true | forces within 95 % |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
@@ -223,7 +223,7 @@ def table_automatic(rows: list[dict[str, Any]]) -> str:
 
 def table(rows: list[dict[str, Any]]) -> str:
     lines = [
-        "| layout | readings | prepare [s] | first frame [s] | frame [s] | in a batch [s] | force and its error [s] | memory [GB] | error | noise found |",
+        "| layout | readings | prepare [s] | first frame [s] | frame [s] | in a batch [s] | force and its error [s] | memory [GB] | error | estimated noise / true |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:

@@ -80,5 +80,7 @@ for label, skin in (("with fibres", own), ("isotropic", plain)):
     print(f"{label}: force {touch.force[-1]:.1f} N/m, fit {float(touch.fit):.2g}")
     ax.plot(1e3 * touch.pressure["x"], touch.pressure / 1e3, label=label)
 ax.plot(1e3 * own.surface.x, own.sample(cylinder)[1] / 1e3, "k--", lw=1, label="truth")
-ax.set(xlabel="x (mm)", ylabel="pressure (kPa)", title="A pad with fibres, solved with the right model and as isotropic")
+ax.set(
+    xlabel="x (mm)", ylabel="pressure (kPa)", title="A pad with fibres, solved with the right model and as isotropic"
+)
 ax.legend()

@@ -141,8 +141,8 @@ HEADER = (
     "peak far outside / without a word",
     "wrong without a word",
     "coverage at 95 %: force, peak, cells",
-    "says a word / though right",
-    "field error",
+    "with a word / of these right",
+    "traction error",
     "time p50, p99 [s]",
 )
 
@@ -213,7 +213,7 @@ def cases(found: Sequence[Verdict]) -> tuple[tuple[str, ...], list[tuple[str | f
         "sensor",
         "wrong without a word",
         "force error",
-        "field error",
+        "traction error",
         "far",
         "peak far",
         "force inside",
