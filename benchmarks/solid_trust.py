@@ -165,7 +165,7 @@ class Bench:
 
 def table(frames: int, seeds: Sequence[int], rows: Sequence[str], pads: Sequence[str]) -> list[str]:
     lines = [
-        "| pad (error of its mesh) | row | frames | wrong | wrong without a word | outside of the interval | components inside |",
+        "| pad (error of its mesh) | row | frames | wrong | wrong without a warning | outside of the interval | components inside |",
         "|---|---|---|---|---|---|---|",
     ]
     every: list[Verdict] = []
@@ -182,7 +182,7 @@ def table(frames: int, seeds: Sequence[int], rows: Sequence[str], pads: Sequence
         lines.append(_line(f"{name} ({100 * bench.error:.1f} %)", "**all**", here))
         every += here
     lines.append(_line("all pads", "**all**", every))
-    return [*lines, "", "Wrong without a word, each:", "", *(cases or ["none"])]
+    return [*lines, "", "Wrong without a warning, each:", "", *(cases or ["none"])]
 
 
 def _line(pad: str, row: str, found: Sequence[Verdict]) -> str:
