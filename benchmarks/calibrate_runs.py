@@ -152,7 +152,7 @@ def labelled_rows(data: Path, seeds: range) -> list[str]:
     """Error and coverage on a run of which some presses have one labelled frame each."""
     lines = [
         "",
-        f"With one labelled frame in each of some presses of the run that is asked (`this_run=True`), means over {len(seeds)} draws of these presses; the error is on frames of the other presses. The regression has the labels of both runs; the last column is the regression of the first run, times the factor that fits the labels of the second.",
+        f"Error with one labelled frame in each of some presses of the test run (`this_run=True`): means over {len(seeds)} draws of these presses; the error is on frames of the other presses. The regression has the labels of both runs; the last column is the regression of the first run, times the factor that fits the labels of the second.",
         "",
         "| calibrated on, tested on | labels of the new run | mean error [N] | inside the 95 % interval | linear [N] | linear times factor [N] |",
         "|---|---|---|---|---|---|",

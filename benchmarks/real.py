@@ -354,7 +354,7 @@ def table(recording: Recording, *, each: bool = False) -> tuple[list[str], str]:
     told = linear(recording) if np.isfinite(force).all() else np.full(len(force), np.nan)
     out = [f"Source: {recording.source}. Guesses: {recording.guesses}. {len(recording.rest)} rest frames.", ""]
     if by_itself.any():
-        out[0] += " Pressed is what reads more than 30 standard deviations of the rest somewhere."
+        out[0] += " A frame counts as pressed if a reading exceeds 30 standard deviations of the frames at rest."
     out += [HEADER, "|---" * (HEADER.count("|") - 1) + "|"]
     along = recording.direction if recording.direction >= 0 else best_axis([a for a, _ in roads.values()], force)
     for road, (answers, seconds) in roads.items():
