@@ -66,7 +66,7 @@ def mujoco_rows() -> list[str]:
 
     skin = pp.Skin(PAD, pp.AreaArray(shape=(16, 16), pitch=1.5e-3, depth=2e-3, channels=CHANNELS, noise=50.0))
     rows = [
-        "| tool | frames | largest error of the force | of the moment (over force times 10 mm) |",
+        "| tool | frames | largest error of the force | largest error of the moment / (force x 10 mm) |",
         "|---|---|---|---|",
     ]
     for tool in scenes.TOOLS:

@@ -319,7 +319,7 @@ HEADER = (
 )
 SHORT = (
     "| set | pressed frames | reconstruct: pressed and called 'no contact' | force inside the 95 % interval | contradictory notes | track: pressed and called 'no contact' | "
-    "force inside the 95 % interval | contradictory notes | disjoint intervals | one says 'no contact', the other's interval excludes 0 |"
+    "force inside the 95 % interval | contradictory notes | disjoint intervals | 'no contact' from one, an interval without 0 from the other |"
 )
 
 
@@ -402,7 +402,7 @@ def table(recording: Recording, *, each: bool = False) -> tuple[list[str], str]:
     apart, none, both = contradictions(roads["reconstruct"][0], roads["track"][0])
     out += [
         "",
-        f"Frames whose two intervals are disjoint: {apart} of {both}; 'no contact' by one, while the other's interval excludes 0: {none}.",
+        f"Frames for which `reconstruct` and `track` give disjoint intervals: {apart} of {both}; 'no contact' from one, and an interval without 0 from the other: {none}.",
     ]
     line = f"| {recording.name} | {pressed.sum()} | " + " | ".join(told_in_short) + f" | {apart} of {both} | {none} |"
     return out, line
@@ -473,7 +473,7 @@ def pictures(folder: Path, count: int) -> Iterator[tuple[str, list[str]]]:
         apart, none, both = contradictions(*([[a] for a in mine] for mine in answers.values()))
         lines += [
             "",
-            f"Pictures whose two intervals are disjoint: {apart} of {both}; 'no contact' by one, while the other's interval excludes 0: {none}.",
+            f"Pictures for which `reconstruct` and `track` give disjoint intervals: {apart} of {both}; 'no contact' from one, and an interval without 0 from the other: {none}.",
         ]
         yield f"film {film}", lines
 
