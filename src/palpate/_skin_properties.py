@@ -267,7 +267,8 @@ class SkinProperties:
         -----
         Round contacts are fitted to the readings themselves (Hertz's pressure, or Boussinesq's under a flat, each with shear of the same shape). Of a ball of radius R
         with the force F on a contact of radius a, F = 4 E* a^3/(3 R) if the object is much stiffer than the pad, or R = a^2/indentation if that is
-        known; pads on a base are corrected for. The errors of depth, thickness, modulus and scale are those of `uncertainty`.
+        known; pads on a base are corrected for, up to a = half the thickness of the uppermost material. A `palpate.Measured` pad states no modulus, so that only the
+        patches and the radius of a flat are found. The errors of depth, thickness, modulus and scale are those of `uncertainty`.
 
         Examples
         --------
