@@ -31,7 +31,7 @@ from palpate.sensing.arrays import Array
 from palpate.sensing.grids import AreaGrid
 from palpate.sensing.nuisance import nuisances
 from palpate.sensing.readings import checked_planes
-from palpate.sensing.uncertainty import STEP, Uncertainty, stretched
+from palpate.sensing.uncertainty import Uncertainty, step_of, stretched
 from palpate.touch import Touch
 
 __all__ = ["Skinlike", "identify"]
@@ -352,8 +352,9 @@ def _shifted(skin: Body, shapes: Shapes, data: Data, best: Fit) -> list[tuple[Fi
     out = []
     for name, size in (("depth", beside.depth or 0.0), ("thickness", beside.thickness or 0.0)):
         if size > 0:
-            pad, planes = stretched(skin.pad, skin.planes, **{name: 1.0 + STEP})
+            step = step_of(skin.pad, skin.planes, name)
+            pad, planes = stretched(skin.pad, skin.planes, **{name: 1.0 + step})
             low, high = shapes.bounds
             other = Shapes(pad, planes, shapes.components, low, high, shapes.largest)
-            out.append((fit(other, data, best.shape, best.centers, best.radii), size / STEP))
+            out.append((fit(other, data, best.shape, best.centers, best.radii), size / step))
     return out
