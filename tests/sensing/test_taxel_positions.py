@@ -141,6 +141,16 @@ def test_positions_come_in_metres(tmp_path: Path) -> None:
 # -- positions that do not fit -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("wrong", [0.0, 1e-3, None, "0"])
+def test_a_middle_is_a_pair(wrong: Any) -> None:
+    for make in (
+        lambda c: pp.AreaArray(shape=(5, 5), pitch=1e-3, center=c, **HOW),
+        lambda c: pp.AreaGrid(shape=(5, 5), spacing=1e-3, center=c),
+    ):
+        with pytest.raises(pp.InvalidInput, match="center must be a place"):
+            make(wrong)
+
+
 @pytest.mark.parametrize("far", [0.3, 1.0, 1e3])
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_few_taxels_far_from_all_others_are_refused(far: float, count: int) -> None:
