@@ -309,6 +309,44 @@ def test_collocation_is_hertz_on_a_half_space() -> None:
     assert depth == pytest.approx(4e-6 / 15e-3, rel=0.01)
 
 
+def drifting(kind: str, skin: pp.Skin) -> np.ndarray:
+    """What readings hold besides contact, in multiples of the noise up to a hundred."""
+    x = skin.planes[0].grid.x
+    whole = np.zeros((1, 8, 8))
+    if kind == "ramp":
+        whole += 2e6 * x
+    elif kind == "row":
+        whole[0, 2] += 4e3
+    else:
+        whole += 5e3
+    return whole
+
+
+@pytest.mark.parametrize("kind", ["ramp", "row", "offset"])
+def test_what_the_touch_found_besides_contact_is_allowed_for(kind) -> None:
+    """Offsets alone were: a ramp or the offset of a row was taken for a contact that is not round."""
+    skin = skin_of(50.0)
+    radius = hertz_contact_radius(PAD, radius=8e-3, force=1.5)
+    ball = hertz_point(contact_radius=radius, force=1.5).shifted(0.4e-3, -0.7e-3)
+    readings = skin.sense(ball, rng=np.random.default_rng(1)) + drifting(kind, skin)
+    found = skin.identify(readings, skin.reconstruct(readings), shape="ball")
+    assert found.radius.value == pytest.approx(8e-3, rel=0.1)
+    assert found.patches[0].force[2].value == pytest.approx(1.5, rel=0.02)
+
+
+@pytest.mark.parametrize("offset", [700.0, 1e4])
+def test_the_zero_of_the_touch_is_that_of_its_readings(offset) -> None:
+    skin = skin_of(None)
+    ball = hertz_point(contact_radius=hertz_contact_radius(PAD, radius=8e-3, force=1.5), force=1.5)
+    noise = 50.0 * np.random.default_rng(0).standard_normal((21, 1, 8, 8))
+    frames = offset + noise
+    frames[20] += skin.sense(ball)
+    touch = skin.reconstruct(frames[20], zero=frames[:20])
+    found = touch.identify(skin, frames[20], shape="ball", zero=frames[:20])
+    assert found.radius.value == pytest.approx(8e-3, rel=0.15)
+    assert found.patches[0].force[2].value == pytest.approx(1.5, rel=0.02)
+
+
 def test_what_is_refused() -> None:
     skin = skin_of()
     readings, touch = read(skin, hertz_point(contact_radius=2e-3, force=1.0))

@@ -29,7 +29,7 @@ from palpate.identify.shapes import BALL, FLAT, Shapes, by_reading, flat_reading
 from palpate.identify.texture import texture
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import AreaGrid
-from palpate.sensing.nuisance import nuisances
+from palpate.sensing.nuisance import NUISANCES, groups, nuisances
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.uncertainty import Uncertainty, step_of, stretched
 from palpate.touch import Touch
@@ -215,10 +215,18 @@ def _data(skin: Body, touch: Touch, parts: Sequence[Floats]) -> Data | None:
     values = np.nan_to_num(values)
     spread = np.sqrt(deviation**2 + (gain * values) ** 2 + (MODEL * np.abs(values).max()) ** 2)
     weights = np.where(good, 1.0 / spread, 0.0)
-    others = np.zeros((0, len(values)))
-    if touch.nuisance is not None and np.any(np.nan_to_num(np.asarray(touch.nuisance)) != 0.0):
-        others = np.stack([n.rows for n in nuisances(skin.planes, ["offset"])])
-    return Data(values * weights, weights, others)
+    return Data(values * weights, weights, _others(skin, touch, len(values)))
+
+
+def _others(skin: Body, touch: Touch, count: int) -> Floats:
+    """Return the nuisances (n, reading) that the touch found, and the offsets of all channels beside any."""
+    if touch.nuisance is None:
+        return np.zeros((0, count))
+    sizes = np.nan_to_num(np.asarray(touch.nuisance, dtype=np.float64))
+    found = {label for (label, _), size in zip(touch.nuisance_names, sizes) if size != 0.0}
+    every = [*nuisances(skin.planes, NUISANCES), *groups(skin.planes)]
+    rows = [n.rows for n in every if found and (n.kind == "offset" or n.label in found)]
+    return np.stack(rows) if rows else np.zeros((0, count))
 
 
 def _regions(pressure: Floats) -> list[npt.NDArray[np.bool_]]:
