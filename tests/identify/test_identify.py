@@ -347,6 +347,19 @@ def test_the_zero_of_the_touch_is_that_of_its_readings(offset) -> None:
     assert found.patches[0].force[2].value == pytest.approx(1.5, rel=0.02)
 
 
+def test_a_pull_is_no_absence_of_contact() -> None:
+    """It was "nothing touches", with a force of 0."""
+    skin = skin_of(50.0)
+    push = skin.sense(hertz_point(contact_radius=3e-3, force=1.5))
+    readings = np.stack([push, -push, 0.0 * push])
+    found = skin.identify(readings, skin.reconstruct(readings), shape="ball")
+    assert found.forces[0] == pytest.approx(1.5, rel=0.02)
+    assert np.isnan(found.forces[1])
+    assert found.forces[2] == 0.0
+    assert "the contact pulls" in found[1].radius.reason
+    assert found[2].radius.reason == "nothing touches"
+
+
 def test_what_is_refused() -> None:
     skin = skin_of()
     readings, touch = read(skin, hertz_point(contact_radius=2e-3, force=1.0))

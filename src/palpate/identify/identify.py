@@ -51,6 +51,8 @@ ROUNDS = 6
 MODEL = 3e-4
 #: The reason given for a frame without contact.
 NOTHING = "nothing touches"
+#: The reason given for one that pulls.
+PULLS = "the contact pulls: Hertz's relations are for one that pushes"
 
 
 class Skinlike(Protocol):
@@ -153,8 +155,10 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
         return Frame(body, "pressure was not sought")
     pressure = np.nan_to_num(to_numpy(touch.values)[-1])
     touching = touch.touching is None or bool(touch.touching)
-    if not touching or not pressure.max(initial=0.0) > 0:
+    if not touching or not pressure.any():
         return Frame(body, NOTHING)
+    if not pressure.max() > 0:
+        return Frame(body, PULLS)
     data = _data(body, touch, parts)
     if data is None:
         return Frame(
@@ -164,7 +168,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
     best, other, waves = _explained(shapes, data, _starts(touch, pressure), wanted)
     guesses = tuple(_guess(touch, pressure, region) for region in _regions(pressure))
     if best.forces[:, -1].min() <= 0:
-        return Frame(body, "the contact pulls: Hertz's relations are for one that pushes", misfit=best.misfit)
+        return Frame(body, PULLS, misfit=best.misfit)
     if best.misfit < REFUSED:
         reason = f"round contacts do not explain the readings (misfit probability {best.misfit:.2g})"
         return Frame(body, reason, guesses=guesses, misfit=best.misfit, components=components)
