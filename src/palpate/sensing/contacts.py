@@ -6,8 +6,9 @@ polynomial through `STENCIL` + 1 of them. The transpose of that interpolation gi
 contact in each cell (as in J. R. Phillips, J. K. White, IEEE Trans. CAD 16, 1997, 1059-1072). The operator of the
 surface serves all taxels farther away than six of its cells. For the others, cells near the contact are refined by a
 factor of four in each step. The finest cells use the mean of the contact: on the surface itself, and under a very wide
-contact at depths less than about a hundredth of its size. With apertures more than twice as wide as deep, the error is
-half a per cent of the largest reading.
+contact at depths less than about a hundredth of its size. With apertures more than twice as wide as deep, cells are a
+sixth of an aperture wide: under contacts wider than an aperture the error is up to 1 % of the largest reading of
+pressure, and 2 % of shear.
 """
 
 from __future__ import annotations
