@@ -186,3 +186,20 @@ def test_a_press_at_the_end_of_a_pad_is_in_the_interval(place: float, response: 
     touch = skin.reconstruct(readings, zero=rest(skin, 20.0))
     low, high = (float(side[-1]) for side in touch.interval(0.95, "force"))
     assert low <= 2.0 <= high < 10.0
+
+
+@pytest.mark.parametrize(("radius", "load"), [(4e-3, 2.0), (9e-3, 10.0)])
+def test_a_force_that_nothing_explains_is_at_most_that_of_its_largest_reading(radius: float, load: float) -> None:
+    """Wires of taxels and channels swapped at random, and signs turned: no contact explains such readings."""
+    skin = pp.Skin(LAYER, pp.AreaArray(shape=(4, 4), pitch=4.7e-3, depth=4e-3, channels=THREE))
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=radius, force=load)))
+    for seed in (4, 30) if radius > 5e-3 else (7, 12):
+        rng = np.random.default_rng(seed)
+        swapped = clean.reshape(3, -1)[rng.permutation(3)][:, rng.permutation(16)].reshape(clean.shape)
+        readings = swapped * rng.choice([-1, 1], clean.shape) + 100.0 * rng.standard_normal(clean.shape)
+        touch = skin.reconstruct(readings, zero=100.0 * rng.standard_normal((30, *clean.shape)))
+        value, low, high = force(touch)
+        assert status(touch) is pp.Status.UNEXPLAINED
+        assert math.isnan(value)
+        assert -math.inf < low <= 0.0
+        assert load <= high < 100.0

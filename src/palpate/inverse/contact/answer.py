@@ -172,9 +172,16 @@ def nothing_known(errors: Errors) -> Errors:
 
 
 def hidden(prepared: Prepared, data: Floats) -> Floats:
-    """Bounds on the net force (component, 2) of an undetected contact, from the largest of readings that no contact
-    explains.
+    """Bounds on the net force (component, 2) of a contact that no explanation of the readings shows: the larger of a
+    patch as wide as the depth and an even load over the array, if either makes readings as large as the largest.
     """
     largest = float(np.abs(data / prepared.readings.std).max(initial=0.0))
     force = WIDE * prepared.undetected(largest, data).force
+    inside = prepared.inside.ravel()
+    area = float(prepared.operator.surface.areas.ravel()[inside].sum())
+    for i, c in enumerate(prepared.columns):
+        even = np.zeros((len(prepared.columns), inside.size))
+        even[i, inside] = 1.0
+        response = float(np.abs(prepared.explained_by(even) / prepared.readings.std).max())
+        force[c] = max(force[c], largest * area / response) if response > 0.0 else math.inf
     return np.stack([-force, force], axis=-1)

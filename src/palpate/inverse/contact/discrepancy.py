@@ -134,9 +134,6 @@ def _with_shares(
             unexplained=True,
         )
     nothing = replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
-    if estimator.problem.zeroed:
-        return nothing
-    # Without a zero, the readings may contain offsets: allow a contact as large as the largest reading.
     return replace(nothing, bounds=hidden(estimator, data))
 
 
