@@ -58,11 +58,11 @@ def run_calibration(before: SkinCalibration, data: Labelled, said: list[str]) ->
         new = RunLabels(data.flat[at], value[at], std, data.press[at])
         maps[name] = replace(one, this_run=new)
         if name == "fz":
-            gain, gain_std = new.gain(one.errors(new.readings))
+            gain, gain_std = new.gain(new.known(one.errors(new.readings)))
             unit, unit_std = unit * gain, math.hypot(unit_std, gain_std)
             words.insert(
                 0,
-                f"{ABOUT}forces are {plain_number(gain, 3)} +- {plain_number(gain_std, 2)} times what the calibration says, by {len(np.unique(new.press))} presses. It serves for this run; for another one start from the calibration without it",
+                f"{ABOUT}forces are {plain_number(gain, 3)} +- {plain_number(gain_std, 2)} times what the calibration says, by {len(new.values)} labelled frames. It serves for this run; for another one start from the calibration without it",
             )
     if all(one.this_run is None or one is before.maps[n] for n, one in maps.items()):
         raise InvalidInput(
