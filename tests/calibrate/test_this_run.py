@@ -11,7 +11,7 @@ import pytest
 
 import palpate as pp
 from calibrate_scenes import PAD, bench, taxels
-from palpate.calibrate import calibrate, read_calibration, write_calibrated
+from palpate.calibrate import ForceMap, calibrate, read_calibration, with_calibration, write_calibrated
 from palpate.calibrate.run import FrameErrors, RunLabels
 from palpate.errors import InvalidInput
 
@@ -110,6 +110,25 @@ def test_labels_of_the_run_are_solved_once(calibrated: pp.Skin, monkeypatch: pyt
         one.unlike(frame)
     assert one.gain_std > 0.0
     assert len(solved) == 1
+
+
+def test_the_elastic_model_has_a_gain_of_its_own(calibrated: pp.Skin) -> None:
+    """It got the gain of the map: forces that the map alone has wrong became wrong in the pressure map too."""
+    assert calibrated.calibration is not None
+    one = calibrated.calibration.maps["fz"]
+    wrong = ForceMap.fit(dataclasses.replace(one.process, values=1.3 * one.process.values))
+    found = dataclasses.replace(calibrated.calibration, maps={**calibrated.calibration.maps, "fz": wrong})
+    assert found.elastic
+    skin = with_calibration(calibrated._uncalibrated(), found)
+    readings, force, _ = bench(30, 1003)
+    today = skin.calibrate(readings[:6], reference=force[:6], baseline=0, this_run=True)
+    assert today.calibration is not None
+    assert today.calibration.unit / found.unit == pytest.approx(1.0, abs=0.07)
+    assert today.calibration.maps["fz"].this_run is not None
+    readings, force = new_run(30, 1003)
+    today = calibrated.calibrate(readings[:6], reference=force[:6], baseline=0, this_run=True)
+    assert today.calibration is not None
+    assert today.calibration.unit / calibrated.calibration.unit == pytest.approx(1.0 / GAIN, rel=0.07)
 
 
 @pytest.mark.long
