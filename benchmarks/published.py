@@ -177,12 +177,13 @@ def relative_error(found: SkinCalibration) -> float:
 
 def held_out(data: Path, work: Path) -> list[tuple[str, str, Array, Array, Array, Array]]:
     """What was calibrated, what was asked, and force, ends of the interval and known force of each frame."""
-    time, *found = tracked(work / "lattice-2.csv")
-    out = [("lattice, run 1", "run 2", *found, second_run(data, time))]
+    time, force, low, high = tracked(work / "lattice-2.csv")
+    out = [("lattice, run 1", "run 2", force, low, high, second_run(data, time))]
     known = stream(data, 0)
     known[: TODAY + 1] = np.nan
     for name, label in (("before", "stream 2"), ("after", "stream 2, first presses of stream 0")):
-        out.append((f"barometers, {label}", "the rest of stream 0", *tracked(work / f"{name}.csv")[1:], known))
+        _, force, low, high = tracked(work / f"{name}.csv")
+        out.append((f"barometers, {label}", "the rest of stream 0", force, low, high, known))
     return out
 
 
