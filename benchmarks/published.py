@@ -149,7 +149,13 @@ def tables(data: Path, work: Path, calibrations: dict[str, SkinCalibration]) -> 
         lines.append(
             f"| {label} | {asked} | {error:.3g} | {inside:.2f} | {width:.3g} | {np.nanmean((known - value)[strong]):+.3f} |"
         )
+    today = read_calibration(work / "today.toml")
+    if today is None:
+        raise SystemExit("today.toml has no calibration")
+    own_gain = today.unit / calibrations["barometers-2"].unit
     lines += [
+        "",
+        f'It says of stream 0 "{today.said[0].split(". ")[0]}"; the factor on the force of the elastic model is {own_gain:.2f}.',
         "",
         "<!-- lag -->",
         "",
@@ -242,7 +248,7 @@ def curves() -> tuple[list[int], dict[str, dict[str, list[float]]], dict[str, li
     """Numbers of labels; error of each set and method; coverage of palpate for each set; mean coverage of each method."""
     text = (DOCS / "_generated" / "calibrate.md").read_text(encoding="utf-8")
     rows = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")]
-    sizes = [int(c) for c in rows[0][2:]]
+    sizes = [int(c.split()[0]) for c in rows[0][2:]]
     error: dict[str, dict[str, list[float]]] = {}
     inside: dict[str, list[float]] = {}
     mean: dict[str, list[float]] = {}
