@@ -134,3 +134,20 @@ def test_files_of_a_cell_hold_its_normal_traction(tmp_path: Path) -> None:
         assert np.allclose(held["field_std_normal"], std)
     with xarray.open_dataset(tmp_path / "cell.nc") as held:
         assert np.allclose(held["displacement_normal"], forces.field.normal)
+
+
+def test_normal_traction_leaves_no_shear_in_beads_below_the_surface() -> None:
+    count, depth = 24, 2e-6
+    pad = pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=0.3)
+    channels = ["displacement_x", "displacement_y", "displacement_z"]
+    skin = pp.Skin(pad, pp.AreaArray(shape=(count, count), pitch=PITCH, depth=depth, channels=channels))
+    push = np.zeros((3, *skin.surface.shape))
+    middle = skin.surface.shape[0] // 2
+    push[2, middle - 2 : middle + 2, middle - 2 : middle + 2] = 500.0
+    u = np.asarray(skin.sense(push)).reshape(3, count, count)
+    u = u + 0.5e-9 * np.random.default_rng(0).standard_normal(u.shape)
+    field = Field(displacement=u[:2], normal=-u[2], start=(4.5, 4.5), step=10.0, pixel=0.1e-6)
+    found = cell_forces(field, pad, depth=depth, method="tikhonov", draws=8)
+    # nothing pulls along the surface: sideways motion of the beads is due to the push
+    assert found["strain_energy"].value < 0.05 * found["strain_energy_normal"].value
+    assert found["net_force_z"].value == pytest.approx(-push[2].sum() * PITCH**2, rel=0.2)
