@@ -381,3 +381,25 @@ def test_published_fields_are_read() -> None:
     piv = read_field(PUBLISHED / "piv_particles.dat", pixel=1e-6)
     assert piv.std is not None
     assert (piv.shape, piv.start, piv.step) == ((24, 24), (305.0, 401.0), 4.0)
+
+
+def test_errors_of_missing_vectors_are_no_noise_of_the_others(tmp_path: Path) -> None:
+    u, std = np.zeros((2, 20, 30)), np.full((2, 20, 30), 2e-9)
+    u[:, 3, 4], std[:, 3, 4] = np.nan, 1e-5  # as programs mark a vector
+    field = Field(displacement=u, std=std, start=(3.5, 3.5), step=8.0, pixel=PIXEL)
+    assert field.noise == pytest.approx(2e-9)
+    u[:, 3, 4] = 0.5e-6
+    marked = Field(displacement=u, std=std, start=(3.5, 3.5), step=8.0, pixel=PIXEL)
+    assert marked.without_outliers().noise == pytest.approx(2e-9)
+    # a table whose flag leaves vectors out, with an error of 99 px
+    lines = ["x [px],y [px],u [px],v [px],ex [px],ey [px],flags"]
+    lines += [f"{8 * (k % 6)},{8 * (k // 6)},0.1,{0.01 * k},{(e := 99 if k == 7 else 0.02)},{e},{int(k == 7)}" for k in range(36)]  # fmt: skip
+    (tmp_path / "flags.csv").write_text("\n".join(lines) + "\n")
+    assert read_field(tmp_path / "flags.csv", pixel=PIXEL).noise == pytest.approx(0.02 * PIXEL)
+
+
+def test_infinite_errors_are_refused() -> None:
+    u, std = np.zeros((2, 20, 30)), np.full((2, 20, 30), 2e-9)
+    std[0, 3, 4] = np.inf
+    with pytest.raises(InvalidInput, match="no negative or infinite values"):
+        Field(displacement=u, std=std, start=(3.5, 3.5), step=8.0, pixel=PIXEL)
