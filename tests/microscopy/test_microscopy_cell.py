@@ -14,7 +14,7 @@ import pytest
 
 import palpate as pp
 from palpate.errors import InvalidInput
-from palpate.microscopy import CellForces, Field, Quantity, cell_forces, on_grid, read_mask
+from palpate.microscopy import CellForces, Field, Quantity, cell_forces, forces_of_labels, on_grid, read_mask
 from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
@@ -401,3 +401,28 @@ def test_what_is_known_of_the_gel_enters_the_map_or_is_said_not_to() -> None:
     )
     assert any("depth" in note and "does not enter" in note for note in stated.notes)
     assert not any("does not enter" in note for note in exact.notes)
+
+
+def test_regions_that_overlap_have_their_whole_force(found: CellForces) -> None:
+    """An adhesion outlined within a cell takes no force from the cell, in either order."""
+    whole, adhesion = np.zeros((2, 300, 300), dtype=bool)
+    whole[20:280, 20:280], adhesion[120:180, 200:260] = True, True
+    alone = {one.label: one for one in forces_of_labels(found, {"cell": whole})}["cell"]
+    for masks in ({"cell": whole, "adhesion": adhesion}, {"adhesion": adhesion, "cell": whole}):
+        both = {one.label: one for one in forces_of_labels(found, masks)}
+        assert both["cell"].force == pytest.approx(alone.force, rel=1e-6, abs=1e-15)
+        assert both["cell"].area == pytest.approx(alone.area, abs=0.0)
+        assert both["adhesion"].area == pytest.approx((60 * PIXEL) ** 2, rel=0.1, abs=0.0)
+
+
+def test_principal_moments_add_up_to_the_contractile_moment(found: CellForces) -> None:
+    large, small, _ = found.principal
+    assert large + small == pytest.approx(found["contractile_moment"].value, rel=1e-9, abs=0.0)
+
+
+def test_energy_outside_goes_with_the_square_of_the_scale(found: CellForces) -> None:
+    _, u = cell()
+    fields = {"mask": disc(60.0), "draws": 8, "method": "tikhonov"}
+    exact = cell_forces(field_of(u), GEL, uncertainty=EXACT, **fields)["energy_outside"]
+    known = cell_forces(field_of(u), GEL, uncertainty=replace(EXACT, scale=0.2), **fields)["energy_outside"]
+    assert known.std == pytest.approx(math.hypot(exact.std, 0.4 * exact.value), rel=1e-6, abs=0.0)

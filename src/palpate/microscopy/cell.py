@@ -35,6 +35,8 @@ __all__ = ["CellForces", "Quantity", "cell_forces"]
 METHODS = ("adhesions", "tikhonov")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
+#: Energies, which are proportional to the squared displacement.
+ENERGIES = {"strain_energy", "energy_outside", "strain_energy_normal"}
 #: Sizes, whose intervals end at zero.
 NOT_NEGATIVE = {"force_inside", "force_outside", "background", "traction_rms", "traction_peak"}
 
@@ -281,7 +283,7 @@ def cell_forces(
     drift : bool
         Also fit a shift of the whole picture (default); False if it cannot move.
     uncertainty : Uncertainty, optional
-        Uncertainty of modulus and scale: they enter every number and the map's standard deviation (default: 10 % and 2 %). Thickness, depth and gains
+        Uncertainty of modulus and scale: they enter every number and the map's standard deviation (default: 15 % and 2 %). Thickness, depth and gains
         do not, and a note says so.
     draws : int
         Samples of the posterior for the errors.
@@ -454,9 +456,7 @@ def _numbers(
     quantities = {}
     for key, (label, unit, values, expected, sized, why) in entries.items():
         # traction is proportional to modulus and displacement, the energy to modulus and squared displacement
-        common = math.hypot(
-            pad_uncertainty.modulus, (2.0 if key.startswith("strain_energy") else 1.0) * pad_uncertainty.scale
-        )
+        common = math.hypot(pad_uncertainty.modulus, (2.0 if key in ENERGIES else 1.0) * pad_uncertainty.scale)
         if sampled and key not in unsampled:
             value, std, ends = read(key, values, common, scores)
             quantities[key] = Quantity(label, unit, value, std, expected, why, ends)
@@ -473,7 +473,8 @@ def _numbers(
         quantities[key] = replace(quantities[key], ends=(max(low, 0.0), high))
     if masked:
         quantities["area"] = Quantity("area of the cell", "m^2", float(inside.sum() * cell), 0.0)
-    symmetric = -0.5 * (moments[..., 0] + moments[..., 0].T)
+    first_moments = moments.mean(axis=-1) if sampled else moments[..., 0]
+    symmetric = -0.5 * (first_moments + first_moments.T)
     sizes, vectors = np.linalg.eigh(symmetric)
     return quantities, (float(sizes[1]), float(sizes[0]), float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))))
 
