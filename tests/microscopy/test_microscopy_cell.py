@@ -88,7 +88,7 @@ def test_energy_follows_its_scaling() -> None:
     soft = cell_forces(field_of(u), GEL, draws=8, drift=False)
     stiff = cell_forces(field_of(u), pp.HalfSpace(youngs_modulus=16e3, poissons_ratio=0.48), draws=8, drift=False)
     for name in ("strain_energy", "contractile_moment", "contractility"):
-        assert stiff[name].value == pytest.approx(2 * soft[name].value, rel=0.01)
+        assert stiff[name].value == pytest.approx(2 * soft[name].value, rel=0.01, abs=0.0)
     exact = cell_forces(field_of(u), GEL, draws=8, drift=False, uncertainty=EXACT)
     known = cell_forces(field_of(u), GEL, draws=8, drift=False, uncertainty=replace(EXACT, youngs_modulus=0.2))
     assert known["contractility"].std == pytest.approx(
@@ -108,7 +108,7 @@ def test_a_cell_turned_by_a_quarter_has_the_same_numbers(found: CellForces) -> N
         for d in (u, turned)
     )
     for name in names:
-        assert other[name].value == pytest.approx(straight[name].value, rel=0.02)
+        assert other[name].value == pytest.approx(straight[name].value, rel=0.02, abs=0.0)
     # adhesions are sampled: the same within what either leaves open
     sampled = cell_forces(Field(displacement=turned, **places), GEL, mask=disc(), draws=8, drift=False)
     for name in names:
@@ -237,7 +237,7 @@ def test_an_error_of_zero_is_not_known() -> None:
     std = np.full_like(u, 2e-9)
     std[0, :2] = 0.0
     field = Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6, std=std)
-    assert field.noise == pytest.approx(2e-9)
+    assert field.noise == pytest.approx(2e-9, abs=0.0)
     assert "24 of 144 vectors state an error of zero" in " ".join(field.notes)
     assert replace(field, displacement=u + 1e-9).notes == field.notes
     assert Field(displacement=u, start=(7.5, 7.5), step=16.0, pixel=0.1e-6, std=0.0 * u).noise is None
