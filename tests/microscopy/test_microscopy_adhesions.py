@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.ndimage
 
 import palpate as pp
 from palpate.errors import InvalidInput
@@ -228,3 +229,17 @@ def test_a_film_goes_on_where_it_was_stopped(tmp_path):
         other.run(partial)
     with pytest.raises(InvalidInput, match="need one of the beads at rest"):
         Film(frames=["a.tif"], pad=pad, pixel=SQUARE)
+
+
+@pytest.mark.long
+def test_noise_of_a_wide_field_is_that_of_its_vectors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field that is averaged over tiles states the noise of single vectors, whose windows overlap."""
+    monkeypatch.setattr("palpate.microscopy.adhesions.WIDEST", 24)
+    count, std = 48, 2e-9
+    rng = np.random.default_rng(0)
+    noise = scipy.ndimage.uniform_filter(rng.standard_normal((2, count, count)), (0, 4, 4), mode="wrap") * 4
+    field = Field(
+        displacement=std * noise, std=np.full(noise.shape, std), start=(4.5, 4.5), step=10.0, pixel=1e-7, aperture=4e-6
+    )
+    found = sampled(field, pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48), draws=3)
+    assert found.noise == pytest.approx(std, rel=0.15, abs=0.0)

@@ -403,3 +403,30 @@ def test_infinite_errors_are_refused() -> None:
     std[0, 3, 4] = np.inf
     with pytest.raises(InvalidInput, match="no negative or infinite values"):
         Field(displacement=u, std=std, start=(3.5, 3.5), step=8.0, pixel=PIXEL)
+
+
+def test_a_name_is_not_ignored_where_there_is_nothing_to_pick(tmp_path: Path) -> None:
+    np.save(tmp_path / "one.npy", np.random.default_rng(0).standard_normal((2, 20, 30)))
+    with pytest.raises(InvalidInput, match="holds one field: leave out name='3'"):
+        read_field(tmp_path / "one.npy", pixel=PIXEL, unit="px", step=8, name="3")
+    tifffile = pytest.importorskip("tifffile")
+    tifffile.imwrite(tmp_path / "one.tif", np.random.default_rng(0).standard_normal((2, 20, 30)).astype(np.float32))
+    with pytest.raises(InvalidInput, match="holds one field: leave out name"):
+        read_field(tmp_path / "one.tif", pixel=PIXEL, unit="px", step=8, name="3")
+
+
+@pytest.mark.parametrize("shape", [(100,), (100, 1), (20, 20, 3)])
+def test_components_that_are_no_matrices_need_positions(shape: tuple[int, ...], tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "list.mat", {"u": np.ones(shape), "v": np.ones(shape)})
+    with pytest.raises(InvalidInput, match="and no positions"):
+        read_field(tmp_path / "list.mat", pixel=PIXEL, unit="px", step=8)
+
+
+def test_a_marker_moves_with_a_v_that_grows_upwards(pair: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    """Rows grow downwards and v upwards: the moved marker lies at y - v."""
+    for name, sign in (("down", 1), ("up", -1)):
+        (tmp_path / f"{name}.csv").write_text(table((pair[0], sign * pair[1]), mark=","))
+    down = read_field(tmp_path / "down.csv", pixel=PIXEL, follow=True)
+    up = read_field(tmp_path / "up.csv", pixel=PIXEL, follow=True, v_up=True)
+    np.testing.assert_allclose(up.displacement, down.displacement, atol=1e-12)
+    assert up.start == pytest.approx(down.start)

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found, beside, chosen, normal_beside
+from palpate.microscopy.found import Found, beside, check_unnamed, chosen, normal_beside
 from palpate.microscopy.names import FLAGS, FRAMES, POSITIONS, VECTORS, plain, unit_in, which
 from palpate.recordings.textlines import text_of, warn_of_a_cut
 
@@ -99,8 +99,7 @@ def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Fl
     """Return the rows of one frame, if a column states the frame."""
     column = next((k for k, n in enumerate(names) if plain(n) in FRAMES), None)
     if column is None:
-        if name is not None:
-            raise InvalidInput(f"{path}: holds one field: leave out name={name!r} (--name).")
+        check_unnamed(path, name)
         return values
     each = {f"{number:g}": values[values[:, column] == number] for number in np.unique(values[:, column])}
     return np.asarray(chosen(path, each, name, "frames"))

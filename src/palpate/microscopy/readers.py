@@ -16,7 +16,7 @@ from palpate.camera.stacks import check_page, check_size
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.fields import EVEN, Field
-from palpate.microscopy.found import Found, beside, chosen, normal_beside, stacked_pair
+from palpate.microscopy.found import Found, beside, check_unnamed, chosen, normal_beside, stacked_pair
 from palpate.microscopy.matfile import read_mat
 from palpate.microscopy.names import UNIT_NAMES, VECTORS, units_of, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
@@ -159,6 +159,7 @@ def _npy(path: Path, name: str | None) -> Found:
     values = _array(path)
     if values.ndim == 4 and 2 in (values.shape[1], values.shape[-1]):  # frame by frame
         return stacked_pair(path, chosen(path, {str(k): each for k, each in enumerate(values)}, name, "frames"))
+    check_unnamed(path, name)
     return stacked_pair(path, values)
 
 
@@ -261,6 +262,7 @@ def _floats(path: Path) -> bool:
 
 
 def _tiff(path: Path, name: str | None) -> Found:
+    check_unnamed(path, name)
     pages = _pages(path)
     if any(p.dtype.kind != "f" for p in pages):
         raise InvalidInput(
@@ -401,7 +403,9 @@ def _field(
             raise InvalidInput(f"{path}: has positions of its own: leave out step and start.")
         x, y = (np.array(p, dtype=np.float64) * reach for p in (contents.x, contents.y))
         if follow:
-            x, y = x + np.nan_to_num(u) * (factor / pixel), y + np.nan_to_num(v) * (factor / pixel)
+            # y grows against v where v alone grows upwards
+            along_y = -v if v_up else v
+            x, y = x + np.nan_to_num(u) * (factor / pixel), y + np.nan_to_num(along_y) * (factor / pixel)
         if up:
             if size is None:
                 notes.append(TURNED)
@@ -410,6 +414,10 @@ def _field(
         values, std, start, step = _placed(np.stack([u, v, *out]), std, x, y, notes)
     else:
         values = np.stack([u, -v if up or v_up else v, *out])
+        if values.ndim != 3:
+            raise InvalidInput(
+                f"{path}: its vectors have the shape {u.shape}, and no positions: a field without positions is a matrix (row, column) of each component. Save positions x and y too, or two matrices."
+            )
         step, start = _grid(values.shape[1:], path, step, start, size, notes)
     if not (up or v_up):
         notes.append(
