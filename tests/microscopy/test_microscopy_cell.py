@@ -426,3 +426,17 @@ def test_energy_outside_goes_with_the_square_of_the_scale(found: CellForces) -> 
     exact = cell_forces(field_of(u), GEL, uncertainty=EXACT, **fields)["energy_outside"]
     known = cell_forces(field_of(u), GEL, uncertainty=replace(EXACT, scale=0.2), **fields)["energy_outside"]
     assert known.std == pytest.approx(math.hypot(exact.std, 0.4 * exact.value), rel=1e-6, abs=0.0)
+
+
+def test_another_cell_keeps_the_picture_and_the_notes() -> None:
+    """Vectors in the middle of a larger picture: the mask of another cell is of this picture too."""
+    u = 1e-9 * np.random.default_rng(0).standard_normal((2, 20, 30))
+    field = Field(displacement=u, start=(104.5, 104.5), step=10.0, pixel=PIXEL, notes=("of all of the field",))
+    mask = np.zeros((500, 600), dtype=bool)
+    mask[150:250, 150:300] = True
+    cell = cell_forces(field, GEL, mask=mask, picture=np.zeros((500, 600)), method="tikhonov", draws=8)
+    other = cell.within(np.roll(mask, 50, axis=1))
+    assert other["area"].value == pytest.approx(cell["area"].value, rel=0.1, abs=0.0)
+    assert "of all of the field" in other.notes
+    assert any("modulus known to 15 %" in note for note in other.notes)
+    assert set(cell.within(mask).notes) == set(cell.notes)

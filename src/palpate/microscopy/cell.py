@@ -159,6 +159,8 @@ class CellForces:
     response: Response | None = None
     done: Any = None
     known: Any = None
+    #: notes that hold for every cell in the field of view
+    common_notes: tuple[str, ...] = ()
 
     @property
     def normal(self) -> tuple[Floats, Floats] | None:
@@ -170,13 +172,25 @@ class CellForces:
         return normal.traction, np.hypot(np.std(normal.draws, axis=0, ddof=1), common * normal.traction)
 
     def within(self, mask: Any, *, size: tuple[int, int] | None = None) -> CellForces:
-        """Return the same traction with the numbers of another cell in the field of view."""
+        """Return the same traction with the numbers of another cell in the field of view.
+
+        ``size``: columns and rows of the picture that the mask belongs to; default: those of `picture`, if any. With
+        "adhesions", traction outside the mask of `cell_forces` was taken as unlikely.
+        """
         corners = read_mask(mask, pixel=self.field.pixel)
+        if size is None and self.picture is not None:
+            size = (int(np.shape(self.picture)[1]), int(np.shape(self.picture)[0]))
         inside = on_grid(corners, self.field, size=size)
         numbers, principal = _numbers(self.done, self.field, inside, True, self.known)
-        notes = doubts(numbers, principal, self.field, inside, True, self.done)
+        notes = (*self.common_notes, *doubts(numbers, principal, self.field, inside, True, self.done))
         return replace(
-            self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(notes)
+            self,
+            inside=inside,
+            masked=True,
+            mask=corners,
+            quantities=numbers,
+            principal=principal,
+            notes=tuple(dict.fromkeys(notes)),
         )
 
     def __getitem__(self, name: str) -> Quantity:
@@ -377,7 +391,7 @@ def cell_forces(
     beside = [n for n in ("thickness", "depth", "gain") if getattr(pad_uncertainty, n)]
     estimate = replace(estimate, normal=normal)
     numbers, principal = _numbers(estimate, field, inside, corners is not None, pad_uncertainty)
-    notes = [
+    common_notes = (
         *field.notes,
         *map(reworded, estimate.touch.notes),
         *(f"assumed: {reworded(assumption)}" for assumption in estimate.touch.assumed),
@@ -387,11 +401,11 @@ def cell_forces(
             if beside
             else []
         ),
-        *doubts(numbers, principal, field, inside, corners is not None, estimate),
-    ]
+    )
+    notes = (*common_notes, *doubts(numbers, principal, field, inside, corners is not None, estimate))
     return CellForces(
         whole_field, pad, estimate.traction, np.hypot(np.std(estimate.draws, axis=0, ddof=1), estimate.touch._scale_std * estimate.traction), estimate.draws, inside, corners is not None, numbers, principal,
-        estimate.touch, tuple(dict.fromkeys(notes)), corners, picture, estimate.samples, estimate.response, estimate, pad_uncertainty,
+        estimate.touch, tuple(dict.fromkeys(notes)), corners, picture, estimate.samples, estimate.response, estimate, pad_uncertainty, common_notes,
     )  # fmt: skip
 
 
