@@ -59,7 +59,7 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
         )
     rows, columns = (n // step * step for n in part.shape[:2])
     blocks = part[:rows, :columns].reshape(rows // step, step, columns // step, step, 3)
-    lost = saturated_or_black(blocks).any(axis=(1, 3))
+    lost = np.asarray(saturated_or_black(blocks).any(axis=(1, 3)))
     return np.asarray(blocks.mean(axis=(1, 3))), lost
 
 
