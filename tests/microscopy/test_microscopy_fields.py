@@ -430,3 +430,17 @@ def test_a_marker_moves_with_a_v_that_grows_upwards(pair: tuple[np.ndarray, np.n
     up = read_field(tmp_path / "up.csv", pixel=PIXEL, follow=True, v_up=True)
     np.testing.assert_allclose(up.displacement, down.displacement, atol=1e-12)
     assert up.start == pytest.approx(down.start)
+
+
+def test_errors_and_depth_have_the_units_of_their_columns(tmp_path: Path) -> None:
+    """Depth and errors in nanometres beside displacements in pixels are no pixels."""
+    for errors, title in (("5,5,250", "ex [nm],ey [nm],w [nm]"), ("0.05,0.05,2.5", "ex [px],ey [px],w")):
+        lines = [f"x [px],y [px],u [px],v [px],{title}"]
+        lines += [f"{8 * (k % 6)},{8 * (k // 6)},{0.1 * (k % 5)},{0.02 * (k % 3)},{errors}" for k in range(36)]
+        (tmp_path / "units.csv").write_text("\n".join(lines) + "\n")
+        field = read_field(tmp_path / "units.csv", pixel=PIXEL)
+        assert field.noise == pytest.approx(5e-9, rel=1e-9)
+        np.testing.assert_allclose(field.normal, 250e-9)
+    (tmp_path / "units.csv").write_text((tmp_path / "units.csv").read_text().replace("ey [px]", "ey [nm]"))
+    with pytest.raises(InvalidInput, match="ex in px and ey in nm: export both in one unit"):
+        read_field(tmp_path / "units.csv", pixel=PIXEL)

@@ -391,7 +391,7 @@ def cell_forces(
     beside = [n for n in ("thickness", "depth", "gain") if getattr(pad_uncertainty, n)]
     estimate = replace(estimate, normal=normal)
     numbers, principal = _numbers(estimate, field, inside, corners is not None, pad_uncertainty)
-    common_notes = (
+    notes = [
         *field.notes,
         *map(reworded, estimate.touch.notes),
         *(f"assumed: {reworded(assumption)}" for assumption in estimate.touch.assumed),
@@ -401,8 +401,9 @@ def cell_forces(
             if beside
             else []
         ),
-    )
-    notes = (*common_notes, *doubts(numbers, principal, field, inside, corners is not None, estimate))
+    ]
+    common_notes = tuple(notes)
+    notes += doubts(numbers, principal, field, inside, corners is not None, estimate)
     return CellForces(
         whole_field, pad, estimate.traction, np.hypot(np.std(estimate.draws, axis=0, ddof=1), estimate.touch._scale_std * estimate.traction), estimate.draws, inside, corners is not None, numbers, principal,
         estimate.touch, tuple(dict.fromkeys(notes)), corners, picture, estimate.samples, estimate.response, estimate, pad_uncertainty, common_notes,

@@ -24,12 +24,15 @@ class Found:
     x: Any = None
     y: Any = None
     std: tuple[Any, Any] | None = None
-    #: displacement out of the plane, with the shape and unit of u
+    #: displacement out of the plane, with the shape of u
     w: Any = None
     bad: Any = None
     unit: str | None = None
     place: str | None = None
     pixel: float | None = None
+    #: units of ``std`` and ``w``, if they are not that of u
+    std_unit: str | None = None
+    w_unit: str | None = None
     #: whether the file comes from a program that always writes pixels
     pixels: bool = False
     notes: list[str] = field(default_factory=list)

@@ -214,6 +214,7 @@ def read_pillars(
     for quantity, unit_in_file, own_unit in (
         ("deflections", table.unit, unit),
         ("positions", table.place, position_unit or (None if table.place else unit)),
+        ("standard deviations", table.std_unit, None if table.std_unit else table.unit or unit),
     ):
         if unit_in_file is not None and own_unit is not None and unit_in_file != own_unit:
             raise InvalidInput(
@@ -239,7 +240,7 @@ def read_pillars(
             )
     good = np.ones(len(table.u), dtype=bool) if table.bad is None else ~np.asarray(table.bad)
     deflections = np.where(good[:, None], factors[0] * np.stack([table.u, table.v], axis=1), np.nan)
-    std = None if table.std is None else factors[0] * np.stack(table.std, axis=1)
+    std = None if table.std is None else factors[2] * np.stack(table.std, axis=1)
     return factors[1] * np.stack([table.x, table.y], axis=1), deflections, std
 
 

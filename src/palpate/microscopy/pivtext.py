@@ -12,7 +12,18 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.microscopy.found import Found, beside, check_unnamed, chosen, normal_beside
-from palpate.microscopy.names import FLAGS, FRAMES, POSITIONS, VECTORS, plain, unit_in, which
+from palpate.microscopy.names import (
+    BOTH_STDS,
+    FLAGS,
+    FRAMES,
+    OUT_OF_PLANE,
+    POSITIONS,
+    STDS,
+    VECTORS,
+    plain,
+    unit_in,
+    which,
+)
 from palpate.recordings.textlines import text_of, warn_of_a_cut
 
 __all__ = ["frames_of_text", "is_number", "read_matrix", "read_piv_text", "split"]
@@ -140,8 +151,9 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
     at = {n: short.index(n) for n in short}
     (u, v), (x, y) = vectors[0], places[0]
     found = Found(u=values[:, at[u]], v=values[:, at[v]], x=values[:, at[x]], y=values[:, at[y]])
-    said = [(unit_in(names[at[a]]), unit_in(names[at[b]])) for a, b in ((x, y), (u, v))]
-    for (first, second), both in zip(said, ((x, y), (u, v))):
+    pairs = [(x, y), (u, v), *which(short, STDS)[:1]]
+    said = [(unit_in(names[at[a]]), unit_in(names[at[b]])) for a, b in pairs]
+    for (first, second), both in zip(said, pairs):
         if first != second:
             raise InvalidInput(
                 f"{path}: {both[0]} in {first or 'no unit'} and {both[1]} in {second or 'no unit'}: export both in one unit."
@@ -151,6 +163,9 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
     _, found.std, said_of = beside({n: values[:, k] for n, k in at.items()}, (len(values),))
     found.notes += said_of
     found.w = normal_beside({n: values[:, k] for n, k in at.items()}, (len(values),))
+    alone = [unit_in(names[at[n]]) for n in BOTH_STDS if n in at]
+    found.std_unit = said[2][0] if len(said) > 2 else next(iter(alone), None)
+    found.w_unit = next((unit_in(names[at[n]]) for n in OUT_OF_PLANE if n in at), None)
     bad = np.zeros(len(values), dtype=bool)
     for flag in FLAGS:
         if flag not in at:

@@ -62,7 +62,8 @@ def read_field(
     pixel : float
         Metres in a pixel of the picture.
     unit : "px", "m", "mm", "um" or "nm", optional
-        Of the displacements. Tables of PIV programs are in pixels unless they state a unit; matrices state none.
+        Of the displacements. Tables of PIV programs are in pixels unless they state a unit; matrices state none. Columns of standard deviations and of w have
+        the unit in their header, or else that of the displacements.
     step : float, optional
         Pixels between vectors, for matrices without positions.
     start : (float, float), optional
@@ -391,11 +392,14 @@ def _field(
         u[contents.bad] = v[contents.bad] = np.nan
     out = []
     if w is not None:
+        w = w * _ratio(path, "displacements out of the plane", contents.w_unit, factor, pixel)
         out = [np.where(np.isnan(u), np.nan, -w if normal == "down" else w)]
         notes.append(
             f"the displacement out of the plane is taken to point {'out of' if normal == 'up' else 'into'} the gel where it is positive (normal=, --normal)"
         )
     std: Any = None if contents.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in contents.std])
+    if std is not None:
+        std = std * _ratio(path, "standard deviations", contents.std_unit, factor, pixel)
     if follow and contents.x is None:
         raise InvalidInput(f"{path}: follow moves positions, and this file has none: leave it out.")
     if contents.x is not None:
@@ -449,6 +453,12 @@ def _unit(path: Path, quantity: str, unit_in_file: str | None, unit: str | None,
             f"{path} says that {quantity} are in {unit_in_file}, and {option}={unit!r} was given: leave out {option} (--{option.replace('_', '-')})."
         )
     return unit or unit_in_file
+
+
+def _ratio(path: Path, quantity: str, unit_in_file: str | None, factor: float, pixel: float) -> float:
+    """Return the unit of a quantity that the file states, relative to the unit of the displacements (``factor`` [m])."""
+    unit = _unit(path, quantity, unit_in_file, None, "unit")
+    return 1.0 if unit is None else (pixel if unit == "px" else UNITS["length"][unit]) / factor
 
 
 def _grid(
