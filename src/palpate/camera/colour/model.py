@@ -72,8 +72,8 @@ class Relief:
     noise : float
         Standard deviation of the depth where nothing touches [m], from this picture.
     errors : array (cause, row, column)
-        Common error of the depth [m], one standard deviation each: due to each press of the calibration, and to slopes that are hidden or steeper
-        than the learnt ones.
+        Common error of the depth [m], one standard deviation each: due to each press of the calibration, to the gain of all slopes, and to slopes that
+        are hidden or steeper than the learnt ones. One cause of zero if no colour changed.
     touching : bool
         Whether anything exceeds the noise.
     said : tuple of str
@@ -118,8 +118,9 @@ class SlopeModel:
     slope_error, depth_error : float
         Root mean square error inside the contact of presses that were left out: of the slope, and of depth [m].
     table : tuple
-        For each press: its name, contact radius [m], gain, error of slope and of depth [m], whether it was left out.
-    said : tuple of str Notes.
+        For each press: its name, contact radius [m], gain, error of slope and of depth [m], by the model learnt without it.
+    said : tuple of str
+        Notes.
     """
 
     response: Response
