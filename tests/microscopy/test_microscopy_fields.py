@@ -444,3 +444,15 @@ def test_errors_and_depth_have_the_units_of_their_columns(tmp_path: Path) -> Non
     (tmp_path / "units.csv").write_text((tmp_path / "units.csv").read_text().replace("ey [px]", "ey [nm]"))
     with pytest.raises(InvalidInput, match="ex in px and ey in nm: export both in one unit"):
         read_field(tmp_path / "units.csv", pixel=PIXEL)
+
+
+def test_attributes_state_the_units_of_errors_and_depth(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    rng = np.random.default_rng(0)
+    with h5py.File(tmp_path / "field.h5", "w") as file:
+        for name, unit, value in (("u", "px", 1.0), ("v", "px", 1.0), ("w", "um", 0.25), ("ex", "nm", 5), ("ey", "nm", 5)):  # fmt: skip
+            file[name] = value + 0.01 * (name in "uv") * rng.standard_normal((20, 30))
+            file[name].attrs["units"] = unit
+    field = read_field(tmp_path / "field.h5", pixel=PIXEL, step=8)
+    assert field.noise == pytest.approx(5e-9, rel=1e-9)
+    np.testing.assert_allclose(field.normal, 250e-9)
