@@ -456,3 +456,23 @@ def test_attributes_state_the_units_of_errors_and_depth(tmp_path: Path) -> None:
     field = read_field(tmp_path / "field.h5", pixel=PIXEL, step=8)
     assert field.noise == pytest.approx(5e-9, rel=1e-9)
     np.testing.assert_allclose(field.normal, 250e-9)
+
+
+@pytest.mark.parametrize("suffix", ["", "_filtered"])
+def test_vectors_that_pivlab_interpolated_are_left_out_of_its_mat_files(suffix: str, tmp_path: Path) -> None:
+    """Its tables mark them so too: both files of one field are read alike."""
+    rng = np.random.default_rng(0)
+    u, v = 0.3 * rng.standard_normal((2, 20, 30))
+    kind = np.ones((20, 30))
+    kind[3, 4], kind[5, 6] = 0, 2
+    x, y = np.meshgrid(8.0 * np.arange(30), 8.0 * np.arange(20))
+    names = {f"u{suffix}": u, f"v{suffix}": v, f"typevector{suffix}": kind}
+    scipy.io.savemat(tmp_path / "field.mat", {"x": x, "y": y, **names})
+    lines = ["x [px],y [px],u [px],v [px],Vector type [-]"]
+    lines += [",".join(f"{n:.9g}" for n in row) for row in zip(*(np.ravel(p) for p in (x, y, u, v, kind)))]
+    (tmp_path / "field.txt").write_text("\n".join(lines) + "\n")
+    found = read_field(tmp_path / "field.mat", pixel=PIXEL, unit="px")
+    told = read_field(tmp_path / "field.txt", pixel=PIXEL)
+    assert found.left_out == told.left_out == 2
+    np.testing.assert_allclose(found.displacement, told.displacement, rtol=1e-6)
+    assert f"2 of 600 vectors are left out: typevector{suffix} marks them" in found.notes

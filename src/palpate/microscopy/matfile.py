@@ -193,6 +193,18 @@ def _stated(tree: dict[str, Any]) -> tuple[str | None, str | None, float | None]
     return place, unit, pixel if 0 < pixel < 1 else None
 
 
+def _left_out(parts: dict[str, Any], pair: tuple[str, str], shape: tuple[int, ...], notes: list[str]) -> Any:
+    """Vectors that PIVlab's typevector marks as masked (0) or interpolated (2), as in its tables; None without one."""
+    name = f"typevector{pair[0].removeprefix('u')}"
+    types = parts.get(name)
+    if not _numbers(types) or types.shape != shape:
+        return None
+    marked = np.asarray(types != 1)
+    if marked.any():
+        notes.append(f"{int(marked.sum())} of {marked.size} vectors are left out: {name} marks them")
+    return marked
+
+
 def _numbers(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size > 1
 
@@ -220,6 +232,7 @@ def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
             if places is not None:
                 extra |= dict(zip("xy", places))
             extra |= {"std": std, "notes": said}
+            extra["bad"] = _left_out(parts, pair, a.shape, said)
             extra["w"] = normal_beside({n: p for n, p in parts.items() if _numbers(p)}, a.shape)
             extra["place"], extra["unit"], extra["pixel"] = _stated(tree)
             stds = [n for n, _ in which(lower, STDS)] or [n for n in BOTH_STDS if n in lower]
@@ -233,7 +246,7 @@ def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
                     extra[key] = unit_of(tree[f"{by} {UNIT_NAMES[0]}"])
             name = prefix + f"{lower[pair[0]]}, {prefix}{lower[pair[1]]}" + (f"({i + 1})" if len(together) > 1 else "")
             flat = (
-                {k: v.ravel() if k in "xyw" and v is not None else v for k, v in extra.items()}
+                {k: v.ravel() if k in ("x", "y", "w", "bad") and v is not None else v for k, v in extra.items()}
                 | {"std": None if std is None else (std[0].ravel(), std[1].ravel())}
                 if min(a.shape) == 1
                 else extra
