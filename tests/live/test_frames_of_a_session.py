@@ -104,6 +104,18 @@ def test_planes_that_differ_in_shape_end_a_recording_and_no_session(tmp_path: Pa
     assert "differ in shape ((1, 4, 5) and (1, 3, 4))" in reports[0]
 
 
+def test_planes_at_different_places_are_recorded_without_positions() -> None:
+    """The places of the first plane were recorded for all."""
+    places = np.array([(0.0, 0.0), (1e-3, 0.0), (0.0, 1e-3), (1e-3, 1e-3)])
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    for moved, known in ((0.0, True), (5e-4, False)):
+        planes = [
+            pp.ScatteredArray(positions=places + shift, depth=depth, channels=["stress_zz"], noise=5.0)
+            for shift, depth in ((0.0, 1e-3), (moved, 2e-3))
+        ]
+        assert (recorded(pp.Skin(pad, planes))["positions"] is not None) is known
+
+
 def test_labelled_frames_are_recorded_in_the_order_of_the_skin(tmp_path: Path) -> None:
     """Channels in another order were recorded under each other's names."""
     frame = xarray.DataArray(

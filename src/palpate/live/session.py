@@ -51,10 +51,13 @@ TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", 
 
 
 def recorded(skin: Skin) -> dict[str, Any]:
-    """Return channels and positions of a skin's readings in the form that recorders need."""
+    """Return channels and positions of a skin's readings in the form that recorders need; no positions if the planes
+    have different ones.
+    """
+    places: list[Any] = [getattr(p, "positions", None) for p in skin.planes]
     return {
         "channels": [c for p in skin.planes for c in p.channels],
-        "positions": getattr(skin.planes[0], "positions", None),
+        "positions": places[0] if all(np.array_equal(places[0], other) for other in places[1:]) else None,
     }
 
 
