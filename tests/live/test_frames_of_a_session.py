@@ -104,6 +104,17 @@ def test_planes_that_differ_in_shape_end_a_recording_and_no_session(tmp_path: Pa
     assert "differ in shape ((1, 4, 5) and (1, 3, 4))" in reports[0]
 
 
+def test_planes_that_differ_in_shape_go_to_rerun_one_by_one(tmp_path: Path) -> None:
+    """A ValueError of NumPy ended the session in its first frame."""
+    pytest.importorskip("rerun")
+    from palpate.live import RerunSink
+
+    sink = RerunSink(tmp_path / "a.rrd")
+    session = played(two_planes((4, 5), (3, 4)), [np.zeros((1, 4, 5)), np.zeros((1, 3, 4))], sinks=[sink])
+    assert session.count == 3
+    assert not session.lost
+
+
 def test_planes_at_different_places_are_recorded_without_positions() -> None:
     """The places of the first plane were recorded for all."""
     places = np.array([(0.0, 0.0), (1e-3, 0.0), (0.0, 1e-3), (1e-3, 1e-3)])
