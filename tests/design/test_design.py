@@ -412,6 +412,18 @@ def test_the_command_ranks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[
         app(["design", str(path), "--out", str(table)], standalone_mode=False)
 
 
+def test_a_line_is_not_ranked_with_an_area(tmp_path: Path) -> None:
+    """100 N/m and 100 N passed for one press, and mN/m were ranked with mN."""
+    from palpate.cli.commands import app
+
+    line, area = tmp_path / "line.toml", tmp_path / "area.toml"
+    for path, taxel, force in ((line, (8,), "100 N/m"), (area, (6, 6), "100 N")):
+        text = skin_text(*taxel, pitch="2 mm", depth="2 mm", noise="2 kPa")
+        path.write_text(f'{text}\n[press]\nforce = "{force}"\ncontact_radius = "2 mm"\n\n[sweep]\ndepth = ["1 mm"]\n')
+    with pytest.raises(pp.InvalidInput, match="a line and others an area"):
+        app(["design", str(line), str(area)], standalone_mode=False)
+
+
 def test_one_noise_is_not_that_of_two_units() -> None:
     array = taxels(channels=["stress_zz", "displacement_x"], noise=[100.0, 1e-6])
     with pytest.raises(pp.Unsupported, match="one noise cannot be that of stress_zz, displacement_x"):

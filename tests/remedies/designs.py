@@ -129,6 +129,15 @@ REMEDIES = [
         command("design design.toml alike.toml --out designs.csv"),
         given=two_files,
     ),
+    Remedy(
+        "some files describe a line and others an area",
+        command("design design.toml other.toml --out designs.csv"),
+        command("design design.toml alike.toml --out designs.csv"),
+        given=lambda: (
+            two_files(),
+            laid(other_toml=FILE.replace('kind = "area"', 'kind = "line"').replace("shape = [6, 6]", "count = 6")),
+        ),
+    ),
     value("placement is for area contact", lambda s: place(s, count=9, extent=(9e-3, 9e-3)), LINE, SKIN),
     value("extent must be (width, height)", lambda v: place(SKIN, count=9, extent=v), (0.0, 1.0), (9e-3, 9e-3)),
     value("count must be a whole number from {} (a press", lambda v: place(SKIN, count=v, extent=(9e-3, 9e-3)), 1, 9),
