@@ -246,6 +246,26 @@ def test_a_sweep_keeps_the_area_or_the_taxels() -> None:
         assert [d.taxels for d in sweep(skin, keep=keep, pitch=[2e-3, 1e-3]).designs] == counts
 
 
+def test_a_sweep_of_shapes_cannot_keep_the_area() -> None:
+    """64 taxels were listed as a shape of 4 x 4."""
+    skin = pp.Skin(SOFT, taxels())
+    with pytest.raises(pp.InvalidInput, match="varies the shape too"):
+        sweep(skin, keep="area", pitch=[2e-3, 1e-3], shape=[(4, 4)])
+    assert [d.taxels for d in sweep(skin, pitch=[2e-3, 1e-3], shape=[(4, 4)]).designs] == [16, 16]
+
+
+def test_forces_of_a_line_have_the_unit_of_a_line() -> None:
+    """Its table said mN and N."""
+    array = pp.LineArray(count=9, pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
+    press = Press(force=100.0, contact_radius=2e-3)
+    found = sweep(pp.Skin(SOFT, array), press=press, depth=[1e-3, 2e-3], goals={"noticed": 1e-9})
+    head = found.text().splitlines()[0]
+    assert "force [mN/m]" in head
+    assert "range [N/m]" in head
+    assert "mN/m goes unnoticed" in found.notes()[0]
+    assert [a.get_ylabel() for a in found.plot("depth", columns=["force", "pair"]).axes] == ["[mN/m]", "[mm]"]
+
+
 def test_combinations_that_cannot_be_built_are_left_out_with_a_reason() -> None:
     gel = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
     found = sweep(pp.Skin(gel, taxels()), depth=[1e-3, 4e-3])
@@ -323,6 +343,15 @@ def test_placed_taxels_know_a_force_better_than_a_grid_of_as_many() -> None:
     assert grid["placed"] < grid["grid"]
 
 
+def test_placed_taxels_and_presses_lie_on_the_rectangle() -> None:
+    """The candidate places of a strip were three times as far apart as it is wide."""
+    extent = (16e-3, 2e-4)
+    placed = place(pp.Skin(SOFT, taxels(depth=3e-3)), count=6, extent=extent)
+    assert (np.abs(placed.array.positions) <= 0.5 * np.array(extent) + 1e-12).all()
+    np.testing.assert_allclose(np.ptp(placed.places, axis=0)[1], extent[0])
+    assert np.ptp(placed.places, axis=0)[0] <= extent[1] + 1e-12
+
+
 @pytest.mark.parametrize(
     ("how", "words"), [({"count": 2}, "count must be"), ({"extent": (0.0, 1.0)}, "extent must be")]
 )
@@ -381,6 +410,18 @@ def test_the_command_ranks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert picture.stat().st_size > 5000
     with pytest.raises(pp.InvalidInput, match="exists"):
         app(["design", str(path), "--out", str(table)], standalone_mode=False)
+
+
+def test_a_line_is_not_ranked_with_an_area(tmp_path: Path) -> None:
+    """100 N/m and 100 N passed for one press, and mN/m were ranked with mN."""
+    from palpate.cli.commands import app
+
+    line, area = tmp_path / "line.toml", tmp_path / "area.toml"
+    for path, taxel, force in ((line, (8,), "100 N/m"), (area, (6, 6), "100 N")):
+        text = skin_text(*taxel, pitch="2 mm", depth="2 mm", noise="2 kPa")
+        path.write_text(f'{text}\n[press]\nforce = "{force}"\ncontact_radius = "2 mm"\n\n[sweep]\ndepth = ["1 mm"]\n')
+    with pytest.raises(pp.InvalidInput, match="a line and others an area"):
+        app(["design", str(line), str(area)], standalone_mode=False)
 
 
 def test_one_noise_is_not_that_of_two_units() -> None:

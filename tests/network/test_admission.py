@@ -212,7 +212,15 @@ def test_big_endian_numbers_are_refused_by_name() -> None:
 
 def test_masked_values_are_missing_on_the_wire() -> None:
     masked = np.ma.masked_array(np.ones((1, 3)), mask=[[False, True, False]])
-    np.testing.assert_array_equal(frame_from_bytes(frame_bytes(0, 0.0, masked))[2], [[[1.0, np.nan, 1.0]]])
+    for readings in (masked, [masked[0]]):
+        np.testing.assert_array_equal(frame_from_bytes(frame_bytes(0, 0.0, readings))[2], [[[1.0, np.nan, 1.0]]])
+
+
+@pytest.mark.parametrize("readings", [[[1e300, 1.0]], [[1.0], [1.0, 2.0]], [[1j]]])
+def test_what_is_no_frame_is_refused_before_it_is_sent(readings: list) -> None:
+    """A number beyond single precision was sent as infinite; rows of different lengths were a ValueError."""
+    with pytest.raises(pp.InvalidInput, match="frame"):
+        frame_bytes(0, 0.0, readings)
 
 
 @pytest.mark.parametrize("values", [np.zeros((1, 2), complex), np.array([["a"]]), np.zeros((1, 2), bool)])

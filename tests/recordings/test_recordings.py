@@ -218,6 +218,32 @@ def test_gridding_reproduces_smooth_fields() -> None:
         recording.gridded(1e-9)
 
 
+def test_gridding_leaves_a_missing_reading_out_of_its_own_frame_only() -> None:
+    """A taxel with a missing reading was left out of all frames; a frame without readings was a ValueError."""
+    beads = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0)), axis=-1).reshape(-1, 2) * 1e-3
+    whole = np.zeros((3, 2, 25))
+    whole[0, :, 12] = 1.0
+    gaps = whole.copy()
+    gaps[1, 0, 12] = np.nan
+    gaps[2] = np.nan
+    wanted, found = (
+        pp.Recording(readings=r, channels=("displacement_x", "displacement_y"), positions=beads).gridded(1e-3).readings
+        for r in (whole, gaps)
+    )
+    np.testing.assert_allclose(found[0], wanted[0], atol=1e-12)
+    assert np.abs(found[0]).max() > 0.1
+    np.testing.assert_allclose(found[1], 0.0, atol=1e-12)
+    assert np.isnan(found[2]).all()
+
+
+@pytest.mark.parametrize("fault", ["missing", "line"])
+def test_gridding_needs_an_area_of_readings(fault: str) -> None:
+    positions = np.outer(np.arange(5.0), [1e-3, 1e-3]) if fault == "line" else np.random.default_rng(0).random((5, 2))
+    readings = np.full((1, 1, 5), np.nan if fault == "missing" else 1.0)
+    with pytest.raises(pp.InvalidInput, match="span an area"):
+        pp.Recording(readings=readings, channels=["displacement_x"], positions=positions).gridded(1e-3)
+
+
 def test_tables_of_others(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("a,x,y,u,v\n9,1,2,0.5,0.25\n9,3,4,-0.5,0\n")
     options = {

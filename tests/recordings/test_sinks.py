@@ -54,6 +54,19 @@ def stream(count: int = 24) -> pp.Recording:
     )
 
 
+@pytest.mark.parametrize("suffix", FILES)
+def test_a_recorder_keeps_each_frame_as_it_was(tmp_path: Path, suffix: str) -> None:
+    """Every frame of a block was the last one, if the array was reused; the number under a mask was recorded."""
+    frame = np.ma.masked_array(np.zeros((1, 4)), mask=[[True, False, False, False]])
+    with recorder(tmp_path / f"a{suffix}", ["stress_zz"]) as out:
+        for i in range(5):
+            frame.data[:] = i
+            out.readings(0.1 * i, frame)
+    found = np.asarray(read_recording(tmp_path / f"a{suffix}").readings)[:, 0]
+    assert np.isnan(found[:, 0]).all()
+    np.testing.assert_array_equal(found[:, 1:], np.arange(5.0)[:, None].repeat(3, 1))
+
+
 # -- sources -----------------------------------------------------------------------------------------------------------
 
 

@@ -483,6 +483,12 @@ REMEDIES = [
         SCATTERED,
     ),
     value(
+        "gridded needs readings at positions that span an area",
+        lambda p: Recording(readings=np.zeros((1, 1, 12)), channels=["stress_zz"], positions=p).gridded(1e-3),
+        np.outer(np.arange(12.0), [1e-3, 1e-3]),
+        SCATTERED,
+    ),
+    value(
         "pitch must be a positive number of metres; got",
         lambda p: Recording(readings=np.zeros((1, 1, 12)), channels=["stress_zz"], positions=SCATTERED).gridded(p),
         0.0,

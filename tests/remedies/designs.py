@@ -62,6 +62,12 @@ REMEDIES = [
     value("must be a list of values to try", lambda v: sweep(SKIN, depth=v), 1e-3, [1e-3]),
     value("combinations (at most", lambda n: sweep(SKIN, depth=[1e-3] * n), 30_000, 1),
     value("keep must be", lambda v: sweep(SKIN, keep=v, pitch=[1e-3]), "all", "area", room="design.sweep"),
+    value(
+        "changes the shape with the pitch, and the sweep varies the shape too",
+        lambda v: sweep(SKIN, keep=v, pitch=[1e-3], shape=[SKIN.planes[0].shape]),
+        "area",
+        "taxels",
+    ),
     value("jobs must be a whole number of processes", lambda v: sweep(SKIN, jobs=v, depth=[1e-3]), 0, 1),
     value("a goal cannot be", lambda v: sweep(SKIN, goals={v: 1e-3}, depth=[1e-3]), "beauty", "pair"),
     value("must be a positive number in SI units", lambda v: sweep(SKIN, goals={"pair": v}, depth=[1e-3]), -1.0, 1e-3),
@@ -122,6 +128,15 @@ REMEDIES = [
         command("design design.toml other.toml --out designs.csv"),
         command("design design.toml alike.toml --out designs.csv"),
         given=two_files,
+    ),
+    Remedy(
+        "some files describe a line and others an area",
+        command("design design.toml other.toml --out designs.csv"),
+        command("design design.toml alike.toml --out designs.csv"),
+        given=lambda: (
+            two_files(),
+            laid(other_toml=FILE.replace('kind = "area"', 'kind = "line"').replace("shape = [6, 6]", "count = 6")),
+        ),
     ),
     value("placement is for area contact", lambda s: place(s, count=9, extent=(9e-3, 9e-3)), LINE, SKIN),
     value("extent must be (width, height)", lambda v: place(SKIN, count=9, extent=v), (0.0, 1.0), (9e-3, 9e-3)),

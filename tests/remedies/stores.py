@@ -325,8 +325,15 @@ REMEDIES = [
         "a frame must have shape (channel, taxel)",
         lambda: record("s.nc", (PRESS[0],)),
         lambda: record("n.nc", (PRESS,)),
-        room="recordings.stores",
+        room="recordings.frame",
         right=right,
+    ),
+    Remedy(
+        "the planes of a frame differ in shape",
+        lambda: record("s.nc", ([PRESS[:1], PRESS[1:, :5]],)),
+        lambda: (record("n.nc", (PRESS[1:, :5],), channels=BOTH[1:]), record("m.nc", (PRESS[:1],), channels=BOTH[:1]))[
+            1
+        ],
     ),
     Remedy(
         "a frame of shape {} follows frames of",
@@ -341,14 +348,6 @@ REMEDIES = [
         lambda: record("n.mcap"),
         given=lambda: (pytest.importorskip("mcap"), record("s.mcap")),
         room="recordings.mcapfile",
-        right=right,
-    ),
-    Remedy(
-        "a frame must have shape (channel, taxel)",
-        lambda: record("s.mcap", (PRESS[0],)),
-        lambda: record("n.mcap", (PRESS,)),
-        given=lambda: pytest.importorskip("mcap"),
-        room="recordings.messages",
         right=right,
     ),
     Remedy(

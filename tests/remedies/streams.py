@@ -96,9 +96,9 @@ REMEDIES = [
         right=holds,
     ),
     value(
-        "a frame must hold real numbers",
+        "a frame holds single precision, which ends at 3.4e38",
         lambda f: frame_from_bytes(frame_bytes(0, 0.0, f)),
-        FRAME + 0j,
+        1e300 * np.ones_like(FRAME),
         FRAME,
         right=holds,
     ),

@@ -94,7 +94,7 @@ class Reconstructed:
 
     @cached_property
     def table(self) -> pandas.DataFrame:
-        """Return the numbers of all frames (`Touch.table`). If there are more than `MANY`, they stay in a file, and a
+        """Return the numbers of all frames (`Touch.table`). If there are 100,000 or more, they stay in a file, and a
         column is read when it is used.
         """
         return self.numbers.table()

@@ -280,7 +280,9 @@ def spread_over(function: Callable[[Any], Any], tasks: Sequence[Any], jobs: int)
 
 
 def table(records: Sequence[Record]) -> list[tuple[str, str, float, float, float, int]]:
-    """Return (layout, method, noise, geometric mean of the ratios, largest ratio, contacts), largest noise last."""
+    """Return (layout, method, noise, geometric mean of the ratios, largest ratio, contacts), in order of noise; NaN: all
+    noise levels together.
+    """
     rows = []
     methods = list(dict.fromkeys(r.method for r in records))
     for method in methods:

@@ -44,8 +44,12 @@ def design(
         raise InvalidInput(f"{out}: the table of designs is a .csv. Write --out {out.stem or 'designs'}.csv.")
     check_outputs({"--out": out, "--plot": plot}, inputs=sources, force=force)
     found: list[Sweep] = []
-    for path in design_files:
-        read = read_design(path)
+    designs = [read_design(path) for path in design_files]
+    if len({read.planes[0].dimensions for read in designs}) > 1:
+        raise InvalidInput(
+            "some files describe a line and others an area, whose forces are N/m and N. Give files of one kind at a time."
+        )
+    for path, read in zip(design_files, designs):
         one = swept(
             read.pad,
             read.planes,

@@ -104,7 +104,7 @@ def plot_sweep(sweep: Sweep, x: str | None, columns: Sequence[str]) -> Figure:
         figure = Figure(figsize=(PAGE, 2.4 * rows + 0.4), layout="constrained")
         panels = figure.subplots(rows, 2, squeeze=False).ravel()
         for axes, column in zip(panels, shown):
-            what, scale, of = NUMBERS[column]
+            what, scale, _ = NUMBERS[column]
             values = scale * sweep.numbers(column)
             for key in groups:
                 members = sorted((i for i, k in enumerate(keys) if k == key), key=lambda i: sweep.points[i][chosen])
@@ -130,7 +130,7 @@ def plot_sweep(sweep: Sweep, x: str | None, columns: Sequence[str]) -> Figure:
             else:
                 axes.set_ylim(bottom=0.0)
             axes.set_title(what)
-            axes.set_ylabel(f"[{of}]")
+            axes.set_ylabel(f"[{sweep.unit(column)}]")
             axes.set_xlabel(f"{chosen.replace('_', ' ')}{f' [{unit}]' if unit else ''}")
         for axes in panels[len(shown) :]:
             axes.set_visible(False)

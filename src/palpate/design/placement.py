@@ -112,8 +112,9 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
     ):
         raise InvalidInput(f"extent must be (width, height) of the pressed rectangle in metres; got {extent!r}.")
     pressed = press or Press(force=1.0, contact_radius=2e-3)
-    step = max(extent) / (SITES - 1)
-    shape = tuple(max(2, round(e / step) + 1) for e in reversed(extent))  # (rows, columns)
+    usual = max(extent) / (SITES - 1)
+    shape = tuple(max(2, round(e / usual) + 1) for e in reversed(extent))  # (rows, columns)
+    step = (extent[1] / (shape[0] - 1), extent[0] / (shape[1] - 1))  # along y and x: the sites cover the rectangle
     sites = math.prod(shape)
     unknowns = math.ceil((len(skin.components) + 3 + len(first.channels)) / len(first.channels))
     if isinstance(count, bool) or not isinstance(count, int) or not unknowns <= count <= sites // 2:
@@ -129,7 +130,7 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
     chosen = _exchanged(information, scale, count)
     # (row, column) of a candidate place, and its position relative to the middle
     rows, columns = np.unravel_index(np.sort(chosen), shape)
-    x, y = (columns - 0.5 * (shape[1] - 1)) * step, (rows - 0.5 * (shape[0] - 1)) * step
+    x, y = (columns - 0.5 * (shape[1] - 1)) * step[1], (rows - 0.5 * (shape[0] - 1)) * step[0]
     covariances = np.linalg.inv(information[:, chosen].sum(axis=1) + _prior(scale))
     n = len(skin.components)
     force = np.sqrt(covariances[:, n - 1, n - 1]) * scale["force"]
@@ -147,7 +148,7 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
 
 
 def _informations(
-    skin: Any, first: Any, press: Press, shape: tuple[int, ...], step: float
+    skin: Any, first: Any, press: Press, shape: tuple[int, ...], step: tuple[float, float]
 ) -> tuple[Floats, Floats, dict[str, Any]]:
     """Return the information (place, site, parameter, parameter) in natural units, the places (y, x), and the units."""
     elastic = skin.pad.elastic if isinstance(skin.pad, Viscoelastic) else skin.pad
@@ -177,7 +178,7 @@ def _informations(
     site_y, site_x = (a.ravel() for a in np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"))
     one = np.einsum("yxci,yxcj->yxij", whole, whole)
     information = one[site_y[None] - at_y[:, None] + shape[0] - 1, site_x[None] - at_x[:, None] + shape[1] - 1]
-    places = np.stack([(at_y - 0.5 * (shape[0] - 1)) * step, (at_x - 0.5 * (shape[1] - 1)) * step], axis=1)
+    places = np.stack([(at_y - 0.5 * (shape[0] - 1)) * step[0], (at_x - 0.5 * (shape[1] - 1)) * step[1]], axis=1)
     return information, places, {"force": press.force, "length": length, "forces": n, "size": n + 3 + channels}
 
 

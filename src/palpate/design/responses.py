@@ -68,8 +68,8 @@ def weights_of(planes: Sequence[Array]) -> Floats:
 class Responses:
     """Readings for unit forces of a round contact near one place, and their derivatives.
 
-    Cells are half of the depth or of the contact radius wide, and cover only the surroundings of ``middle`` (x, y), up
-    to ``reach`` [m].
+    Cells are half of the depth or of the contact radius wide, and cover only the surroundings of ``middle``, which is
+    in the order of the array axes, up to ``reach`` [m].
     """
 
     def __init__(self, pad: Pad, planes: Sequence[Array], middle: Floats, reach: float, radius: float) -> None:

@@ -239,7 +239,8 @@ def evaluate(
     nuisance: Sequence[str] | None = None,
     uncertainty: Uncertainty | None = None,
 ) -> Design:
-    """The numbers of one design; `palpate.Skin.design` calls it.
+    """The numbers of one design; `palpate.Skin.design` calls it. Noise is taken as independent from reading to reading:
+    ``noise_correlation`` is not used.
 
     Raises
     ------

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NUMBERS", "Sweep", "combinations", "sweep", "swept"]
 
-#: Columns of a table: name, factor from SI units, and unit.
+#: Columns of a table: name, factor from SI units, and unit in area contact (`Sweep.unit`).
 NUMBERS: dict[str, tuple[str, float, str]] = {
     "force": ("standard deviation of the normal force", 1e3, "mN"),
     "shear": ("standard deviation of the shear force", 1e3, "mN"),
@@ -128,6 +128,22 @@ class Sweep:
             raise InvalidInput(f"{name!r} is not a number of a design; accepted: score, {', '.join(NUMBERS)}.")
         return np.array([d.numbers()[name] for d in self.designs])
 
+    def unit(self, name: str) -> str:
+        """Unit of a column of the table: of forces "mN" or "N", in line contact "mN/m" or "N/m".
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> from palpate.design import sweep
+        >>> pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5)
+        >>> array = pp.LineArray(count=9, pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
+        >>> found = sweep(pp.Skin(pad, array), depth=[1e-3, 2e-3])
+        >>> found.unit("force"), found.unit("pair")
+        ('mN/m', 'mm')
+        """
+        unit = NUMBERS[name][2]
+        return f"{unit}/m" if unit in ("mN", "N") and self.designs[0].dimensions == 1 else unit
+
     def _scores(self) -> Any:
         """Geometric mean of the ratios of each number to that of the best design: 1 means best in all."""
         logs = []
@@ -172,7 +188,7 @@ class Sweep:
         out = []
         for goal, most in self.goals.items():
             reached = self._reaches(goal, most)
-            said = _GOALS[goal].format(_value_text(goal, most))
+            said = _GOALS[goal].format(f"{NUMBERS[goal][1] * most:.3g} {self.unit(goal)}")
             if not reached.any():
                 out.append(f"Of these {len(self)} designs none meets a goal: {said}.")
                 continue
@@ -211,7 +227,7 @@ class Sweep:
         """A table, one design a line, in order; columns without any number are left out."""
         axes = list(dict.fromkeys(key for p in self.points for key in p))
         shown = [c for c in columns if not np.isnan(self.numbers(c)).all()]
-        head = [*axes, *(f"{c} [{NUMBERS[c][2]}]" for c in shown), "score", *(["goals"] if self.goals else [])]
+        head = [*axes, *(f"{c} [{self.unit(c)}]" for c in shown), "score", *(["goals"] if self.goals else [])]
         scores, meets = self._scores(), self.meets()
         rows = [head]
         for i, point in enumerate(self.points[:most]):
@@ -294,11 +310,6 @@ def _channels(names: Sequence[str]) -> str:
     return ", ".join(" ".join([kind, *which]) for kind, which in kinds.items())
 
 
-def _value_text(name: str, value: float) -> str:
-    _, factor, unit = NUMBERS[name]
-    return f"{factor * value:.3g} {unit}"
-
-
 def combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     """Return every combination of the values; the last varies fastest.
 
@@ -350,6 +361,10 @@ def swept(
     """
     if keep not in ("taxels", "area"):
         raise InvalidInput(f'keep must be "taxels" or "area": what a new pitch keeps fixed; got {keep!r}.')
+    if keep == "area" and {"pitch", "shape"} <= set(values):
+        raise InvalidInput(
+            'keep="area" changes the shape with the pitch, and the sweep varies the shape too. Vary one of them, or take keep="taxels".'
+        )
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise InvalidInput(f"jobs must be a whole number of processes, at least 1; got {jobs!r}.")
     for name, goal in (goals or {}).items():
@@ -393,7 +408,7 @@ def sweep(
     press : Press, optional
         The press; default: 1 N over a radius of 2 mm.
     keep : "taxels" or "area"
-        Property that stays constant when the pitch changes.
+        Property that stays constant when the pitch changes. "area" cannot be combined with values of shape.
     goals : dict, optional
         Numbers that a design must not exceed, in SI units; of "range" must reach.
     jobs : int

@@ -48,8 +48,13 @@ class RerunSink:
             raise InvalidInput(f"Rerun cannot be reached ({error}).") from error
 
     def readings(self, time: float, values: Any) -> None:
-        """Log the readings of one frame (channel, *array) at ``time`` [s]."""
+        """Log the readings of one frame (channel, *array) at ``time`` [s]; planes that differ in shape one by one."""
         self._stream.set_time("time", duration=time)
+        planes = [np.asarray(v) for v in values] if isinstance(values, list | tuple) else []
+        if len({p.shape[1:] for p in planes}) > 1:
+            for number, plane in enumerate(planes):
+                self._stream.log(f"readings/{number}", self._rerun.Tensor(plane.astype(np.float32)))
+            return
         self._stream.log("readings", self._rerun.Tensor(to_numpy(values).astype(np.float32)))
 
     def touch(self, touch: Touch, time: float | None = None) -> None:

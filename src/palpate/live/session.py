@@ -32,6 +32,7 @@ from palpate.grasp import Event, GraspMonitor
 from palpate.live.taxels import MAX_READINGS, described, edge, flat_readings
 from palpate.network.waiting import FrameSource
 from palpate.recordings import Sink, recorder
+from palpate.sensing.readings import checked_planes, joined_planes
 from palpate.sensing.zero import MOVED, STANDS
 from palpate.skin import Skin
 from palpate.status import Status
@@ -50,10 +51,13 @@ TRAIL = ("time", "touching", "force", "force_low", "force_high", "utilisation", 
 
 
 def recorded(skin: Skin) -> dict[str, Any]:
-    """Return channels and positions of a skin's readings in the form that recorders need."""
+    """Return channels and positions of a skin's readings in the form that recorders need; no positions if the planes
+    have different ones.
+    """
+    places: list[Any] = [getattr(p, "positions", None) for p in skin.planes]
     return {
         "channels": [c for p in skin.planes for c in p.channels],
-        "positions": getattr(skin.planes[0], "positions", None),
+        "positions": places[0] if all(np.array_equal(places[0], other) for other in places[1:]) else None,
     }
 
 
@@ -403,8 +407,8 @@ class Session:
             self.tracker.rezero(frames=wanted)
             self.note(f"{time:.3f} s  a new zero is taken from {wanted} frames: nothing must touch")
         touch = (self.tracker.step if self._step is None else self._step)(reading, time)
-        if np.ma.isMaskedArray(reading):  # masked values are missing
-            reading = np.ma.filled(reading.astype(np.float64), math.nan)
+        # in the order of the skin's channels and axes, masked values NaN, and planes of one shape in one array
+        reading = joined_planes(checked_planes(reading, self.skin.planes, single=True), self.skin.planes)
         events = self.monitor.update(touch) if "z" in touch.components else []
         self._check_zero(touch, time)
         packet = self._packed(touch, events, born, self._shown(touch, reading)) if self._pages else None

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate._arrays import to_numpy
+from palpate._arrays import as_real, to_numpy
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.times import as_second
@@ -47,24 +47,29 @@ _SWAPPED = struct.Struct(">4sIdHHH")
 def frame_bytes(sequence: int, time: float, readings: Any) -> bytes:
     """Encode one frame (channel, taxel) or (channel, y, x); masked values are missing (NaN).
 
+    Raises
+    ------
+    InvalidInput
+        Not real numbers, another shape, or a number beyond single precision.
+
     Examples
     --------
     >>> len(frame_bytes(0, 0.0, [[1.0, 2.0, 3.0]]))
     34
     """
-    values = readings if np.ma.isMaskedArray(readings) else to_numpy(readings)
+    values = to_numpy(as_real(readings, "the readings of a frame"))
     if values.ndim not in (2, 3):
         raise InvalidInput(f"a frame must have shape (channel, taxel) or (channel, y, x); got {values.shape}.")
-    if values.dtype.kind not in "fiu":
-        raise InvalidInput(f"a frame must hold real numbers; got {values.dtype}.")
-    if np.ma.isMaskedArray(values):
-        values = np.ma.filled(values.astype(np.float64), np.nan)
+    with np.errstate(over="ignore"):
+        sent = values.astype("<f4")
+    if np.isinf(sent).any() and not np.isinf(values).any():
+        raise InvalidInput("a frame holds single precision, which ends at 3.4e38; send readings in SI units.")
     rows, columns = (1, values.shape[1]) if values.ndim == 2 else values.shape[1:]
     if max(len(values), rows, columns) >= 2**16:
         raise InvalidInput(f"a frame has at most 65535 channels, rows and columns; got {values.shape}.")
     seconds = as_second(time, "the time of a frame")
     head = HEAD.pack(MAGIC, int(sequence) % 2**32, seconds, len(values), rows, columns)
-    return head + np.ascontiguousarray(values, dtype="<f4").tobytes()
+    return head + np.ascontiguousarray(sent).tobytes()
 
 
 def frame_from_bytes(data: bytes) -> tuple[int, float, Floats]:

@@ -18,6 +18,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate._extras import missing
 from palpate.errors import InvalidInput
+from palpate.recordings.frame import frame_values
 from palpate.sensing.grids import AreaGrid
 from palpate.sensing.times import as_second
 from palpate.touch import Touch
@@ -78,14 +79,9 @@ class Encoder:
 
     def readings(self, time: float, values: Any) -> tuple[Kind, bytes]:
         """One frame (channel, *array)."""
-        data = to_numpy(values)
-        if len(data) != len(self.channels) or data.ndim not in (2, 3):
-            raise InvalidInput(
-                f"a frame must have shape (channel, taxel) or (channel, y, x) with {len(self.channels)} channels; got {data.shape}."
-            )
+        data = frame_values(values, self.channels)
         rows, columns = (1, data.shape[1]) if data.ndim == 2 else data.shape[1:]
         planes = np.moveaxis(data.reshape(len(data), rows, columns), 0, -1).astype(np.float64)
-        planes[~np.isfinite(planes)] = np.nan
         with np.errstate(over="ignore", under="ignore"):
             single = planes.astype("<f4")
         exact = np.array_equal(single, planes, equal_nan=True)

@@ -32,8 +32,8 @@ def recorder(
     Raises
     ------
     InvalidInput
-        A name that exists, a format that cannot take a stream, or a channel that is not known; while it records, a reading of another shape or
-        a disk that is full (what was written before stays readable).
+        A name that exists, a format that cannot take a stream, or a channel that is not known; while it records, a reading of another shape,
+        planes that differ in shape, or a disk that is full (what was written before stays readable).
 
     Examples
     --------

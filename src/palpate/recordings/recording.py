@@ -131,14 +131,15 @@ class Recording:
     def gridded(self, pitch: float) -> Recording:
         """Scattered readings interpolated (cubic, Clough-Tocher) to a regular grid of ``pitch`` [m].
 
-        The grid is made of the square cells that fit the bounding box of the positions, from its lower left corner, with a
-        point in the middle of each; outside the convex hull of the positions it takes the nearest taxel. ``meta`` of the new recording states the
-        position of its first point ("x0", "y0", "pitch", in metres).
+        The grid is made of the square cells that fit the bounding box of the taxels with readings, from its lower left corner, with a
+        point in the middle of each; outside the convex hull of the positions it takes the nearest taxel. A missing reading is interpolated from the
+        others of its frame and channel; without at least three that span an area, all points of the frame are missing. ``meta`` of the new
+        recording states the position of its first point ("x0", "y0", "pitch", in metres).
 
         Raises
         ------
         InvalidInput
-            Positions that are not scattered on an area, or a pitch that is not positive, wider than the positions, or so fine that it makes millions of points.
+            Positions that are not scattered on an area, taxels with readings that do not span one, or a pitch that is not positive, wider than the positions, or so fine that it makes millions of points.
 
         Examples
         --------
@@ -154,9 +155,14 @@ class Recording:
             raise InvalidInput("gridded needs a recording with scattered positions (taxel, 2).")
         if not (np.isfinite(pitch) and pitch > 0):
             raise InvalidInput(f"pitch must be a positive number of metres; got {pitch!r}.")
-        good = ~self.missing
-        points = self.positions[good]
+        works = ~np.isnan(self.readings).all(axis=(0, 1))
+        points = self.positions[works]
+        if not _spans_an_area(points):
+            raise InvalidInput(
+                f"gridded needs readings at positions that span an area; the {len(points)} taxels with readings do not."
+            )
         low, high = points.min(axis=0), points.max(axis=0)
+        origin, scale = points.mean(axis=0), float(np.ptp(points))
         fitting = np.floor((high - low) / pitch + 1e-9).astype(int)
         if fitting.min() < 1:
             width, height = high - low
@@ -170,12 +176,26 @@ class Recording:
             )
         x, y = (c + (np.arange(n) + 0.5) * pitch for c, n in zip(low, counts))
         xx, yy = np.meshgrid(x, y)
-        origin = points.mean(axis=0)
-        scale = float(np.ptp(points))
-        values = np.moveaxis(self.readings[..., good], -1, 0).astype(np.float64)
         at = np.stack([xx, yy], axis=-1)
-        smooth = CloughTocher2DInterpolator((points - origin) / scale, values)((at - origin) / scale)
-        nearest = NearestNDInterpolator(points, values)(at)
-        filled = np.where(np.isnan(smooth), nearest, smooth)
+        rows = self.readings[..., works].reshape(-1, len(points)).astype(np.float64)
+        filled = np.full((len(rows), *xx.shape), np.nan)
+        patterns, which = np.unique(np.isfinite(rows), axis=0, return_inverse=True)
+        for i, good in enumerate(patterns):
+            if not _spans_an_area(points[good]):
+                continue
+            same = np.ravel(which) == i
+            values = rows[same][:, good].T
+            smooth = CloughTocher2DInterpolator((points[good] - origin) / scale, values)((at - origin) / scale)
+            nearest = NearestNDInterpolator(points[good], values)(at)
+            filled[same] = np.moveaxis(np.where(np.isnan(smooth), nearest, smooth), -1, 0)
+        readings = filled.reshape(*self.readings.shape[:2], *xx.shape)
         meta = {**self.meta, "pitch": repr(float(pitch)), "x0": repr(float(x[0])), "y0": repr(float(y[0]))}
-        return replace(self, readings=np.moveaxis(filled, (2, 3), (0, 1)), positions=None, meta=meta)
+        return replace(self, readings=readings, positions=None, meta=meta)
+
+
+def _spans_an_area(points: Floats) -> bool:
+    """Whether points (n, 2) do not all lie on one line."""
+    if len(points) < 3:
+        return False
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(sizes[1] > 1e-9 * sizes[0])

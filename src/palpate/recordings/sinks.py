@@ -36,7 +36,7 @@ class Sink(Protocol):
     """
 
     def readings(self, time: float, values: Any) -> None:
-        """Take one frame (channel, *array) at ``time`` [s]."""
+        """Take one frame (channel, *array) at ``time`` [s]; missing values are NaN. Planes that differ in shape come as a list of arrays."""
 
     def touch(self, touch: Touch, time: float | None = None) -> None:
         """Take the result of one frame."""

@@ -22,6 +22,7 @@ from palpate._arrays import to_numpy
 from palpate._extras import missing
 from palpate.elastic.channels import channel_unit
 from palpate.errors import InvalidInput
+from palpate.recordings.frame import frame_values
 from palpate.recordings.heldfile import Apart, HeldFile
 from palpate.recordings.labelled import CONVENTIONS, STATUS_FLAGS
 from palpate.recordings.locks import claim
@@ -96,16 +97,9 @@ class _Recorder(abc.ABC):
 
     def readings(self, time: float, values: Any) -> None:
         """Write one frame (channel, *array) at ``time`` [s]; reading repairs a clock that jumps back."""
-        data = to_numpy(values)
-        if len(data) != len(self.channels) or data.ndim not in (2, 3):
-            raise InvalidInput(
-                f"a frame must have shape (channel, taxel) or (channel, y, x) with {len(self.channels)} channels; got {data.shape}."
-            )
+        data = frame_values(values, self.channels).copy()  # kept until the block is full; a driver may reuse its array
         if self._shape not in (None, data.shape):
             raise InvalidInput(f"a frame of shape {data.shape} follows frames of {self._shape}.")
-        if data.dtype.kind == "f" and np.isinf(data).any():  # no reading, as for a tracker
-            data = data.copy()
-            data[np.isinf(data)] = np.nan
         self._shape = data.shape
         self._put("", {"time": as_second(time), "readings": data}, lambda: self._reading_layout(data))
 
