@@ -48,3 +48,12 @@ def test_a_frame_without_force_keeps_the_calibration_of_the_others(touch: pp.Tou
     calibrated = CalibratedForce(force, std, np.full(3, 1e6))
     some = replace(touch, calibrated=calibrated, status=np.full(3, int(Status.SOLVED)))
     np.testing.assert_allclose(some.exceeds(5.0, "force")[1:], [0.1586553, 0.5], atol=1e-4)
+
+
+def test_a_pull_has_a_centre(touch: pp.Touch) -> None:
+    """That of the push with the opposite readings."""
+    assert touch.force[2, -1] < 0
+    center, (low, high) = touch.center_of_pressure, touch.interval(0.95, "center_of_pressure")
+    assert np.isnan(center[0, 0])
+    assert abs(center[2, 0]) < 2e-4
+    assert low[2, 0] < center[2, 0] < high[2, 0]
