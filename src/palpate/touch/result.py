@@ -358,7 +358,7 @@ class Touch(Numbers):
     def std(self, of: str = "traction", *, friction: float | None = None) -> Any:
         """Standard deviation of a quantity: half the width of its 68 % `interval`, which here may reach below 0.
 
-        Takes and returns what `interval` does. It is infinite where the interval has no upper end.
+        Takes and returns what `interval` does. It is infinite where the interval has no end.
 
         Raises
         ------
@@ -448,7 +448,8 @@ class Touch(Numbers):
     def exceeds(self, limit: float, of: str = "peak_pressure") -> Any:
         """Probability (*batch) that the true peak pressure [Pa], or the true normal "force" [N], exceeds ``limit``.
 
-        From the same calibrated distribution as `interval`.
+        From the same calibrated distribution as `interval`; at least 2.5 % below an end that `force_bounds` adds. It is 1 for an overload that pushes,
+        whose size is unknown, and NaN where the force is.
 
         Examples
         --------
