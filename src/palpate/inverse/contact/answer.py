@@ -150,12 +150,11 @@ def _nothing(
 
 
 def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:
-    """Result of a frame that no explanation fits: traction and errors are NaN."""
-    nothing = _nothing(prepared, math.nan, math.nan, data, outliers)
-    gap, terms = math.nan * nothing.traction, np.full(len(prepared.terms), math.nan)
+    """Result of a frame that no explanation fits: traction, draws and errors are NaN."""
+    nothing = _nothing(prepared, math.nan, math.nan, data, outliers).blanked()
+    terms = np.full(len(prepared.terms), math.nan)
     return replace(
         nothing,
-        traction=gap,
         errors=nothing_known(nothing.known),
         contact=True,
         pushed=False,
