@@ -511,3 +511,22 @@ def test_draws_do_not_depend_on_the_batch() -> None:
         np.testing.assert_allclose(
             together[i], skin.reconstruct(f, draws=3, rng=one).draws, atol=1e-9 * np.abs(together).max()
         )
+
+
+@pytest.mark.parametrize("noise", [None, 20.0])
+def test_the_residual_is_in_units_of_the_noise_that_the_result_names(noise: float | None) -> None:
+    """Root mean square of readings less predicted ones over `noise_std`, by every method, with contact and without."""
+    rng = np.random.default_rng(0)
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    skin = pp.Skin(
+        pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=noise)
+    )
+    press = np.asarray(skin.sense(solutions.hertz_line(half_width=3e-3, force=10.0)))
+    for size, method in ((1.0, "tikhonov"), (0.0, "tikhonov"), (1.0, "tv"), (0.0, "constrained")):
+        readings = size * press + 20.0 * rng.standard_normal(press.shape)
+        touch = skin.reconstruct(readings, method=method, components=["x", "z"])
+        left = np.asarray(readings - skin.sense(np.nan_to_num(touch.values))) / np.asarray(touch.noise_std)[:, None]
+        assert float(touch.residual) == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-2), (method, size)
+    touch = skin.reconstruct(press + 20.0 * rng.standard_normal(press.shape), method="local", components=["x", "z"])
+    assert touch.methods.item() == "local"
+    assert 0.3 < float(touch.residual) < 1.5  # its cells are finer than the map's

@@ -99,7 +99,7 @@ class Estimate:
 
     These have the shape of the batch, for constrained methods (*batch, channel) where noise is concerned:
     ``parameter``; ``noise_scale``, the noise in units of the whitening (1 if the noise was given); ``residual``, the
-    root mean square misfit in the same units; ``noise_std`` (*batch, channel) in the unit of each channel. ``errors``
+    root mean square misfit in units of that noise; ``noise_std`` (*batch, channel) in the unit of each channel. ``errors``
     are `Errors`, ``stated`` is `Stated`. ``converged``; ``contact`` (False: noise alone explains the frame);
     ``outliers`` (*batch, reading); ``draws`` (*batch, draw, component, *surface); ``settling``, the time an analog
     network takes in units of its RC; ``pushed`` (False: a contact with positive pressure does not explain the frame);

@@ -146,7 +146,8 @@ def _nothing(
     errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
     noise = np.full(prepared.noise.count, scale)
-    return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
+    left = rms if prepared.noise_known or not scale > 0.0 else rms / scale
+    return Frame(np.zeros(shape), errors, parameter, noise, left, True, False, outliers, empty)
 
 
 def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:

@@ -33,7 +33,7 @@ from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_
 from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability, neighbours
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
-from palpate.inverse.linear.parameter import tikhonov
+from palpate.inverse.linear.parameter import TINY, tikhonov
 from palpate.inverse.linear.patterns import SURE
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, center_rows, moment_rows
 from palpate.inverse.linear.regularised import BLIND, Regularised
@@ -178,7 +178,7 @@ class LocalEstimator:
             told=1.0 - float(weights @ [m.taken for m in members]) / len(self.readings.std),
             shared=self._shared(seen) if shared == 1.0 else shared,
             fit=self._fit(data, seen, members, weights, whole, noise / shared),
-            residual=float(np.sqrt(np.mean(left[data.observed] ** 2))),
+            residual=float(np.sqrt(np.mean(left[data.observed] ** 2) * shared / max(noise, TINY))),
             left=left,
             broken=~data.observed,
             sizes=mean * self.places.units,
