@@ -72,5 +72,10 @@ def test_bounds_beyond_the_calibrated_interval(touch: pp.Touch) -> None:
     assert push.interval(0.95, "force")[1][-1] == 50.0
     assert push.exceeds(20.0, "force") == 0.025
     assert push.exceeds(60.0, "force") < 1e-6
+    nothing = pp.Skin(
+        pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5),
+        pp.LineArray(count=61, pitch=1e-3, depth=1e-3, channels=["stress_zz"]),
+    ).reconstruct(np.zeros((1, 61)))
+    assert nothing.exceeds(1.0, "force") == 0.0  # no error at all: without a warning
     over = replace(touch[1], status=np.array(int(Status.OVERLOAD), dtype=np.int8))
     assert over.exceeds(1e3, "force") == over.exceeds(1e9) == 1.0
