@@ -62,6 +62,21 @@ def test_the_answer_scales_with_the_readings() -> None:
     assert float(ten.discrepancy) == pytest.approx(float(one.discrepancy), rel=1e-6)
 
 
+def test_a_frame_solved_with_a_model_error_names_the_noise_that_it_was_solved_with() -> None:
+    """Of channels with unequal noise and gains that spread: residual, parameter and resolution are those of that noise where it is given."""
+    rng = np.random.default_rng(1)
+    skin = taxels(6, THREE, noise=[2.0, 2.0, 40.0])
+    level = np.array([2.0, 2.0, 40.0])[:, None, None]
+    ball = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=0.3)))
+    readings = ball * (1.0 + 0.05 * rng.standard_normal(ball.shape)) + level * rng.standard_normal(ball.shape)
+    touch = skin.reconstruct(readings, zero=level * rng.standard_normal((20, *ball.shape)))
+    assert float(touch.discrepancy) > 0.02
+    assert touch.methods.item() == "constrained"
+    given = taxels(6, THREE, noise=np.asarray(touch.noise_std).tolist()).reconstruct(readings, method="constrained")
+    for name in ("residual", "resolution", "parameter"):
+        assert float(getattr(touch, name)) == pytest.approx(float(getattr(given, name)), rel=0.03)
+
+
 @pytest.mark.parametrize("zeroed", [True, *long_runs(False)])
 @pytest.mark.long
 def test_gains_that_spread_by_a_third_widen_the_force_until_it_holds(zeroed: bool) -> None:
@@ -105,6 +120,14 @@ def test_few_readings_of_unknown_noise_are_undecided_and_a_zero_decides() -> Non
 
 
 @pytest.mark.long
+def test_traction_that_is_unknown_has_unknown_draws() -> None:
+    noise = 20.0 * np.random.default_rng(3).standard_normal((1, 4, 4))
+    touch = taxels(4, ["stress_zz"]).reconstruct(noise, draws=3)
+    assert status(touch) is pp.Status.UNDECIDED
+    assert np.isnan(np.asarray(touch.values)).all()
+    assert np.isnan(np.asarray(touch.draws)).all()
+
+
 def test_an_even_press_wider_than_the_array_has_no_upper_end() -> None:
     """Some 70 kPa all over 12 x 12 mm are 10 N on the array and any more beyond; without a zero it may be an offset as well."""
     skin = pp.Skin(PAD, pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=2e-3, channels=["stress_zz"]))

@@ -165,6 +165,21 @@ def test_frames_are_decided_alone_and_float32_stays_float32() -> None:
 
 
 @pytest.mark.long
+def test_notes_of_the_even_penalty_are_on_its_own_frames() -> None:
+    """It cannot tell a shift from a net force, and the local models can: the note counts only the frame that it answered."""
+    skin = on_gel()
+    press = noisy(skin.sense(dipole(skin)))
+    empty = 0.02 * np.abs(press).max() * np.random.default_rng(1).standard_normal(press.shape)
+    touch, alone = skin.reconstruct(np.stack([press, empty, press])), skin.reconstruct(empty)
+    assert touch.methods.tolist() == ["local", "tikhonov", "local"]
+    assert alone.notes[0].startswith("shift along x (of up to")
+    some = [note for note in touch.notes if "cannot be separated" in note]
+    assert some
+    assert all("in 1 of 3 frames" in note for note in some)
+    assert touch.notes[0].split(" and a net")[0] == alone.notes[0].split(" and a net")[0]
+
+
+@pytest.mark.long
 def test_mirror_images_have_mirror_images() -> None:
     skin = on_gel()
     readings = noisy(skin.sense(dipole(skin)))

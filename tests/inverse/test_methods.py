@@ -458,6 +458,30 @@ def test_a_pull_does_not_change_the_frames_beside_it() -> None:
 
 
 @pytest.mark.long
+def test_a_frame_that_the_linear_method_answers_does_not_change_the_others() -> None:
+    """Its interval and the notes on the frames beside it are those of each frame alone."""
+    rng = np.random.default_rng(6)
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    channels = ["stress_xz", "stress_yz", "stress_zz"]
+    skin = pp.Skin(pad, pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1e-3, channels=channels, noise=20.0))
+
+    def ball(force: float, x: float, y: float, radius: float) -> Any:
+        return np.asarray(skin.sense(solutions.hertz_point(contact_radius=radius, force=force).shifted(x, y)))
+
+    edge = ball(0.3, 2.4e-3, 0.0, 1.5e-3) + 20.0 * rng.standard_normal((3, 6, 6))
+    both = sum(s * ball(0.1, *rng.uniform(-2e-3, 2e-3, 2), 1e-3) for s in (1, -1, 1, -1))
+    whole = np.stack([edge, both + 20.0 * rng.standard_normal(edge.shape)])
+    touch, alone = skin.reconstruct(whole), [skin.reconstruct(f) for f in whole]
+    assert touch.methods.tolist() == ["adaptive", "tikhonov"]
+    for i, one in enumerate(alone):
+        for of in ("force", "peak_pressure"):
+            np.testing.assert_allclose([b[i] for b in touch.interval(0.95, of)], one.interval(0.95, of), rtol=1e-6)
+        assert {note[:9] for note in one.notes} <= {note[:9] for note in touch.notes}
+    assert "in 1 of 2 frames" in next(n for n in touch.notes if n.startswith("contact across the edge"))
+    assert "in 1 of 2 frames" in next(n for n in touch.notes if n.startswith("an offset of the readings"))
+
+
+@pytest.mark.long
 def test_channels_noise_is_the_frames_own() -> None:
     """Frames whose channels are noisy in different ways, in one batch."""
     rng = np.random.default_rng(2)
@@ -487,3 +511,22 @@ def test_draws_do_not_depend_on_the_batch() -> None:
         np.testing.assert_allclose(
             together[i], skin.reconstruct(f, draws=3, rng=one).draws, atol=1e-9 * np.abs(together).max()
         )
+
+
+@pytest.mark.parametrize("noise", [None, 20.0])
+def test_the_residual_is_in_units_of_the_noise_that_the_result_names(noise: float | None) -> None:
+    """Root mean square of readings less predicted ones over `noise_std`, by every method, with contact and without."""
+    rng = np.random.default_rng(0)
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+    skin = pp.Skin(
+        pad, pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=noise)
+    )
+    press = np.asarray(skin.sense(solutions.hertz_line(half_width=3e-3, force=10.0)))
+    for size, method in ((1.0, "tikhonov"), (0.0, "tikhonov"), (1.0, "tv"), (0.0, "constrained")):
+        readings = size * press + 20.0 * rng.standard_normal(press.shape)
+        touch = skin.reconstruct(readings, method=method, components=["x", "z"])
+        left = np.asarray(readings - skin.sense(np.nan_to_num(touch.values))) / np.asarray(touch.noise_std)[:, None]
+        assert float(touch.residual) == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-2), (method, size)
+    touch = skin.reconstruct(press + 20.0 * rng.standard_normal(press.shape), method="local", components=["x", "z"])
+    assert touch.methods.item() == "local"
+    assert 0.3 < float(touch.residual) < 1.5  # its cells are finer than the map's

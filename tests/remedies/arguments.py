@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from palpate.elastic import find_channel
 from palpate.recordings import Recording
 from palpate.sensing.grids import AreaGrid, LineGrid
 from palpate.touch import Forces, joined
+from palpate.uncertainty import Case
 from palpate.units import convert_factor, parse_quantity
 from remedies._remedy import Remedy, value
 from remedies.skins import (
@@ -315,6 +317,12 @@ REMEDIES = [
         "results of different surfaces or components cannot be joined",
         joined,
         [TOUCH, NORMAL.reconstruct(ONE, **FAST)],
+        [TOUCH, TOUCH],
+    ),
+    value(
+        "results of different skins cannot be joined",
+        joined,
+        [TOUCH, replace(TOUCH, case=Case("area"))],
         [TOUCH, TOUCH],
     ),
     value("single frames join with single frames", joined, [TOUCH, BATCH], [TOUCH, BATCH.frame(0)]),

@@ -22,7 +22,7 @@ from palpate.recordings import read_touch, write_recording, write_touch
 from palpate.sensing.zero import FRAMES, STANDS, Levels, Rest, zero_of
 from palpate.touch import Forces
 from palpate.touch.rounding import decimals, format_interval
-from palpate.touch.table import table_words
+from palpate.touch.table import table_words, write_table
 from skin_files import skin_text
 
 SKIN = skin_text(15, channels=("stress_xz", "stress_zz"), depth="1 mm")
@@ -126,6 +126,10 @@ def test_a_csv_opens_in_any_program(touch: pp.Touch, tmp_path: Path) -> None:
     rows = pandas.read_csv(tmp_path / "forces.csv")
     assert rows.shape[0] == 4
     np.testing.assert_allclose(rows["time (s)"], late.time, rtol=0, atol=1e-6)
+    some = late.table()
+    some.loc[1, "time (s)"] = np.nan
+    write_table(some, tmp_path / "some.csv")
+    assert (tmp_path / "some.csv").read_text().splitlines()[2].startswith(",")  # unknown is empty
     write_touch(touch, tmp_path / "touch.nc")
     assert read_touch(tmp_path / "touch.nc").attrs["friction"] == 0.5
 
@@ -291,6 +295,10 @@ def test_figures(touch: pp.Touch) -> None:
     event = Event("contact", True, 0.02, 1.0, 1.0, 0.0)
     marked = plot_forces(touch.table(), events=[event])
     assert "contact" in [t.get_text() for t in marked.axes[0].texts]
+    for level, said in ((0.95, "95 %"), (0.5, "50 %")):
+        half = touch.table(level=level)
+        assert plot_forces(half).axes[0].get_title(loc="right") == f"bands hold {said}"
+        assert table_words(half).endswith(f"(brackets hold {said})")
     from matplotlib.figure import Figure
 
     mine = Figure().subplots()

@@ -13,6 +13,7 @@ from palpate.status import Status
 from palpate.touch import joined
 from palpate.touch.fields import CalibratedForce, ErrorParts
 from palpate.touch.intervals import uncalibrated
+from palpate.touch.outcome import Outcome
 from palpate.touch.table import table_words
 from palpate.uncertainty import Case, constants
 
@@ -347,3 +348,30 @@ def test_a_load_without_an_upper_end_has_an_infinite_deviation() -> None:
     touch = full()[0]
     bounds = np.array([[np.nan, np.nan], [np.nan, np.nan], [0.0, np.inf]])
     assert replace(touch, force_bounds=bounds, calibrated=None).std("force")[2] == np.inf
+
+
+def test_joined_frames_keep_what_is_common_to_all() -> None:
+    """Frames without a case, a friction or names of nuisances (missing ones, those of a linear method) take none from the others."""
+    whole = replace(full(), case=Case("area with shear"), friction=0.3)
+    bare = replace(whole, case=None, friction=None, nuisance=None, nuisance_std=None, nuisance_names=())
+    for parts in ([whole, bare], [bare, whole]):
+        both = joined(parts)
+        assert (both.case, both.friction, both.nuisance_names) == (whole.case, 0.3, whole.nuisance_names)
+        assert any(n.startswith("offset of stress_zz in 4 of 8 frames") for n in both.notes)
+    assert joined([whole, replace(whole, friction=0.9)]).friction is None
+    errors = whole._errors
+    assert errors is not None
+    for other in (
+        replace(whole, case=Case("area")),
+        replace(whole, _errors=replace(errors, scale=0.2)),
+        replace(whole, nuisance_names=tuple(reversed(whole.nuisance_names))),
+    ):
+        with pytest.raises(pp.InvalidInput, match="join those of one skin"):
+            joined([whole, other])
+
+
+def test_nuisances_add_up_by_name() -> None:
+    whole = full()
+    turned = replace(whole, nuisance=whole.nuisance[:, ::-1], nuisance_std=whole.nuisance_std[:, ::-1])  # type: ignore[index]
+    turned = replace(turned, nuisance_names=whole.nuisance_names[::-1])
+    assert (Outcome.of(whole) + Outcome.of(turned)).nuisances == (Outcome.of(whole) + Outcome.of(whole)).nuisances

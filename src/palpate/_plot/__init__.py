@@ -9,7 +9,7 @@ from palpate._plot.arrows import arrow_cells
 from palpate._plot.forces import draw_forces, plot_forces
 from palpate._plot.maps import plot_touch
 from palpate._plot.over import plot_over
-from palpate._plot.style import INK, column_size, journal, nice, scaled
+from palpate._plot.style import INK, column_size, journal, level_words, nice, scaled
 from palpate._plot.tables import plot_accuracy, plot_trust
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "column_size",
     "draw_forces",
     "journal",
+    "level_words",
     "nice",
     "plot_accuracy",
     "plot_forces",

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate._extras import require
 from palpate._numbers import plain_time
-from palpate._plot.style import COLUMN, INK, journal, scaled
+from palpate._plot.style import COLUMN, INK, journal, level_words, scaled
 
 if TYPE_CHECKING:
     import pandas
@@ -32,7 +32,7 @@ WIDE, USUAL = 3.0, 0.9
 
 
 def plot_forces(table: pandas.DataFrame, *, events: Sequence[Any] = (), title: str | None = None) -> Figure:
-    """A figure, one column wide, of forces with their 95 % bands over time and, below, peak pressure and slip margin.
+    """A figure, one column wide, of forces with their bands over time and, below, peak pressure and slip margin.
 
     ``table`` is that of `Touch.table`; ``events`` those of a `GraspMonitor`: one row above the forces for each kind. Time begins at the first frame.
     """
@@ -55,9 +55,9 @@ def plot_forces(table: pandas.DataFrame, *, events: Sequence[Any] = (), title: s
             _guide(panel, spans)
         if spans:
             _name(panels[0], spans)
-            _legend(data[0], panels[0])
+            _legend(data[0], panels[0], table)
         else:
-            _legend(data[0], data[0])
+            _legend(data[0], data[0], table)
         panels[-1].set_xlabel(clock.label)
         figure.align_ylabels(list(data))
         if title:
@@ -66,12 +66,12 @@ def plot_forces(table: pandas.DataFrame, *, events: Sequence[Any] = (), title: s
 
 
 def draw_forces(ax: Axes, table: pandas.DataFrame, *, events: Sequence[Any] = ()) -> None:
-    """Draw the forces of a table with their 95 % bands and events into axes of the caller's figure."""
+    """Draw the forces of a table with their bands and events into axes of the caller's figure."""
     clock = _clock(table)
     spans = _spans(events, clock)
     _draw(ax, table, [t for t in table if _is_value(t, "force_")], clock)
     _guide(ax, spans)
-    _legend(ax, ax)
+    _legend(ax, ax, table)
     if spans:
         # put the rows of events inside the axes, and extend the axis so that forces lie below them
         share = min(0.5, 0.09 * len(spans))
@@ -209,14 +209,14 @@ def _limits(columns: Sequence[tuple[Any, Any, Any]]) -> tuple[float, float, bool
     return (low, high, cut) if high > low else (low - 0.5, high + 0.5, cut)
 
 
-def _legend(ax: Axes, above: Axes) -> None:
-    """Put the names of the forces in ``ax`` above the axes ``above``."""
+def _legend(ax: Axes, above: Axes, table: pandas.DataFrame) -> None:
+    """Put the names of the forces in ``ax`` and the level of the bands above the axes ``above``."""
     handles, labels = ax.get_legend_handles_labels()
     above.legend(
         handles, labels, frameon=False, ncols=max(1, len(labels)), loc="lower left", bbox_to_anchor=(0.0, 1.0),
         borderpad=0.1, handlelength=1.2,
     )  # fmt: skip
-    above.set_title("bands hold 95 %", loc="right", fontsize=7, color="0.35")
+    above.set_title(f"bands hold {level_words(table)}", loc="right", fontsize=7, color="0.35")
 
 
 def _hatch_gaps(ax: Axes, when: Any, values: Any) -> None:

@@ -172,7 +172,8 @@ def _plot_area(
                 _shear(axes, touch, row, f"{name}shear", largest["shear"], seen_from)
             elif what == "space":
                 grid[i, -1] = axes = _in_space(figure, axes)
-                draw_in_space(axes, touch, row, largest["pressure"], taxels)
+                force = touch.force if i == 0 else touch.surface.total_force(row)
+                draw_in_space(axes, touch, row, force, largest["pressure"], taxels)
                 continue
             elif i == 1 and true is not None:
                 _size(axes, touch, missed, "recovered less true, size", largest["error"], seen_from)

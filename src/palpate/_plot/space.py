@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate._arrays import to_numpy
 from palpate._plot.shown import Shown
 from palpate._plot.style import INK, scaled
 from palpate.elastic.pad import Floats
@@ -29,9 +30,9 @@ ELEVATION, AZIMUTH, BESIDE = -35.0, 120.0, 35.0
 LEANS = 0.2
 
 
-def draw_in_space(axes: Axes3D, touch: Shown, values: Floats, top: float, taxels: Sequence[Array]) -> None:
-    """Draw pressure in colour on the surface in space, with z downwards, the net force, and dots above taxels where
-    the surface faces the viewer.
+def draw_in_space(axes: Axes3D, touch: Shown, values: Floats, force: Any, top: float, taxels: Sequence[Array]) -> None:
+    """Draw pressure in colour on the surface in space, with z downwards, the net ``force`` [N], and dots above taxels
+    where the surface faces the viewer.
     """
     from matplotlib import colormaps
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -53,7 +54,7 @@ def draw_in_space(axes: Axes3D, touch: Shown, values: Floats, top: float, taxels
         Poly3DCollection(quads[on] * width, facecolors=shade, edgecolors="0.5", linewidths=0.1, zorder=1)
     )
     places = surface.positions[on] * width
-    force = np.asarray(surface.total_force(values), dtype=np.float64)
+    force = np.asarray(to_numpy(force), dtype=np.float64)
     size = np.sqrt((np.nan_to_num(values) ** 2).sum(axis=0)) * surface.areas
     out = -np.tensordot(size, surface.frames.axes[..., 2, :], 2) / (float(size.sum()) or 1.0)
     azimuth = AZIMUTH if np.hypot(*out[:2]) < LEANS else float(np.degrees(np.arctan2(out[1], out[0]))) + BESIDE

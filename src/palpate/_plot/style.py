@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["COLUMN", "INK", "PAGE", "column_size", "journal", "nice", "scaled"]
+__all__ = ["COLUMN", "INK", "PAGE", "column_size", "journal", "level_words", "nice", "scaled"]
 
 #: Colours that remain distinct in print and for colour-blind readers (M. Okabe and K. Ito, 2008).
 INK = {
@@ -85,3 +85,8 @@ def column_size(table: pandas.DataFrame, title: str) -> float:
         for v in (np.asarray(table[t], dtype=np.float64) for t in ends)
     )
     return max(number, 0.1 * max(bounds))
+
+
+def level_words(table: pandas.DataFrame) -> str:
+    """Return the level of a table's intervals in words, "95 %" unless the table says otherwise."""
+    return f"{100.0 * table.attrs.get('level', 0.95):.4g} %"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -98,7 +99,7 @@ class Estimate:
 
     These have the shape of the batch, for constrained methods (*batch, channel) where noise is concerned:
     ``parameter``; ``noise_scale``, the noise in units of the whitening (1 if the noise was given); ``residual``, the
-    root mean square misfit in the same units; ``noise_std`` (*batch, channel) in the unit of each channel. ``errors``
+    root mean square misfit in units of that noise; ``noise_std`` (*batch, channel) in the unit of each channel. ``errors``
     are `Errors`, ``stated`` is `Stated`. ``converged``; ``contact`` (False: noise alone explains the frame);
     ``outliers`` (*batch, reading); ``draws`` (*batch, draw, component, *surface); ``settling``, the time an analog
     network takes in units of its RC; ``pushed`` (False: a contact with positive pressure does not explain the frame);
@@ -206,3 +207,8 @@ def frames_of(readings: Sequence[Any], operator: Operator) -> Iterator[list[Floa
 def in_frames(flags: npt.NDArray[np.bool_], batch: tuple[int, ...]) -> str:
     """Text " in 3 of 70 frames", or "" for a single frame."""
     return f" in {int(np.count_nonzero(flags))} of {flags.size} frames" if batch else ""
+
+
+def among_frames(note: str, count: int) -> str:
+    """A note on some frames of a batch, whose number is replaced by that of a larger batch, ``count``."""
+    return re.sub(r"(?<= in )(\d+) of \d+ frames\b", rf"\g<1> of {count} frames", note)

@@ -190,7 +190,8 @@ def interval(
         if of == "force":
             low, high = np.fmin(low, ends[..., 0]), np.fmax(high, ends[..., 1])
         else:
-            low, high = low, np.where(np.isinf(ends[..., -1, 1]), math.inf, high)
+            high = np.where(np.isposinf(ends[..., -1, 1]), math.inf, high)
+            low = np.where(np.isneginf(ends[..., -1, 0]) & pulling(touch), -math.inf, low)
     by_calibration = None if touch.calibrated is None else touch.calibrated.interval(level, of)
     if by_calibration is None:
         return low, high
@@ -232,12 +233,16 @@ def exceeds(touch: Numbers, limit: float, of: str) -> Floats:
         return (np.where(pulls, 1.0 - found, found),)
 
     found = _each_method(touch, chance)[0]
-    if touch.force_bounds is not None and of == "force":
-        # No upper bound: wider than the 95 % interval.
-        found = np.where(np.isinf(np.asarray(touch.force_bounds)[..., -1, 1]), np.maximum(found, 0.025), found)
+    ends = np.full((*touch.batch, 2), math.nan) if touch.force_bounds is None else touch.force_bounds[..., -1, :]
+    # The 95 % interval reaches to these ends.
+    reach = ends if of == "force" else np.where(np.isinf(ends), ends, math.nan)
+    above, below = reach[..., 1] > limit, reach[..., 0] < limit
+    found = np.where(above, np.maximum(found, 0.025), found)
+    found = np.where(below & (pulls | (of == "force")), np.minimum(found, 0.975), found)
     if touch.status is not None:
-        # the size of an overload is unknown
-        found = np.where(np.asarray(touch.status) == int(Status.OVERLOAD), 1.0, found)
+        # the size of an overload is unknown; one that pulls is at least as far below
+        overload = (np.asarray(touch.status) == int(Status.OVERLOAD)) & ~np.isneginf(ends[..., 0])
+        found = np.where(overload, 1.0, found)
     if calibrated is not None:
         found = np.where(np.isfinite(calibrated.force[..., -1]), calibrated.chance_above(limit), found)
     return np.asarray(found)

@@ -159,9 +159,9 @@ class Outcome:
 
     def __add__(self, other: Outcome) -> Outcome:
         codes = sorted({*self.status, *other.status})
-        nuisances = self.nuisances or other.nuisances
-        if self.nuisances and other.nuisances:
-            nuisances = tuple(a + b for a, b in zip(self.nuisances, other.nuisances))
+        nuisances: dict[tuple[str, str], Nuisance] = {}
+        for n in (*self.nuisances, *other.nuisances):
+            nuisances[n.label, n.unit] = nuisances[n.label, n.unit] + n if (n.label, n.unit) in nuisances else n
         return Outcome(
             self.frames + other.frames,
             True,
@@ -173,7 +173,7 @@ class Outcome:
             dict(sorted({**self.left_out, **other.left_out}.items())),
             self.at_limit + other.at_limit,
             max(self.most_at_limit, other.most_at_limit),
-            nuisances,
+            tuple(nuisances.values()),
             self.poor + other.poor,
             min(self.worst_fit, other.worst_fit),
             self.rough + other.rough,

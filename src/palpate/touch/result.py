@@ -58,7 +58,8 @@ class Touch(Numbers):
     assumptions : tuple of str
         Assumptions about all frames, and what the sensor could not see; `notes` adds the outcomes of the frames.
     parameter : array (*batch) or None
-        Regularisation parameter: the weight of int |D^m t|^2 [Pa^2 m^(d - 2m)] against the squared, noise-scaled residuals.
+        Regularisation parameter: the weight of int |D^m t|^2 [Pa^2 m^(d - 2m)] against the squared residuals, in units of the noise that was given or that a
+        discrepancy adds up to (`noise_std`); without any, in the unit of the channels (those of several kinds balanced by their response).
     noise_std : array (*batch, channel) or None
         Standard deviation of the noise of each channel, as given or as estimated from the misfit.
     residual : array (*batch) or None
@@ -358,7 +359,7 @@ class Touch(Numbers):
     def std(self, of: str = "traction", *, friction: float | None = None) -> Any:
         """Standard deviation of a quantity: half the width of its 68 % `interval`, which here may reach below 0.
 
-        Takes and returns what `interval` does. It is infinite where the interval has no upper end.
+        Takes and returns what `interval` does. It is infinite where the interval has no end.
 
         Raises
         ------
@@ -413,8 +414,8 @@ class Touch(Numbers):
         Returns
         -------
         low, high : arrays
-            Shaped like the quantity (`values` for "traction"), of the caller's kind. Pressure, normal force and peak pressure do not
-            reach below 0. NaN in frames without an answer (missing, capturing zero) and in those whose method gives no error bars.
+            Shaped like the quantity (`values` for "traction"), of the caller's kind. Pressure, normal force and peak pressure of a contact that
+            only pushes do not reach below 0. NaN in frames without an answer (missing, capturing zero) and in those whose method gives no error bars.
             ``touch.traction.copy(data=low)`` labels a map.
 
         Raises
@@ -448,7 +449,8 @@ class Touch(Numbers):
     def exceeds(self, limit: float, of: str = "peak_pressure") -> Any:
         """Probability (*batch) that the true peak pressure [Pa], or the true normal "force" [N], exceeds ``limit``.
 
-        From the same calibrated distribution as `interval`.
+        From the same calibrated distribution as `interval`; at least 2.5 % below an end that `force_bounds` adds. It is 1 for an overload that pushes,
+        whose size is unknown, and NaN where the force is.
 
         Examples
         --------

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate._numbers import plain_number
-from palpate._plot import column_size, scaled
+from palpate._plot import column_size, level_words, scaled
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.status import Status
@@ -167,6 +167,7 @@ class Forces:
         if not self._parts:
             raise InvalidInput("there are no frames yet: add one first.")
         table = table_of(self._parts)
+        table.attrs["level"] = self._level  # figures and words name it
         return table.assign(events=self._events) if any(self._events) else table
 
     def plot(self, *, events: Sequence[object] = (), title: str | None = None) -> Figure:
@@ -198,7 +199,7 @@ def table_of(parts: Sequence[dict[str, Any]]) -> pandas.DataFrame:
 def write_table(table: pandas.DataFrame, path: str | Path) -> None:
     """Write a table of `Touch.table` as CSV."""
     exact = [title for title in ("time (s)",) if title in table]  # seconds since 1970 need all their digits
-    table.assign(**{t: [repr(round(float(v), 9)) for v in table[t]] for t in exact}).to_csv(
+    table.assign(**{t: [repr(round(float(v), 9)) if math.isfinite(v) else "" for v in table[t]] for t in exact}).to_csv(
         path, index=False, float_format="%.6g", lineterminator="\n"
     )
 
@@ -209,8 +210,8 @@ def _short(event: object) -> str:
 
 
 def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
-    """Format a table for printing: at most ``rows`` frames, evenly spread; each column has a number with its 95 %
-    interval, with the same decimals throughout.
+    """Format a table for printing: at most ``rows`` frames, evenly spread; each column has a number with its interval,
+    with the same decimals throughout.
 
     Examples
     --------
@@ -259,10 +260,11 @@ def table_words(table: pandas.DataFrame, *, rows: int = PRINTED) -> str:
         "  ".join(c.ljust(w) if k == last else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths))).rstrip()
         for row in zip(*cells)
     ]
+    hold = f"brackets hold {level_words(table)}"
     if step > 1:
-        lines.append(f"(every {step}{_ordinal(step)} of {count} frames; brackets hold 95 %)")
+        lines.append(f"(every {step}{_ordinal(step)} of {count} frames; {hold})")
     elif any("(" in c for column in cells for c in column[1:]):
-        lines.append("(brackets hold 95 %)")
+        lines.append(f"({hold})")
     return "\n".join(lines)
 
 

@@ -97,7 +97,10 @@ class Calibration:
         low, high = np.zeros(np.shape(gap)), np.full(np.shape(gap), FARTHEST)
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            reach = np.hypot(size * scipy.special.stdtrit(self.freedom, scipy.special.ndtr(-middle)), stated * middle)
+            with np.errstate(invalid="ignore"):  # no size, far out
+                reach = np.hypot(
+                    size * scipy.special.stdtrit(self.freedom, scipy.special.ndtr(-middle)), stated * middle
+                )
             short = reach < np.abs(gap)
             low, high = np.where(short, middle, low), np.where(short, high, middle)
         chance = np.where((size > 0) | (stated > 0), scipy.special.ndtr(-np.sign(gap) * low), value > limit)

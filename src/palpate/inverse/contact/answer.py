@@ -146,16 +146,16 @@ def _nothing(
     errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
     noise = np.full(prepared.noise.count, scale)
-    return Frame(np.zeros(shape), errors, parameter, noise, rms, True, False, outliers, empty)
+    left = rms if prepared.noise_known or not scale > 0.0 else rms / scale
+    return Frame(np.zeros(shape), errors, parameter, noise, left, True, False, outliers, empty)
 
 
 def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:
-    """Result of a frame that no explanation fits: traction and errors are NaN."""
-    nothing = _nothing(prepared, math.nan, math.nan, data, outliers)
-    gap, terms = math.nan * nothing.traction, np.full(len(prepared.terms), math.nan)
+    """Result of a frame that no explanation fits: traction, draws and errors are NaN."""
+    nothing = _nothing(prepared, math.nan, math.nan, data, outliers).blanked()
+    terms = np.full(len(prepared.terms), math.nan)
     return replace(
         nothing,
-        traction=gap,
         errors=nothing_known(nothing.known),
         contact=True,
         pushed=False,

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel, dilated
+from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.overload import solve_within_range
 from palpate.inverse.contact.prepared import Prepared
@@ -35,15 +36,17 @@ class ConstrainedEstimator(Prepared):
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
-        like, batch = readings[0], batch_of(readings, self.operator)
-        frames = []
+        return gathered(self, self.frames(readings, rng), batch_of(readings, self.operator), readings[0])
+
+    def frames(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> list[Frame]:
+        """The result of each frame, counted over all batch axes."""
+        frames, batch = [], batch_of(readings, self.operator)
         for f in frames_of(readings, self.operator):
             with few_threads(self.widest, len(self.readings.std)), self.rounds:
                 frames.append(solve_within_range(self, f, rng))
                 if math.prod(batch) > 1:
                     frames[-1] = replace(frames[-1], errors=frames[-1].known)
-
-        return gathered(self, frames, batch, like)
+        return frames
 
     @cached_property
     def even_noise(self) -> ConstrainedEstimator:

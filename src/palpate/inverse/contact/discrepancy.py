@@ -83,7 +83,7 @@ def _undecided(frame: Frame) -> Frame:
     """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact as large as
     the largest reading.
     """
-    return replace(frame, traction=math.nan * frame.traction, undecided=True, bounds=_hidden(frame))
+    return replace(frame.blanked(), undecided=True, bounds=_hidden(frame))
 
 
 def _hidden(frame: Frame) -> Floats:
@@ -120,9 +120,10 @@ def _with_shares(
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if found.contact and _explains(found):
+            found = _in_units_of(estimator, found, factor)
             return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, len(data), policy))
         if found.contact and (best is None or left < best[0]):
-            best = left, found
+            best = left, _in_units_of(estimator, found, factor)
         larger = [s for s in policy.fit.shares if s > share]
         share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
     if best is not None and best[0] < policy.detection.most_left:
@@ -167,6 +168,13 @@ def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rn
         stated=stated,
         bounds=found.bounds * factor,
     )
+
+
+def _in_units_of(estimator: Prepared, frame: Frame, factor: float) -> Frame:
+    """The frame solved by `_at_noise` with even noise: its noise in units of the noise of ``estimator``, and the resolution at that noise."""
+    even = estimator.even_noise
+    noise = frame.noise * np.concatenate(even.scales) / np.concatenate(estimator.scales)
+    return replace(frame, noise=noise, resolution=even.resolution(factor**2 * frame.parameter))
 
 
 def _size_probability(frame: Frame, count: int) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +31,7 @@ class Frame:
     readings, but so may contact. ``one_penalty``: solved with a single even penalty
     (`palpate.inverse.contact.discrepancy`). ``overload``: so many readings are saturated that the load has no upper
     bound. ``bounds`` (component, 2): net forces that the readings do not exclude beyond the interval, NaN if there are
-    none. ``free``: degrees of freedom of the residual.
+    none. ``free``: degrees of freedom of the residual. ``resolution`` [m]: NaN if it follows from ``parameter``.
     """
 
     traction: Floats
@@ -64,8 +64,14 @@ class Frame:
     one_penalty: bool = False
     bounds: Floats = field(default_factory=lambda: np.full((1, 2), math.nan))
     free: float = math.nan
+    resolution: float = math.nan
 
     @property
     def known(self) -> Errors:
         """All errors, computed if necessary."""
         return self.errors.errors() if isinstance(self.errors, Summary) else self.errors
+
+    def blanked(self) -> Frame:
+        """The frame with unknown traction, and unknown draws if there are any."""
+        draws = None if self.draws is None else np.full_like(self.draws, math.nan)
+        return replace(self, traction=np.full_like(self.traction, math.nan), draws=draws)

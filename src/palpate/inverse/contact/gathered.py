@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any
@@ -54,7 +55,9 @@ def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...
         outliers.reshape((*batch, -1)),
         sampled,
         pushed=numbers("pushed", bool),
-        resolution=np.array([estimator.resolution(f.parameter) for f in frames]).reshape(batch),
+        resolution=np.array(
+            [estimator.resolution(f.parameter) if math.isnan(f.resolution) else f.resolution for f in frames]
+        ).reshape(batch),
         sliding=numbers("sliding") if estimator.finds_sliding else None,
         said=notes_of(frames, batch, estimator.policy),
         noise_std=noise * np.concatenate(estimator.scales),

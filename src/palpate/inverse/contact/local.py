@@ -29,11 +29,11 @@ from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.edges import outside_taxels
 from palpate.inverse.contact.places import Data, Member, Places, Start
-from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of, frames_of
+from palpate.inverse.estimate import Errors, Estimate, Stated, among_frames, batch_of, frames_of
 from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability, neighbours
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
-from palpate.inverse.linear.parameter import tikhonov
+from palpate.inverse.linear.parameter import TINY, tikhonov
 from palpate.inverse.linear.patterns import SURE
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, center_rows, moment_rows
 from palpate.inverse.linear.regularised import BLIND, Regularised
@@ -107,7 +107,7 @@ class LocalEstimator:
             frames.append(frame if frame is not None and frame.told > UNEXPLAINED else None)
         # Compute errors due to the pad only if Tikhonov's method answers some frame.
         found = (self.even if any(f is None for f in frames) else self.alone).solve(readings)
-        return self._gathered(found, batch, frames)
+        return self._gathered(replace(found, said=self._said(found, readings, batch, frames)), batch, frames)
 
     def _starts(self, found: Estimate) -> list[Start]:
         """Traction, noise and parameter of each frame from Tikhonov's method."""
@@ -178,7 +178,7 @@ class LocalEstimator:
             told=1.0 - float(weights @ [m.taken for m in members]) / len(self.readings.std),
             shared=self._shared(seen) if shared == 1.0 else shared,
             fit=self._fit(data, seen, members, weights, whole, noise / shared),
-            residual=float(np.sqrt(np.mean(left[data.observed] ** 2))),
+            residual=float(np.sqrt(np.mean(left[data.observed] ** 2) * shared / max(noise, TINY))),
             left=left,
             broken=~data.observed,
             sizes=mean * self.places.units,
@@ -347,12 +347,17 @@ class LocalEstimator:
             fit=np.array([f.fit if f else math.nan for f in frames]).reshape(batch),
             noise_std=scale.reshape(batch)[..., None] * np.concatenate(self.alone.scales),
             method=np.where(there, "local", "tikhonov").reshape(batch),
-            said=self._said(found, batch, there),
+            said=found.said,
         )
 
-    def _said(self, found: Estimate, batch: tuple[int, ...], there: Flags) -> tuple[str, ...]:
-        """Notes of the batch: drift from the local models, everything else from Tikhonov's method."""
-        said = list(found.said)
+    def _said(
+        self, found: Estimate, readings: Sequence[Any], batch: tuple[int, ...], frames: Sequence[Frame | None]
+    ) -> tuple[str, ...]:
+        """Notes of the batch: drift from the local models, everything else from Tikhonov's method, on its own frames if it answers any."""
+        said, there = list(found.said), np.array([f is not None for f in frames])
+        if there.any() and not there.all():
+            rows = [to_numpy(r).reshape(-1, *r.shape[len(batch) :])[~there] for r in readings]
+            said = [among_frames(note, len(there)) for note in self.even.solve(rows).said]
         if there.all():
             # The local models report these nuisances frame by frame.
             said = [s for s in said if not s.startswith((BLIND, *(p.label for p in self.patterns)))]

@@ -15,9 +15,11 @@ from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.local import LocalEstimator
+from palpate.inverse.contact.notes import notes_of
 from palpate.inverse.contact.policy import Policy
-from palpate.inverse.estimate import Errors, Estimate, Stated, batch_of
+from palpate.inverse.estimate import Errors, Estimate, Stated, among_frames, batch_of
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
 from palpate.inverse.linear.stated import among, with_offsets
@@ -220,8 +222,9 @@ class AutomaticEstimator:
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
-        found = self.pushing.solve(readings, rng)
         batch = batch_of(readings, self.pushing.operator)
+        frames = self.pushing.frames(readings, rng)
+        found = gathered(self.pushing, frames, batch, readings[0])
         method = np.full(batch, Adaptive.name, dtype=f"<U{len(Constrained.name)}")
         if found.one_penalty is not None:
             method[found.one_penalty] = Constrained.name
@@ -242,7 +245,9 @@ class AutomaticEstimator:
         rows = [_rows(r, batch, where) for r in readings]
         other = self._pulling().solve(rows)
         method[pulls] = Tikhonov.name
-        return replace(_merged(found, other, pulls), method=method)
+        pushed = notes_of([f for f, p in zip(frames, pulls.ravel()) if not p], batch, self.pushing.policy)
+        said = (*pushed, *(among_frames(note, pulls.size) for note in other.said))
+        return replace(_merged(found, other, pulls), method=method, said=said)
 
 
 def _both_stated(mine: Stated | None, theirs: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:
@@ -300,7 +305,6 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         parameter=filled(found.parameter, other.parameter),
         noise_scale=filled(found.noise_scale, scale),
         noise_std=filled(found.noise_std, other.noise_std),
-        said=other.said,
         residual=filled(found.residual, other.residual),
         errors=errors,
         stated=_both_stated(found.stated, among(other.stated, pulls), pulls),
@@ -313,4 +317,6 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
         fit=filled(found.fit, None),
         nuisance=filled(found.nuisance, None),
         nuisance_std=filled(found.nuisance_std, None),
+        discrepancy=filled(found.discrepancy, None, 0.0),  # that of a push is no error of the linear method
+        force_bounds=filled(found.force_bounds, None),
     )

@@ -67,12 +67,12 @@ def single_taxel_share(planes: Sequence[Array], run: Solved, pressure: Floats, g
 
 
 def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) -> tuple[str, ...]:
-    """Notes about what the readings of these frames cannot determine."""
+    """Notes about what the readings of these frames, of a ``batch`` of this shape, cannot determine."""
 
     def where(count: int) -> str:
-        return f" in {count} of {len(frames)} frames" if batch else ""
+        return f" in {count} of {math.prod(batch)} frames" if batch else ""
 
-    small, alone = (sum(n) for n in zip(*((f.small > 0, f.small > 1) for f in frames)))
+    small, alone = sum(f.small > 0 for f in frames), sum(f.small > 1 for f in frames)
     said = []
     if small:
         said.append(

@@ -17,7 +17,7 @@ from palpate.errors import Unsupported
 from palpate.inverse.estimate import Estimate, in_frames
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
-from palpate.inverse.linear.parameter import MODEL_ERROR, Filter, check_parameter, choose, tikhonov
+from palpate.inverse.linear.parameter import MODEL_ERROR, TINY, Filter, check_parameter, choose, tikhonov
 from palpate.inverse.linear.patterns import Patterns
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertainty, Variances, unexplained
 from palpate.inverse.linear.priors import Prior
@@ -175,7 +175,7 @@ class Regularised:
             traction,
             chosen.reshape(batch),
             scale,
-            residual.reshape(batch),
+            residual.reshape(batch) / np.maximum(scale, TINY),
             errors=LinearErrors.of(self.decomposition.variances, self.filter, traction, known),
             noise_std=scale[..., None] * np.concatenate(self.scales),
             said=tuple(said),

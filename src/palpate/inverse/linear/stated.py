@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
-from palpate.inverse.estimate import Estimate, Stated
+from palpate.inverse.estimate import Estimate, Stated, in_frames
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.posterior import center_rows, moment_rows
 from palpate.inverse.linear.regularised import Regularised
@@ -69,7 +69,8 @@ class InDoubt:
         said = list(found.said)
         if self.offsets:
             said.append(
-                "an offset of the readings would be taken for such a contact, and the error bars allow for one: nuisance=[] excludes it"
+                f"an offset of the readings would be taken for such a contact{in_frames(np.ones(batch, dtype=bool), batch)}, and the error bars allow "
+                "for one: nuisance=[] excludes it"
             )
         return replace(
             found, said=tuple(said), stated=Stated(**{n: v.reshape((*batch, *v.shape[1:])) for n, v in joined.items()})

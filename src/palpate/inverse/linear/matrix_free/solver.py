@@ -16,7 +16,7 @@ from palpate.inverse.linear.matrix_free.memory import TOGETHER
 from palpate.inverse.linear.matrix_free.patterns import SolvedPatterns
 from palpate.inverse.linear.matrix_free.rules import Search
 from palpate.inverse.linear.matrix_free.system import System
-from palpate.inverse.linear.parameter import MODEL_ERROR, check_parameter, check_rule, tikhonov
+from palpate.inverse.linear.parameter import MODEL_ERROR, TINY, check_parameter, check_rule, tikhonov
 from palpate.inverse.linear.patterns import Removed
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertainty
 
@@ -89,7 +89,7 @@ class MatrixFree:
             traction,
             chosen,
             scale,
-            np.sqrt(joined["left"] / self.system.normal.count).reshape(batch),
+            np.sqrt(joined["left"] / self.system.normal.count).reshape(batch) / np.maximum(scale, TINY),
             errors=errors,
             converged=(joined["misfit"] <= SOLVED).reshape(batch),
             noise_std=scale[..., None] * np.concatenate(self.scales),
