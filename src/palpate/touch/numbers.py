@@ -91,8 +91,8 @@ class Numbers(Fields):
 
     @property
     def center_of_pressure(self) -> Any:
-        """Centre of pressure, (*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`;
-        NaN without contact.
+        """Centre of pressure, (*batch, 2) as (x, y), or (*batch, 1) on a line [m]: int x p / int p over the `contact`,
+        which pushes or pulls; NaN without contact.
 
         Only the contact counts: far from it the recovered pressure is noise around zero, which a long lever would amplify.
 
@@ -109,7 +109,7 @@ class Numbers(Fields):
         xp = namespace(self.values)
         p = xp.where(self.contact(), self._component("z"), xp.zeros_like(self._component("z")))
         total = self._integral(p)
-        safe = xp.where(total > 0, total, xp.ones_like(total) * math.nan)
+        safe = xp.where(total != 0, total, xp.ones_like(total) * math.nan)
         names = ("x",) if self.surface.dimensions == 1 else ("x", "y")
         center = xp.stack([self._integral(self._coordinate(n) * p) / safe for n in names], axis=-1)
         if self.calibrated is not None and self.calibrated.center is not None:
