@@ -257,7 +257,7 @@ class Tracker:
         >>> import palpate as pp
         >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
         >>> skin = pp.Skin(pad, pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
-        >>> skin.track(baseline=[[7.0] * 3, [5.0] * 3]).zero[0].tolist()
+        >>> skin.track(zero=[[7.0] * 3, [5.0] * 3]).zero[0].tolist()
         [[7.0, 7.0, 7.0], [5.0, 5.0, 5.0]]
         """
         known = self._zero.baseline
