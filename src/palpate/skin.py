@@ -46,7 +46,8 @@ from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
 from palpate.tracking.calibrated import CalibratedTracker
-from palpate.tracking.settings import check_settings, check_sought, creep_filters
+from palpate.tracking.creep import creep_filters
+from palpate.tracking.settings import check_settings, check_sought
 from palpate.tracking.single import SingleSolve
 from palpate.tracking.tracker import Tracker
 

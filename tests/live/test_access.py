@@ -33,7 +33,7 @@ class Still:
     def __init__(self, skin: pp.Skin) -> None:
         self.inner = skin.track(baseline=0)
         self.names, self.notes, self.seconds = self.inner.names, self.inner.notes, 0.0
-        self.health, self.unknowns = self.inner.health, self.inner.unknowns
+        self.health, self.unknowns, self.zero = self.inner.health, self.inner.unknowns, self.inner.zero
         self.touch = self.inner.step(np.zeros((1, 4, 4)), 0.0)
         self.times: list[float] = []
 

@@ -89,6 +89,29 @@ def test_a_packet_holds_the_readings_as_they_came_and_since_the_zero() -> None:
     np.testing.assert_allclose(unpacked(one.packet or b"")[1][cells + 32 :], 0.0, atol=5 * 60.0)
 
 
+def shown(skin: pp.Skin, tracker: pp.Tracker, frames: list[tuple[float, Any]]) -> Any:
+    """The readings minus the zero in the last packet of a session."""
+    one = Session(skin, lambda: frames, tracker, pp.GraspMonitor(), pace=False)
+    one.run()
+    one.stop()
+    return unpacked(one.packet or b"")[1][-one.readings :]
+
+
+def test_the_page_subtracts_the_zero_of_the_tracker() -> None:
+    """A zero that was given, one that follows drift, and one frame of it that was touched were not those of the page."""
+    skin, rng = pp.Skin(PAD, GRID), np.random.default_rng(0)
+    noise = [50.0 * rng.standard_normal((2, 4, 4)) for _ in range(200)]
+    given = np.full((2, 4, 4), 3000.0)
+    frames = [(0.02 * k, 3000.0 + n) for k, n in enumerate(noise)]
+    np.testing.assert_allclose(shown(skin, skin.track(zero=given), frames[:5]), 0.0, atol=300.0)
+    drifting = [(t, y + 10.0 * k) for k, (t, y) in enumerate(frames)]
+    drifted = skin.track(baseline=20, rezero=0.2)
+    np.testing.assert_allclose(shown(skin, drifted, drifting), 0.0, atol=500.0)
+    touched = [(t, y + (1e5 if k == 3 else 0.0)) for k, (t, y) in enumerate(frames)]
+    np.testing.assert_allclose(shown(skin, skin.track(baseline=20), touched[:30]), 0.0, atol=400.0)
+    assert np.isnan(shown(skin, skin.track(baseline=20), frames[:10])).all()  # not known yet
+
+
 def test_where_nothing_touches_there_is_no_centre() -> None:
     skin = pp.Skin(PAD, GRID)
     tracker, monitor = skin.track(), pp.GraspMonitor()

@@ -254,6 +254,14 @@ def one_taxel(broken: bool) -> pp.Touch:
     return (skin.masked(np.arange(16).reshape(4, 4) != 6) if broken else skin).reconstruct(frame)
 
 
+def railed(masked: bool) -> list[pp.Touch]:
+    """A stream in which nothing touches, and one taxel jumps to 200 times the noise; that taxel counts, or is left out."""
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(8, 8), pitch=4e-3, depth=1e-3, channels=["stress_zz"], noise=20.0))
+    frames = 20.0 * np.random.default_rng(0).standard_normal((40, 1, 8, 8))
+    frames[20:, 0, 3, 4] += 4000.0
+    return tracked(frames, skin=skin.masked(np.arange(64).reshape(8, 8) != 28) if masked else skin, baseline=20)[20:]
+
+
 def rezeroed(drifted: bool) -> list[pp.Touch]:
     """A zero that has moved like a light press for 80 s, the new zero where nothing touches, and a press."""
     tracker, off = line()[0].track(baseline=0, rezero=None), 0.3 * line()[1]

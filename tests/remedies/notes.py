@@ -49,6 +49,7 @@ from remedies.noted import (
     pressed_at,
     pulled,
     pulled_much,
+    railed,
     raw_file,
     readings,
     rezeroed,
@@ -267,6 +268,12 @@ NOTES = [
         both(holds(0.0, 0.0, 0.0), status_is(Status.UNDECIDED)),
     ),
     # trackers and sessions
+    Note(
+        "small contact or a broken taxel: {} alone responds",
+        lambda: railed(False),
+        lambda: railed(True),
+        both(holds(0.0, 0.0, 0.0), status_is(Status.NO_CONTACT)),
+    ),
     Note(
         "steady for {} s: contact or drift? rezero() where nothing touches",
         lambda: rezeroed(True),

@@ -90,6 +90,19 @@ def test_nothing_touches() -> None:
     touch.plot()
 
 
+def test_a_contact_that_pulls_has_the_centre_of_one_that_pushes() -> None:
+    """It was NaN, in the result and in its table."""
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.49)
+    skin = pp.Skin(pad, pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=20.0))
+    ball = pp.solutions.hertz_point(contact_radius=3e-3, force=0.5).shifted(2e-3, -1e-3)
+    touch = skin.reconstruct(-np.asarray(skin.sense(ball, rng=np.random.default_rng(0))))
+    assert float(touch.force[2]) < 0.0
+    np.testing.assert_allclose(touch.center_of_pressure, [2e-3, -1e-3], atol=5e-5)
+    low, high = touch.interval(0.95, "center_of_pressure")
+    assert (low < [2e-3, -1e-3]).all()
+    assert (high > [2e-3, -1e-3]).all()
+
+
 def test_what_was_not_sought_is_not_reported() -> None:
     grid = pp.LineGrid(count=5, spacing=1.0)
     touch = pp.Touch(np.ones((2, 5)), grid, ("z",), "known", unobservable_force=("z",))

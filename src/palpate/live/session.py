@@ -207,8 +207,6 @@ class Session:
         #: Number of readings in a packet; 0 if there are too many for a page.
         self.readings = sum(len(p["names"]) * len(p["channels"]) for p in self._taxels)
         self.readings = self.readings if self.readings <= MAX_READINGS else 0
-        self._resting: tuple[Any, Any] | None = None  # sum and number of the readings that the new zero has so far
-        self._zero: Any = 0.0
 
     def start(self) -> None:
         """Start the stream in a thread."""
@@ -411,7 +409,7 @@ class Session:
         reading = joined_planes(checked_planes(reading, self.skin.planes, single=True), self.skin.planes)
         events = self.monitor.update(touch) if "z" in touch.components else []
         self._check_zero(touch, time)
-        packet = self._packed(touch, events, born, self._shown(touch, reading)) if self._pages else None
+        packet = self._packed(touch, events, born, self._shown(reading)) if self._pages else None
         with self._lock:
             self._remember([str(e) for e in events])
             for sink in list(self._sinks):
@@ -446,21 +444,12 @@ class Session:
             if self._moved:
                 self.note(f"{time:.3f} s  {MOVED}")
 
-    def _shown(self, touch: Touch, reading: Any) -> Sequence[Any]:
-        """Return the readings for the page, and the same minus the zero, which is the mean of the frames that the
-        tracker uses for it.
-        """
+    def _shown(self, reading: Any) -> Sequence[Any]:
+        """Return the readings for the page, and the same minus the tracker's zero (NaN if there is none yet)."""
         if not self.readings:
             return ()
         found = flat_readings(reading, self.skin)
-        if touch.status is not None and int(touch.status) == int(Status.CAPTURING_ZERO):
-            good = np.isfinite(found)
-            total, count = self._resting or (0.0, 0)
-            self._resting = total + np.where(good, found, 0.0), count + good
-            self._zero = self._resting[0] / np.maximum(self._resting[1], 1)
-        else:
-            self._resting = None
-        return found, found - self._zero
+        return found, found - np.concatenate([np.ravel(plane) for plane in self.tracker.zero])
 
     def _packed(self, touch: Touch, events: Iterable[Event], born: float, readings: Sequence[Any]) -> bytes:
         """Build one packet for the pages."""

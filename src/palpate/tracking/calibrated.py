@@ -88,6 +88,18 @@ class CalibratedTracker(Tracker):
         """Factor of each reading for the elastic model."""
         return self.calibration.factors
 
+    @property
+    def zero(self) -> list[Floats]:
+        """The zero in use, as `Tracker.zero`, in the unit of the sensor.
+
+        Examples
+        --------
+        >>> from palpate.tracking.calibrated import CalibratedTracker
+        >>> CalibratedTracker.zero.fget.__name__
+        'zero'
+        """
+        return [z / np.where(u != 0, u, 1.0) for z, u in zip(super().zero, self.estimator.readings.planes(self._unit))]
+
     def _flat(self, reading: Any) -> tuple[Floats, Any]:
         flat, like = super()._flat(reading)
         return self._unit * flat, like

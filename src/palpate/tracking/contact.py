@@ -115,7 +115,6 @@ class Contact:
         self._check.suspects[:] = False
         self._tolerated = ENERGY
         self.pushing = self.fits = True
-        self.jumped = False
         self.noise = 0.0
         self.fit = math.nan
         self._marginal: Marginal | None = None
@@ -181,7 +180,6 @@ class Contact:
 
         ``regular``: check alternatives even if the misfit is normal; ``restarted``: the sensor restarted, so its zero may have jumped.
         """
-        self.jumped = False
         regular = regular or self._fresh or restarted
         late = self._behind >= PATIENCE
         self._at_once = late or not self._background.threaded
@@ -522,7 +520,6 @@ class Contact:
             pressure = solution.pressure
             covered = int((pressure > FAINT * float(pressure.max(initial=0.0))).sum())
             if offsets.plausible(state[0]) and covered < COMPACT * math.prod(self._estimator.operator.surface.shape):
-                self.jumped = True
                 return residual, converged
         offsets.restore(state)
         solution.clear()

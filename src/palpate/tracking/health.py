@@ -193,6 +193,11 @@ class ReadingCheck:
         # A saturated reading repeats itself for that reason, and a coarse sensor may repeat its zero.
         return often & (self._repeats > ALONE * np.median(self._repeats)) & ~self.clipped & ~self._resting
 
+    @property
+    def unexplained(self) -> Flags:
+        """Readings that are excluded because no contact explains them."""
+        return self.health.left_out & (self.health.reasons == "unexplained")
+
     def present(self, readings: Floats) -> Floats:
         """The same readings; notes which the frame lacks. `zeroed` does it anew for frames that are solved."""
         self._absent = ~np.isfinite(readings) & ~self.health.left_out
@@ -238,15 +243,13 @@ class ReadingCheck:
 
     def pardon(self) -> None:
         """Use all readings again that were excluded as unexplained."""
-        health = self.health
-        doubted = health.left_out & (health.reasons == "unexplained")
+        health, doubted = self.health, self.unexplained
         health.left_out[doubted], health.reasons[doubted], self._bad[doubted] = False, "", 0
         self.suspects[:] = False
 
     def forgive(self, right: Flags, frames: int) -> None:
         """Use readings again that were excluded as unexplained and have been good for long enough."""
-        health = self.health
-        doubted = health.left_out & (health.reasons == "unexplained")
+        health, doubted = self.health, self.unexplained
         if doubted.any():
             good = right[doubted]
             self._bad[doubted] = np.where(good, np.minimum(self._bad[doubted], 0) - frames, BAD)

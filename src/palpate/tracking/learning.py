@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.rough import rough
@@ -58,6 +59,14 @@ LOUDER = 3.0
 def rough_noise(used: Floats) -> float:
     """Robust noise estimate of the readings ``used`` before noise is learned, not below the model's accuracy."""
     return max(float(np.median(np.abs(used))) / NORMAL, MODEL_ERROR * float(np.abs(used).max(initial=0.0)))
+
+
+def typical_noise(std: Floats) -> float | None:
+    """Median of the standard deviations that a source states, in units of the readings' own; None if it states none."""
+    if (std < 0.0).any():
+        raise InvalidInput("std must not be negative: standard deviations of the readings, NaN where there are none.")
+    good = std[np.isfinite(std)]
+    return float(np.median(good)) if good.size else None
 
 
 class Learning:

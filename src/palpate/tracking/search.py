@@ -11,9 +11,9 @@ from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
 from palpate.tracking.health import Flags, Index, Single
-from palpate.tracking.region import Region
+from palpate.tracking.region import NormalEquations, Region
 
-__all__ = ["LOST", "TAKEN", "Search"]
+__all__ = ["LOST", "TAKEN", "Search", "only_reading"]
 
 #: Same values as in the contact method.
 FAINT, MARGIN = Policy().extent.faint, Policy().extent.margin
@@ -32,6 +32,15 @@ SURELY_PRESSED = 4.0
 TOO_LARGE, FEWEST = 2, 9
 #: Frames between two such tests, which are not urgent.
 SHRINK_EVERY = 8
+
+
+def only_reading(equations: NormalEquations, y: Floats, level: Floats, unused: Flags) -> Flags | None:
+    """Mask of the largest reading of a frame (whitened, ``y``) if no contact begins without it, else None; ``level`` is
+    that of the scores at rest.
+    """
+    largest = np.arange(len(y)) == int(np.argmax(np.abs(y)))
+    score = equations.score(equations.adjoint(np.where(largest, 0.0, y), unused))
+    return None if float((np.abs(score) / level).max()) > TAKEN else largest
 
 
 class Search:

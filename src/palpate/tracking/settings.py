@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
-from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput, Unsupported
 
-__all__ = ["MISREAD", "check_settings", "check_sought", "creep_filters"]
+__all__ = ["MISREAD", "check_settings", "check_sought"]
 
 
 def check_settings(**settings: float | None) -> None:
@@ -41,8 +39,3 @@ MISREAD = (
     "a tracker misreads the normal force from markers that only move sideways, by up to a third where they lie in the gel and more on its surface, and its intervals need not know; "
     "shear is as good as that of frames by themselves (Skin.reconstruct, palpate reconstruct, and of pictures palpate track without --fast)"
 )
-
-
-def creep_filters(prony: Any, creeps: Sequence[bool]) -> list[CreepFilter | None]:
-    """One creep filter per plane; None for a plane that does not creep."""
-    return [CreepFilter(prony) if c else None for c in creeps]

@@ -33,24 +33,25 @@ from palpate.touch.fields import ErrorParts
 from palpate.tracking.anchor import Anchor, beyond
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
+from palpate.tracking.creep import Creep
 from palpate.tracking.discrepancy import widened, without_numbers
 from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
-from palpate.tracking.learning import ROUNDING, Learning, rough_noise
+from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
 from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Offsets
 from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.rest import Rest
-from palpate.tracking.search import LOST, TAKEN
+from palpate.tracking.search import LOST, TAKEN, only_reading
 from palpate.tracking.settings import MISREAD, check_settings
 from palpate.tracking.single import Alone, Answer, Comparison
 from palpate.tracking.slow import SlowPress
 from palpate.tracking.standing import Standing, Steady
 from palpate.tracking.times import AFTER_RESTART, FrameTime, FrameTimes
-from palpate.tracking.words import at_their_end, drifted, restarted, unfinished
-from palpate.tracking.zero import Zero
+from palpate.tracking.words import at_their_end, drifted, one_taxel, restarted, unfinished
+from palpate.tracking.zero import Zero, checked_zero
 from palpate.uncertainty import Case
 
 __all__ = ["FRAMES_OF_ZERO", "Tracker"]
@@ -137,13 +138,7 @@ class Tracker:
     def _check_baseline(self, baseline: Any) -> tuple[int, Floats | None]:
         if isinstance(baseline, int | np.integer):
             return int(baseline), np.zeros(len(self._std)) if baseline == 0 else None
-        flat, _ = self._flat(baseline)
-        if not np.isfinite(flat).all():
-            raise InvalidInput(
-                f"the zero holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
-                "these taxels out (Skin.masked)."
-            )
-        return 0, flat / self._std
+        return 0, checked_zero(self._flat(baseline)[0]) / self._std
 
     def reset(self) -> None:
         """Forget contact, drift, penalty and the state of the taxels, as before the first frame.
@@ -192,8 +187,7 @@ class Tracker:
         self._frame: Frame | None = None
         self._steady, self._restarted = Steady(), 0
         self._said: list[str] = []
-        self._held = np.zeros(n)  # the last good value of each reading, for the memory of creep
-        self._filters = self._make_creep() if self._make_creep is not None else None
+        self._creep = None if self._make_creep is None else Creep(self._make_creep(), self._layout, estimator.readings)
         self._residual = self._fit = math.nan
 
     def rezero(self, channels: Sequence[str] | None = None, *, frames: int = FRAMES_OF_ZERO) -> None:
@@ -253,6 +247,24 @@ class Tracker:
         (True, False)
         """
         return self._zero.capturing
+
+    @property
+    def zero(self) -> list[Floats]:
+        """The zero in use, drift included: (channel, *array) per plane, in the unit of the readings; NaN if not known or masked.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> skin = pp.Skin(pad, pp.LineArray(count=3, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"]))
+        >>> skin.track(zero=[[7.0] * 3, [5.0] * 3]).zero[0].tolist()
+        [[7.0, 7.0, 7.0], [5.0, 5.0, 5.0]]
+        """
+        known = self._zero.baseline
+        flat = np.full(len(self._std), math.nan) if known is None else (known + self._offsets.value()) * self._std
+        return [
+            np.where(a.valid, p, math.nan) for a, p in zip(self._layout.planes, self.estimator.readings.planes(flat))
+        ]
 
     def take_zero(self, other: Tracker) -> bool:
         """Continue with the zero of another tracker of the same skin; False, without change, while that one captures its own.
@@ -336,7 +348,10 @@ class Tracker:
     def _stepped(self, reading: Any, time: float | None, std: Any) -> Touch:
         """`step`, while background work pauses."""
         started = clock.perf_counter()
-        (flat, like), noise = self._flat(reading), None if std is None else self._typical(std)
+        (flat, like), noise = (
+            self._flat(reading),
+            None if std is None else typical_noise(self._flat(std)[0] / self._std),
+        )
         frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
         try:
@@ -423,17 +438,7 @@ class Tracker:
         self.health.restarts += 1
         self._restarted = AFTER_RESTART
         self._release()
-        return restarted(frame, creeps=self._filters is not None)
-
-    def _typical(self, std: Any) -> float | None:
-        """Median of the standard deviations that a source states, in units of the readings' own; None if it states none."""
-        scaled = self._flat(std)[0] / self._std
-        if (scaled < 0.0).any():
-            raise InvalidInput(
-                "std must not be negative: standard deviations of the readings, NaN where there are none."
-            )
-        good = scaled[np.isfinite(scaled)]
-        return float(np.median(good)) if good.size else None
+        return restarted(frame, creeps=self._creep is not None)
 
     def _step(self, flat: Floats, elapsed: float, started: float, noise_given: float | None) -> tuple[Status, bool]:
         """Process a frame; return its status, and whether its iteration converged."""
@@ -470,8 +475,13 @@ class Tracker:
         slope, level = self._equations.adjoint(y, unused), self._rest.level(max(noise, 1e-30))
         score = self._equations.score(slope)
         highest = float((np.abs(score) / level).max())
-        if not self._touching and highest > TAKEN and self._one_taxel(y, level):
-            return self._unless_frozen(Status.NO_CONTACT), True  # a glitch of one taxel is not a contact
+        if (
+            not self._touching
+            and highest > TAKEN
+            and (alone := only_reading(self._equations, y, level, unused)) is not None
+        ):
+            check.count(alone, "unexplained")
+            return self._undecided(alone), True
         if self._touching and offsets.mean.any():
             raw_score = self._equations.score(slope + self._equations.of_offsets(offsets.mean, unused))
             raw_highest = float((np.abs(raw_score) / level).max())
@@ -491,7 +501,8 @@ class Tracker:
             offsets.clear()
             if follows and learning.noise is not None:
                 self._rest.look(np.where(unused, math.nan, y), score, largest=TAKEN * float(level.max()))
-            health.rezeroed += zero.follow(scaled, elapsed, noise)
+            alone = check.unexplained & (np.abs(actual) > UNEXPLAINED * noise)
+            health.rezeroed += zero.follow(np.where(alone, math.nan, scaled), elapsed, noise)
             if follows:
                 zero.shift(offsets.follow(y, unused))
             self._standing.look(y, unused)
@@ -510,7 +521,7 @@ class Tracker:
                     taken=len(offsets.mean) if follows else 0.0,
                     known=learning.noise_known,
                 )
-            return self._unless_frozen(Status.NO_CONTACT), True
+            return (self._undecided(alone) if alone.any() else self._unless_frozen(Status.NO_CONTACT)), True
         deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
         self._frame = Frame(scaled - zero.baseline, noise, deadline, of_zero)
         return self._in_contact(
@@ -553,6 +564,11 @@ class Tracker:
         notes += at_their_end(int(self._check.clipped.sum()), overload=self._check.overload)
         notes += drifted(self._offsets.notable(), self._offsets.index, self._std, self._label)
         notes += self._steady.look(contact.size, elapsed)
+
+    def _undecided(self, alone: Flags) -> Status:
+        """The status of a frame in which a contact too small for its neighbours may press a taxel that reads ``alone``."""
+        self._said.append(one_taxel(self._label(int(np.argmax(alone)))))
+        return self._unless_frozen(Status.UNDECIDED)
 
     def _unless_frozen(self, status: Status) -> Status:
         """The status of a solved frame, or FROZEN if the sensor repeats itself."""
@@ -603,27 +619,9 @@ class Tracker:
 
     def _scaled(self, flat: Floats, usable: Flags) -> Floats:
         """Readings with creep removed, in units of their standard deviations, NaN if unusable."""
-        scaled = np.where(usable, flat, math.nan)
-        if self._filters is not None:
-            # A missing reading counts as unchanged in the memory of its creep.
-            self._held = np.where(usable, flat, self._held)
-            planes = self.estimator.readings.planes(self._held)
-            time = self._times.total
-            planes = [p if f is None else f.remove(p, time) for p, f in zip(planes, self._filters)]
-            creeping = self._layout.creeping()
-            scaled = np.where(creeping & usable, self.estimator.readings.flat(planes), scaled)
-        return scaled / self._std
-
-    def _one_taxel(self, y: Floats, level: Floats) -> bool:
-        """Whether a single reading makes the frame look like contact; it is then counted as bad."""
-        largest = int(np.argmax(np.abs(y)))
-        without = y.copy()
-        without[largest] = 0.0
-        adjoint = self._equations.adjoint(without, self._check.unused)
-        if float((np.abs(self._equations.score(adjoint)) / level).max()) > TAKEN:
-            return False
-        self._check.count(np.arange(len(y)) == largest, "unexplained")
-        return True
+        if self._creep is not None:
+            return self._creep.removed(flat, usable, self._times.total) / self._std
+        return np.where(usable, flat, math.nan) / self._std
 
     def _release(self) -> None:
         """Forget the contact."""
@@ -659,6 +657,8 @@ class Tracker:
             spread = self._comparison.reaching(self._carried, float(grid.integral(np.sqrt((traction**2).sum(axis=0)))))
             if spread and values.any():
                 pad_std = widened(pad_std, traction, grid, spread)
+        elif status is Status.UNDECIDED:
+            values[:] = math.nan
         else:
             errors = contact.undetected(noise)
             if errors is not None and status is Status.NO_CONTACT:

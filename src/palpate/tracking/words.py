@@ -12,7 +12,7 @@ from palpate.elastic.channels import CHANNELS, channel_unit
 from palpate.elastic.pad import Floats
 from palpate.tracking.times import FrameTime
 
-__all__ = ["at_their_end", "drifted", "restarted", "unfinished"]
+__all__ = ["at_their_end", "drifted", "one_taxel", "restarted", "unfinished"]
 
 
 def unfinished(budget: float | None, tolerance: float, *, exhausted: bool) -> str:
@@ -42,6 +42,14 @@ def drifted(drift: Floats, index: npt.NDArray[np.intp], std: Floats, label: Call
         unit = f" {channel_unit(channel)}" if channel in CHANNELS else ""
         said.append(f"the zero of {channel} has drifted by {drift[c] * std[first]:.3g}{unit}: removed")
     return said
+
+
+def one_taxel(label: str) -> str:
+    """Note that one reading (``label``) alone responds while nothing else shows a contact."""
+    return (
+        f"small contact or a broken taxel: {label} alone responds, so the force is not known. If nothing touches it, take a new "
+        "zero (Z on the page, Tracker.rezero), or leave it out (Skin.masked)"
+    )
 
 
 def restarted(frame: FrameTime, *, creeps: bool) -> str:

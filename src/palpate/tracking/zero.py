@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.errors import InvalidInput
 from palpate.sensing.zero import far_frames, moved
 from palpate.tracking.health import Flags
 from palpate.tracking.search import TAKEN
 
-__all__ = ["FRAMES_FOR_NOISE", "Zero"]
+__all__ = ["FRAMES_FOR_NOISE", "Zero", "checked_zero"]
 
 #: Smallest number of frames of the zero from which the noise is estimated: with 5, and some hundred readings that share
 #: it, it is known to a few per cent.
@@ -22,6 +23,16 @@ FRAMES_FOR_NOISE = 5
 ONE_FRAME = 0.1
 #: Remaining weight of a zero whose frames moved at which the note about it ends.
 FORGOTTEN = 0.05
+
+
+def checked_zero(flat: Floats) -> Floats:
+    """The readings (reading,) of a given zero; `InvalidInput` if some are not finite."""
+    if not np.isfinite(flat).all():
+        raise InvalidInput(
+            f"the zero holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: give another frame, or leave "
+            "these taxels out (Skin.masked)."
+        )
+    return flat
 
 
 class Zero:
