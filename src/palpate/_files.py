@@ -45,7 +45,7 @@ def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Pat
         raise InvalidInput(f"{found} is a pipe or a device, not a file. Write what it gives to a file, and give that.")
     if known.st_size > most:
         raise InvalidInput(
-            f"{found} holds {gigabytes(known.st_size)}, and {what} no more than {gigabytes(most)}: it is another file."
+            f"{found} has {gigabytes(known.st_size)}, but {what} has at most {gigabytes(most)}: this must be another file."
         )
     return found
 

@@ -131,7 +131,7 @@ def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall
         raise
     except (OSError, ValueError, KeyError, TypeError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         raise InvalidInput(
-            f"{path} is damaged or no file of a prepared skin ({error}). Prepare the skin again and save it (Skin.prepare, "
+            f"{path} is damaged, or is not a file of a prepared skin ({error}). Prepare the skin again and save it (Skin.prepare, "
             "Skin.save_prepared)."
         ) from error
     return Recall(entries)

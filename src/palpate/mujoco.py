@@ -85,7 +85,7 @@ class Taxels:
         self._geoms = [self._named(mujoco.mjtObj.mjOBJ_GEOM, "geom", name) for name in names]
         self._site = self._named(mujoco.mjtObj.mjOBJ_SITE, "site", site)
         if not names:
-            raise InvalidInput("geom names no geom: pass the name of the geom that the skin lies on.")
+            raise InvalidInput("geom is empty: pass the name of the geom that the skin lies on.")
 
     def _named(self, kind: Any, word: str, name: str) -> int:
         found = int(self._mujoco.mj_name2id(self.model, kind, name))

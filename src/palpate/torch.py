@@ -1,8 +1,9 @@
 """A skin as layers of PyTorch: readings of a traction and traction of readings, with gradients.
 
-Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. Other parameters (modulus,
-depth, gains, noise) is passed to each call and has gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the constrained minimum is
-that of `palpate.inverse.constrained`, and its gradients follow from the implicit function theorem.
+Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. Other
+parameters (modulus, depth, gains, noise) are passed to each call and have gradients too. Numbers and formulas are
+those of `palpate.inverse.differentiable`; the constrained minimum is that of `palpate.inverse.constrained`, and its
+gradients follow from the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ class _Pulled(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Any:
         raise Unsupported(
-            "the constrained inverse has first derivatives alone: use constrained=False where second ones are needed."
+            "the constrained inverse has only first derivatives: use constrained=False if you need second ones."
         )
 
     @staticmethod
@@ -251,8 +252,9 @@ class Sense(_Layer):
     ) -> Tensor:
         """Readings (*batch, channel, *array) of a traction (*batch, component, *surface) [Pa].
 
-        ``modulus`` and ``depth`` are numbers relative to the skin's (1 is as described), ``gains`` and ``noise`` one for each reading (channel, *array) or channel;
-        ``normal`` standard normal numbers of the readings' shape, times the noise. Numbers of their own for each frame: `torch.func.vmap`.
+        ``modulus`` and ``depth`` are numbers relative to the skin's (1 is as described), ``gains`` and ``noise`` one
+        for each reading (channel, *array) or channel; ``normal`` standard normal numbers of the readings' shape, times
+        the noise. Numbers of their own for each frame: `torch.func.vmap`.
         """
         _checked(traction, "traction")
         given = self._parameters_of({"modulus": modulus, "depth": depth, "gains": gains, "noise": noise}, traction)

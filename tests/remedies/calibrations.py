@@ -366,6 +366,6 @@ REMEDIES = [
     run(
         f"presses.nc {KNOWN.replace('=Fz', '=half*other')}",
         f"presses.nc {KNOWN.replace('=Fz', '=0.5*other')}",
-        'is no number; write such as "fz=',
+        'is not a number; write it as in "fz=',
     ),
 ]

@@ -61,8 +61,8 @@ SEED = 41
 #: Note if all labels come from one recording.
 ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it, or label one press on each day (--this-run)"
 #: Sentences of a calibration without a frame at rest.
-NO_REST = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
-STORED_ZERO = "no frame is labelled as at rest: the zero of the calibration serves. Give baseline=, or a frame with the force 0, if the zero has drifted"
+NO_REST = "no frame is labelled as at rest: the readings are assumed to be zero without contact. If they are not, give baseline=, or a frame with the force 0"
+STORED_ZERO = "no frame is labelled as at rest: the zero of the calibration is used. Give baseline=, or a frame with the force 0, if the zero has drifted"
 #: Squares of numbers above this, and inverses of numbers below its inverse, would leave double precision (at 1e154).
 LARGEST = 1e100
 #: Largest number of rest frames that are stored, and the noise that is assumed without rest frames, as a fraction of
@@ -141,7 +141,8 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        No labelled frame, labels of another length, clocks that do not match, or labels without any force; ``this_run`` without a calibration.
+        No labelled frame, labels whose number differs from that of the frames, clocks that do not match, or labels
+        without any force; ``this_run`` without a calibration.
 
     Examples
     --------
@@ -334,7 +335,7 @@ def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> d
             out = _without_stuck(out, run.flat, said)
     if not out or not any(np.isfinite(v).any() for k, v in out.items() if k in FORCES):
         raise InvalidInput(
-            'no force is known of any frame: give reference= (a force sensor), or weights=["200 g, 12 s to 20 s"]. Shapes and places alone tell no newtons.'
+            'no force is known of any frame: give reference= (a force sensor), or weights=["200 g, 12 s to 20 s"]. Shapes and places alone do not give newtons.'
         )
     return out
 
@@ -347,7 +348,7 @@ def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> d
         if stuck.any():
             out[name] = np.where(stuck, math.nan, known[name])
             said.append(
-                f"{name} is exactly {plain_number(value, 4)} N in {int(stuck.sum())} samples while the readings differ: taken for a force sensor without a reading or at the end of its range, and left out"
+                f"{name} is exactly {plain_number(value, 4)} N in {int(stuck.sum())} samples while the readings differ: left out, because a force sensor reads so if it has no measurement or is at the end of its range"
             )
     return out
 
@@ -359,12 +360,10 @@ def _weighed(
     averaged because they share the error of the weight.
     """
     if run.time is None:
-        raise InvalidInput(
-            "weights say when they stood, and the presses have no times: give a Recording, or time= with the frames."
-        )
+        raise InvalidInput("weights have times, but the presses have none: give a Recording, or time= with the frames.")
     if reference is not None:
         raise InvalidInput(
-            "give weights= or reference= for a run, not both; others go into a second calibration, with again=True."
+            "give weights= or reference= for a run, not both; add the others in a second calibration, with again=True."
         )
     frames, rest = [], []
     complete = np.asarray(np.isfinite(run.flat).all(axis=1))

@@ -557,7 +557,7 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
     """Return sentences on the constants that the data do not determine, and on the press that would determine each."""
     if found.misfit > REJECTED:
         return [
-            f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"
+            f"none of the requested pad models explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"
         ]
     said = []
     correlation = found.covariance / np.outer(found.std, found.std)
@@ -566,11 +566,13 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
             why = ""
             if name == "youngs_modulus" and all(c.startswith("stress") for c in fit.channels):
                 why = ": stress under a given load does not depend on it unless the ball's radius is known"
-            said.append(f"the presses do not tell {name}{why}. The press that would tell most: {fit.next_press(i)}")
+            said.append(
+                f"the presses do not determine {name}{why}. The most informative next press: {fit.next_press(i)}"
+            )
         for j in range(i):
             if abs(correlation[i, j]) > 0.9:
                 said.append(
-                    f"{found.names[j]} and {name} are told together only (correlation {correlation[i, j]:.2f}): either known better would tell the other"
+                    f"{found.names[j]} and {name} are determined only in combination (correlation {correlation[i, j]:.2f}): measure one of them to determine the other"
                 )
     if len(found.evidence) > 1:
         best = found.best_model

@@ -69,7 +69,7 @@ def silent_readings(skin: Any, data: Labelled) -> list[str]:
         return []
     listed = ", ".join(names[i] for i in silent[:4]) + (f" and {len(silent) - 4} more" if len(silent) > 4 else "")
     return [
-        f"{listed}: no more than {100 * SILENT:.0f} % of the usual reading. Broken, or never pressed: press there once"
+        f"{listed}: no more than {100 * SILENT:.0f} % of the usual reading. They are broken, or were never pressed: press above them once"
     ]
 
 
@@ -89,7 +89,7 @@ def hysteresis(one: ForceMap) -> list[str]:
     if abs(apart) < DIFFERS * scatter or abs(apart) < LAG * size:
         return []
     return [
-        f"the pad lags: the same readings mean {plain_number(abs(apart), 2)} N {'more' if apart > 0 else 'less'} while the load grows than while it falls. Intervals hold it"
+        f"the pad has hysteresis: the same readings mean {plain_number(abs(apart), 2)} N {'more' if apart > 0 else 'less'} while the load grows than while it falls. The intervals include this"
     ]
 
 
@@ -115,10 +115,10 @@ def ageing(before: SkinCalibration, data: Labelled) -> list[str]:
     chance = float(2.0 * scipy.stats.t.sf(abs(ratio - 1.0) / sure, before.maps[name].freedom))
     if chance < AGED:
         return [
-            f"the sensor has aged: forces are now {plain_number(ratio, 3)} times what the calibration before says (probability of chance {chance:.2g}). Old labels are kept and weighed like new ones: calibrate without before= to drop them"
+            f"the sensor has aged: forces are now {plain_number(ratio, 3)} times those of the previous calibration (probability of chance {chance:.2g}). Old labels are kept with the same weight as new ones: calibrate without before= to drop them"
         ]
     return [
-        f"no ageing is seen: forces are {plain_number(ratio, 3)} +- {plain_number(sure, 2)} times what the calibration before says"
+        f"no sign of ageing: forces are {plain_number(ratio, 3)} +- {plain_number(sure, 2)} times those of the previous calibration"
     ]
 
 

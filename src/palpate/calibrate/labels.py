@@ -68,7 +68,9 @@ class Weight:
         example = '"200 g, 12 s to 20 s"'
         match = re.fullmatch(r"\s*([^,]+?)\s*,\s*(.+?)\s+to\s+(.+?)\s*", text) if isinstance(text, str) else None
         if match is None:
-            raise InvalidInput(f"a weight must say how much stood there and when, such as {example}; got {text!r}.")
+            raise InvalidInput(
+                f"a weight needs its mass or force, and the times when it stood on the pad, such as {example}; got {text!r}."
+            )
         mass = re.fullmatch(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(\S+)", match[1])
         if mass is not None and mass[2] in MASSES:
             try:

@@ -68,7 +68,7 @@ def wrong_wiring(skin: Any, data: Labelled) -> list[str]:
         pair = swapped_taxels(data, places, values)
         if pair:
             found.append(
-                f"{' and '.join(own[i] for i in pair)} look swapped: each feels what the neighbours of the other feel. Check the order of the columns"
+                f"{' and '.join(own[i] for i in pair)} look swapped: each responds like the neighbours of the other. Check the order of the columns"
             )
     return found
 

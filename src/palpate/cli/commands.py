@@ -150,7 +150,7 @@ def _out_of_memory(error: MemoryError) -> str:
     """Return what needed too much memory, and what to do. The innermost module of palpate in the traceback decides,
     because a long file and a fine surface need different advice.
     """
-    advice, at = "Close other programs, or give less at a time.", error.__traceback__
+    advice, at = "Close other programs, or give fewer frames or pictures at a time.", error.__traceback__
     rooms = set()
     while at is not None:
         _, _, inside = at.tb_frame.f_globals.get("__name__", "").partition("palpate.")

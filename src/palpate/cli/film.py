@@ -118,7 +118,7 @@ def film(
         with Frames("frames", count, hint="; --processes sets how many run at once") as shown:
             rows, labelled = made.run(partial, processes=processes, shown=shown)
     except KeyboardInterrupt:
-        typer.echo(f"{partial} holds the frames that are solved: the same command goes on there", err=True)
+        typer.echo(f"{partial} holds the solved frames: run the same command again to continue", err=True)
         raise
     failed = [r for r in rows if len(r) < 6]
     if len(failed) == len(rows):

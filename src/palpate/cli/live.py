@@ -85,7 +85,7 @@ def live(
         raise InvalidInput("give either a RECORDING, --camera, --udp, --tcp, --ws or --zenoh with a --skin, or --demo.")
     if (skin_file is None) != demo:
         raise InvalidInput(
-            "--demo has its own skin: leave out --skin." if demo else "what is shown needs its skin: --skin skin.toml."
+            "--demo has its own skin: leave out --skin." if demo else "the live view needs a skin: --skin skin.toml."
         )
     if not (np.isfinite(speed) and speed > 0):
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
@@ -104,7 +104,7 @@ def live(
         check_output(record, inputs=[recording_file, watched, *skin_files(skin_file)], force=False)
     if host not in LOCAL and token == "":
         raise InvalidInput(
-            f"--host {host} opens the page to others: they must bring a token; leave --token out to have one made."
+            f"--host {host} opens the page to other machines, which requires a token: leave --token out to get a random one."
         )
     options = tracker_options(ctx)
     pace, end, seen, connection = True, None, None, None

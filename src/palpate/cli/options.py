@@ -135,7 +135,7 @@ def zero_of_skin(skin: Skin, baseline: int) -> Any:
     if baseline or found is None or found.zero is None:
         return None
     typer.echo(
-        "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes a new one"
+        "zero            that of the calibration; all intervals include its scatter. If nothing touches in the first frames, --baseline 10 takes a new one"
     )
     return found.zero
 
@@ -203,6 +203,5 @@ def _check_places(positions: Any, skin: Skin) -> None:
         if off.max() > 1e-3 * np.ptp(at, axis=0).max():
             worst = int(np.argmax(off))
             raise InvalidInput(
-                f"taxel {worst} of the recording lies {plain_number(1e3 * off[worst], 3)} mm from where the positions_file of the skin has it: is the order another, or a unit? "
-                "Leave out positions_file, and the recording's own positions are taken."
+                f"taxel {worst} of the recording lies {plain_number(1e3 * off[worst], 3)} mm from where the positions_file of the skin has it: check the order of the taxels and the unit. Leave out positions_file to use the recording's own positions."
             )

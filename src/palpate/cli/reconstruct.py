@@ -158,7 +158,7 @@ def reconstruct(
         if workers is None:
             elsewhere = scheduler is not None and "://" in scheduler
             workers = 1 if elsewhere else worker_count(skin, method, frames)
-        hint = " (palpate track follows such recordings in far less)"
+        hint = " (palpate track is much faster for such recordings)"
         with Frames("solving frames", frames, hint=hint) as bar:
             done = reconstruct_recording(
                 skin,
@@ -237,7 +237,7 @@ def _explain_interruption(target: Path) -> Iterator[None]:
         for said in getattr(error, "__notes__", ()):
             typer.echo(said, err=True)
         if unfinished_path(target).exists() and not before:
-            typer.echo(f"{unfinished_path(target)} keeps what is done: --resume goes on with it.", err=True)
+            typer.echo(f"{unfinished_path(target)} keeps the finished frames: --resume continues from there.", err=True)
         raise
 
 

@@ -58,7 +58,7 @@ def weights_of(planes: Sequence[Array]) -> Floats:
         if array.noise_std is None:
             names = ", ".join(array.channels)
             raise Unsupported(
-                f"a design needs the noise of {names}: what a sensor resolves is set by it. Give the array noise=..., in the unit of the channel "
+                f"a design needs the noise of {names}: the resolution depends on it. Give the array noise=..., in the unit of the channel "
                 '(in a file noise = "50 Pa"), from a datasheet or from frames at rest.'
             )
         parts.append(np.repeat(1.0 / np.asarray(array.noise_std), int(array.valid.sum())))

@@ -55,15 +55,15 @@ _DIRECTIONS = {
 }
 _LENGTHS = ("depth", "thickness", "pitch", "aperture")
 _GOALS = {
-    "force": "no design knows the normal force to +-{}",
-    "shear": "no design knows the shear force to +-{}",
-    "center": "no design knows the centre to +-{}",
-    "radius": "no design knows the contact radius to +-{}",
-    "friction_reserve": "no design knows the friction reserve to +-{}",
+    "force": "no design determines the normal force to +-{}",
+    "shear": "no design determines the shear force to +-{}",
+    "center": "no design determines the centre to +-{}",
+    "radius": "no design determines the contact radius to +-{}",
+    "friction_reserve": "no design determines the friction reserve to +-{}",
     "pair": "a pair {} apart cannot be told apart at this noise",
     "width": "a point looks wider than {}",
     "wavelength": "a wave {} long cannot be recovered at this noise",
-    "noticed": "a force of {} goes unnoticed",
+    "noticed": "a force of {} is not detected",
     "blind": "more than {} of the array is blind",
     "range": "the range ends below {}",
 }

@@ -102,11 +102,11 @@ def identify(
     """
     if not isinstance(touch.surface, AreaGrid):
         raise Unsupported(
-            "identify serves area contact: a line has no ball and no round flat. Read the width of the contact off touch.contact_area()."
+            "identify needs area contact: in line contact there is no ball and no round flat. touch.contact_area() gives the width of the contact."
         )
     if isinstance(skin.pad, Viscoelastic):
         raise Unsupported(
-            "identify does not serve pads that creep: take the creep out of the readings first, and pass skin.without_creep()."
+            "identify cannot use pads that creep: remove the creep from the readings first, and use skin.without_creep()."
         )
     if shape not in (None, BALL, FLAT):
         raise InvalidInput(f'shape must be "{BALL}" or "{FLAT}", or None to find out; got {shape!r}.')
@@ -116,7 +116,7 @@ def identify(
     lead = parts[0].shape[: parts[0].ndim - 1 - len(skin.planes[0].shape)]
     if lead != touch.batch:
         raise InvalidInput(
-            f"readings have the batch axes {lead}, the touch {touch.batch}: pass the readings that it was found in."
+            f"readings have the batch axes {lead}, the touch {touch.batch}: pass the readings that the touch was computed from."
         )
     depths = _depths(indentation, touch.batch)
     body = Body(skin.pad, tuple(skin.planes), skin.uncertainty)
@@ -235,7 +235,7 @@ def _guess(touch: Touch, pressure: Floats, region: npt.NDArray[np.bool_]) -> Pat
     """Return a part of the map as a patch without intervals."""
     grid = touch.surface
     values = to_numpy(touch.values)[:, region] * grid.cell
-    why = "round contacts do not explain the readings: read off the map"
+    why = "round contacts do not explain the readings: taken from the pressure map"
     yx = np.meshgrid(*grid.axes, indexing="ij")
     share = pressure[region] / pressure[region].sum()
     place = [Finding(float((share * axis[region]).sum()), unit="m", reason=why) for axis in yx[::-1]]

@@ -67,7 +67,7 @@ def message_class(name: str) -> Any:
         module = importlib.import_module(f"{package}.msg")
     except ImportError as error:
         raise InvalidInput(
-            f"messages of the type {name} are of the package {package}, which is not here ({error}). Source the workspace it was built in "
+            f"messages of the type {name} are of the package {package}, which is not installed ({error}). Source the workspace it was built in "
             "(source install/setup.bash) before palpate ros."
         ) from error
     if not hasattr(module, kind):
