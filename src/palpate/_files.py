@@ -16,8 +16,7 @@ TEXT = 1 << 26
 
 
 def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Path:
-    """Return the path if it is an existing ordinary file of at most ``most`` bytes; ``what`` names the expected kind
-    of file in errors.
+    """Return the path if it is an existing ordinary file of at most ``most`` bytes; ``what`` names the expected kind of file for error messages.
 
     Raises
     ------
@@ -51,9 +50,7 @@ def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Pat
 
 
 def small_text(path: str | Path, what: str) -> str:
-    """Return the text of a small file; raise `InvalidInput` if it is not text. ``what`` names the expected kind of
-    file in errors.
-    """
+    """Return the text of a small file; raise `InvalidInput` if it is not text. ``what`` names the expected kind of file for error messages."""
     found = ordinary(path, most=TEXT, what=what)
     try:
         return found.read_text(encoding="utf-8-sig")

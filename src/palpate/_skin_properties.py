@@ -259,15 +259,16 @@ class SkinProperties:
         Raises
         ------
         InvalidInput
-            Readings of other frames than the touch's, an indentation that is negative or not one for each frame, a shape that there is not.
+            Readings of other frames than the touch's, an indentation that is negative or not one for each frame, or an unknown shape.
         Unsupported
             Line contact; a pad that creeps.
 
         Notes
         -----
-        Round contacts are fitted to the readings themselves (Hertz's pressure, or Boussinesq's under a flat, each with shear of the same shape). Of a ball of radius R
-        with the force F on a contact of radius a, F = 4 E* a^3/(3 R) if the object is much stiffer than the pad, or R = a^2/indentation if that is
-        known; pads on a base are corrected for. The errors of depth, thickness, modulus and scale are those of `uncertainty`.
+        Round contacts are fitted to the readings themselves (Hertz's pressure, or Boussinesq's under a flat, each with
+        shear of the same shape). Of a ball of radius R with the force F on a contact of radius a, F = 4 E* a^3/(3 R)
+        if the object is much stiffer than the pad, or R = a^2/indentation if that is known; pads on a base are
+        corrected for. The errors of depth, thickness, modulus and scale are those of `uncertainty`.
 
         Examples
         --------

@@ -134,14 +134,14 @@ class GraspState:
 
 
 class GraspMonitor:
-    """Watches the touches of a stream, one after another.
+    """Processes the touches of a stream one by one, and reports events: contact, slip, excess pressure or force.
 
     Parameters
     ----------
     friction : float, optional
         Coefficient mu. Without it, it is inferred from the shape of the shear and learned from slips.
     incipient : float
-        Part of the friction limit at which slip is announced (0.75: a Hertz contact then sticks over 0.63 of its radius).
+        Fraction of the friction limit from which incipient slip is reported (0.75: a Hertz contact then sticks over 0.63 of its radius).
     max_pressure, max_force : float, optional
         Limits of peak pressure [Pa] and normal force [N].
     callback : callable, optional
@@ -150,7 +150,7 @@ class GraspMonitor:
     Attributes
     ----------
     events : list of Event
-        All so far (the last 10,000).
+        The last 10,000 events.
 
     Raises
     ------
@@ -222,7 +222,7 @@ class GraspMonitor:
         Raises
         ------
         InvalidInput
-            A batch, or a touch whose pressure was not sought.
+            A batch, or a touch without pressure.
 
         Examples
         --------

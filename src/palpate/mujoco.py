@@ -45,7 +45,7 @@ class Taxels:
     InvalidInput
         A geom or a site that the model does not have.
     Unsupported
-        MuJoCo is not installed; a line's skin, a periodic surface, or a pad that creeps.
+        MuJoCo is not installed; a skin in line contact, a periodic surface, or a pad that creeps.
 
     Examples
     --------

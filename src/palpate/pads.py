@@ -1,4 +1,4 @@
-"""The effect of a pad on a touch on its way to the sensors, and the error of assuming a half-space."""
+"""How a pad blurs a touch before it reaches the sensors, and the error of assuming a half-space."""
 
 from __future__ import annotations
 

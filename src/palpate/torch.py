@@ -218,7 +218,7 @@ class Sense(_Layer):
     Parameters
     ----------
     skin : Skin
-        Planes of one shape, no creep.
+        Its planes have one shape, and its pad does not creep.
     depth_range : float
         Largest difference of ``depth`` from 1, at most 0.5; 0 (default) if it is not varied.
 
@@ -254,7 +254,7 @@ class Sense(_Layer):
 
         ``modulus`` and ``depth`` are numbers relative to the skin's (1 is as described), ``gains`` and ``noise`` one
         for each reading (channel, *array) or channel; ``normal`` standard normal numbers of the readings' shape, times
-        the noise. Numbers of their own for each frame: `torch.func.vmap`.
+        the noise. For a different value in each frame: `torch.func.vmap`.
         """
         _checked(traction, "traction")
         given = self._parameters_of({"modulus": modulus, "depth": depth, "gains": gains, "noise": noise}, traction)
@@ -284,7 +284,7 @@ class Reconstruct(_Layer):
     friction : float, optional
         |shear| <= friction * pressure in every cell.
     constrained : bool
-        Whether pressure is kept from pulling (default).
+        Whether pressure can only push (default).
     components : sequence of str, optional
         Components to estimate. Default: `palpate.Skin.components`.
     depth_range : float
@@ -292,8 +292,8 @@ class Reconstruct(_Layer):
 
     Notes
     -----
-    The constrained minimum is found on the processor, frame by frame, to 1e-9; what was not found to that is NaN. Gradients are those on the face of
-    the cone that the minimum lies on; second derivatives there are none.
+    The constrained minimum is found on the processor, frame by frame, to 1e-9; a frame that does not reach this is
+    NaN. Gradients hold on the face of the cone on which the minimum lies. There are no second derivatives.
 
     Examples
     --------

@@ -156,7 +156,7 @@ def test_a_rejected_model_gives_force_alone(calibrated: pp.Skin) -> None:
     touch = alone.reconstruct(missing)
     assert Status.coded(int(touch.status[1])) is Status.MISSING
     assert np.isnan(touch.force[1]).all()
-    with pytest.raises(NotObservable, match="friction belongs to the elastic model"):
+    with pytest.raises(NotObservable, match="friction is an option of the elastic model"):
         alone.reconstruct(readings, friction=0.5)
 
 
@@ -293,7 +293,7 @@ def test_what_cannot_be_calibrated(skin: pp.Skin) -> None:
         ({"reference": {"x": place[:, 0]}}, "no force is known"),
         ({"reference": force, "labels": 0}, "labels must be"),
         ({"reference": force, "baseline": 3}, "baseline must be"),
-        ({"weights": ["200 g, 0 s to 1 s"]}, "weights say when"),
+        ({"weights": ["200 g, 0 s to 1 s"]}, "weights have times"),
         ({"reference": force, "reference_time": [0.0, 1.0, 2.0]}, "reference_time needs times"),
     ]
     for options, words in cases:

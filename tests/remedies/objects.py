@@ -65,7 +65,7 @@ REMEDIES = [
     told("the recording has the frames 0 to", "--frame 9", "--frame 2"),
     told("times: at most {}, since each takes seconds", "--frame 2 " * 41, "--frame 2"),
     told("once for each --frame", "--indentation 1mm --indentation 1mm --frame 2", "--indentation 1mm --frame 2"),
-    value("identify does not serve pads that creep", creeping, False, True),
+    value("identify cannot use pads that creep", creeping, False, True),
     value("indentation must be one number [m] for each frame", lambda v: identified(indentation=v), [1e-3, 2e-3], 1e-3),
     value("indentation must not be negative", lambda v: identified(indentation=v), -1e-3, 1e-3),
     value('shape must be "{}" or "{}", or None', lambda v: identified(shape=v), "cube", None),

@@ -52,7 +52,7 @@ __all__ = ["calibrate", "flat_readings", "unflat"]
 ENDS = 0.15
 #: Frames with less than this fraction of the largest force are at rest.
 REST_FRACTION = 0.005
-#: Frames below this force are at rest if there are at least FEWEST_AT_REST and if their readings scatter by less than
+#: Frames below this force are at rest if there are at least FEWEST_AT_REST of them and their readings scatter by less than
 #: ALIKE_AT_REST times the root mean square of all readings.
 FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
 #: Default number of labels in a calibration: more take longer and add little (docs/_generated/calibrate.md).
@@ -110,29 +110,29 @@ def calibrate(
     Parameters
     ----------
     skin : Skin
-        With pad and array. Its numbers may be guesses: they only give the prior of the maps.
+        With pad and array, which may be guesses: they only give the prior of the maps.
     presses : Recording, array (frame, channel, *array), or a list of them
         Readings in the sensor's own unit, of which each recording is a run.
     reference : array (frame,) or (frame, 3), or mapping of str to array
         Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], "x", "y" [m] for the place of the press, and "ball_radius" [m] for a
-        ball. NaN if unknown. For a list of presses a
-        list. With ``reference_time`` on a clock of its own.
+        ball. NaN if unknown. For a list of presses, give a list. If it has a different clock, give ``reference_time`` too.
     reference_time : array (sample,), optional
         Times of the reference [s]; the delay between the clocks is found (`find_delay`).
     weights : sequence of str or Weight
         Weights on the pad with their times, such as "200 g, 12 s to 20 s"; "0 g, ..." for rest.
     time : array (frame,), optional
-        Times of an array of presses [s]; without them each frame is a separate press. For a list of presses a list, None for a Recording.
+        Times of an array of presses [s]; without them each frame is a separate press. For a list of presses, give a list, with None for a Recording.
     baseline : int, optional
-        Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, else none.
+        Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, if there are any.
     labels : int
         Largest number of frames to use.
     before : SkinCalibration, optional
         An earlier calibration of the same skin to start from: its labels are kept, and a note says whether the sensor
         has aged.
     this_run : bool
-        The frames to come are of the same run as these presses. The calibration ``before`` stays as it is, and the presses tell how this run
-        differs from it (`palpate.calibrate.run`): one press determines most of the gain. For another run start from ``before`` anew.
+        The frames to come are of the same run as these presses. The calibration ``before`` stays as it is, and the
+        presses determine how this run differs from it (`palpate.calibrate.run`): one press determines most of the
+        gain. For another run, start again from ``before``.
     constants : sequence of str
         Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
     pad_models : sequence of str, optional
@@ -239,7 +239,7 @@ def calibrate(
 
 
 def _times_of(time: Any, count: int) -> list[Any]:
-    """Return the times of each of so many runs; None where none are given."""
+    """Return the times of each of ``count`` runs; None for a run without times."""
     if time is None:
         return [None] * count
     listed = isinstance(time, list | tuple)
@@ -305,7 +305,7 @@ def _columns(reference: Any) -> dict[str, Floats]:
 
 
 def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
-    """Return the labels of each frame of a run: NaN without a label; "std" is the error of the label, if stated."""
+    """Return the labels of each frame of a run. Frames without a label have NaN; "std" is the standard deviation of the label, if stated."""
     count = len(run.flat)
     out: dict[str, Floats] = {}
     if reference is not None:

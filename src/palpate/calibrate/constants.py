@@ -158,7 +158,7 @@ class PadConstants:
                 low, high = (plain_number(float(value * math.exp(s * 1.96 * std)), 3) for s in (-1, 1))
                 lines.append(f"  {name:<16}{plain_number(float(value), 3)}{unit} ({low} to {high})")
             else:
-                lines.append(f"  {name:<16}the presses do not tell it")
+                lines.append(f"  {name:<16}the presses do not determine it")
         gains = [i for i, n in enumerate(self.names) if n.startswith("gain")]
         if gains:
             worst = plain_number(100.0 * float(self.std[gains].max()), 2)

@@ -1,4 +1,4 @@
-"""Findings from labelled presses in addition to the map: silent taxels, hysteresis, ageing, and the next press to make."""
+"""Report what labelled presses show besides the map: silent taxels, hysteresis, ageing, and the next press to make."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
 
 
 def silent_readings(skin: Any, data: Labelled) -> list[str]:
-    """Return sentences on readings that hardly change while others do."""
+    """Return sentences on readings that hardly change while other readings do."""
     if len(data.flat) < ENOUGH or data.flat.shape[1] < 3:
         return []
     size = np.sqrt((data.flat**2).mean(axis=0))

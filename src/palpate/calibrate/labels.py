@@ -223,7 +223,7 @@ def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Frames of which something is known.
+    """Frames with a known force, place or ball radius.
 
     ``flat`` are the readings minus the zero of their run (label, reading), ``planes`` the same by channel and taxel
     (label, channel, *array). ``known`` has force, place and ball radius of each frame, NaN where unknown.

@@ -10,7 +10,7 @@ With z the readings over their scale, r = |z| and u = z/r, the covariance of the
                         any map that grows as a power q of the readings: q = 1 where pad and contact are linear,
                         and where the contact grows with the load force and readings have different powers
     a4 exp(-|z - z'|^2 / 2 l^2)
-                        what no term above describes
+                        the rest, which no term above describes
     a5 (z . z')^2       quadratic maps
     a6                  a zero that is not exact
 

@@ -24,7 +24,7 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["FrameErrors", "RunLabels"]
 
-#: Distance of directions over which errors of the map are alike. Of 0.15, 0.3 and 0.6, this one left the smallest errors
+#: Distance of directions over which errors of the map are correlated. Of 0.15, 0.3 and 0.6, this value gave the smallest errors
 #: where a stream of four barometers was pressed at other places.
 WIDTH = 0.15
 

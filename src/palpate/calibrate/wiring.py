@@ -17,7 +17,7 @@ __all__ = ["reading_names", "wrong_wiring"]
 
 #: Frames with more than these fractions of the largest force, or of the largest readings, are used.
 STRONG_FORCE, STRONG_READINGS = 0.3, 0.1
-#: Few taxels: a reading has a sign if AGREED of its TOP strongest responses have it, and at most TURNED of the taxels are
+#: Few taxels: a reading has a sign if a fraction AGREED of its TOP strongest responses has this sign; at most a fraction TURNED of the taxels is
 #: turned.
 TOP, AGREED, TURNED = 0.25, 0.95, 0.25
 #: Many taxels, from TAXELS[0] to TAXELS[1] (more take long), are compared with their neighbours, with this many presses

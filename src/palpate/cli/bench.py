@@ -50,8 +50,8 @@ def bench_accuracy(
 ) -> None:
     """Compare the error of a method with that of the best linear filter, and count how often its error bars hold the truth.
 
-    The filter is Wiener's, which knows the contact's spectrum and the noise. Without --method the automatic method is measured; without --quick beside the
-    methods for comparison.
+    The filter is Wiener's, which knows the contact's spectrum and the noise. Without --method the automatic method is
+    measured; without --quick beside the methods for comparison.
     """
     import csv
     import io
@@ -273,10 +273,7 @@ def bench_trust(
     cases: Annotated[Path | None, typer.Option(help="CSV file with every frame.")] = None,
     force: Force = False,
 ) -> None:
-    """Count how often the inversion is wrong without a word.
-
-    Random sensors meet offsets, pulls, stuck taxels, wrong pads and more, one row for each.
-    """
+    """Count how often the inversion is wrong without a note. Simulated sensors have offsets, pulls, stuck taxels, wrong pads and more, one row for each."""
     import csv
     import io
 

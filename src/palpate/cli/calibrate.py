@@ -89,7 +89,7 @@ def calibrate(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Learn the net force of a sensor from a few weights or a force sensor. With few labels the elastic model decides, with many a regression."""
+    """Learn the net force of a sensor from a few weights or a force sensor. With few labels the result follows the elastic model, with many labels a regression."""
     from palpate.calibrate import write_calibrated
     from palpate.camera import is_pictures
     from palpate.recordings import read_recording

@@ -64,7 +64,7 @@ def _root(
 ) -> None:
     ctx.with_resource(guarded())
     ctx.with_resource(sole_writers())
-    # palpate itself reports damaged files, once and in words
+    # palpate reports damaged files itself, with a clear message
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     if ctx.invoked_subcommand is None:
@@ -114,7 +114,7 @@ def main() -> None:
         # raise, as Ctrl-C does, so that half-written files are removed
         signal.signal(signal.SIGTERM, _stop)
         code = app(standalone_mode=False, prog_name="palpate")
-        if code == 130:  # typer's word for ctrl-C, without a sentence
+        if code == 130:  # typer's exit code for Ctrl-C
             raise KeyboardInterrupt
     except (typer.Abort, KeyboardInterrupt):
         _fail("stopped", 130)

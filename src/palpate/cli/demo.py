@@ -39,7 +39,7 @@ depth = "0 %"
 
 
 class Story(StrEnum):
-    """The stories that the demo can show."""
+    """The examples that the demo can show."""
 
     sensor = "sensor"
     camera = "camera"

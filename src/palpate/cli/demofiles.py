@@ -1,6 +1,4 @@
-"""palpate demo taxels, markers, field: write files as other people's sensors do, from known contacts, for the page of
-the first hour.
-"""
+"""palpate demo taxels, markers, field: write files of known contacts in the formats of other programs, for the documentation's page "The first hour"."""
 
 from __future__ import annotations
 

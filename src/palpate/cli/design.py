@@ -33,7 +33,7 @@ def design(
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     force: Force = False,
 ) -> None:
-    """Say what a sensor resolves before it is built: bounds of force and place, pairs, blind spots, range; or rank a sweep of designs."""
+    """Predict what a sensor resolves before it is built: bounds of force and place, pairs, blind spots, range; or rank a sweep of designs."""
     from palpate.design.files import read_design
     from palpate.design.sweep import Sweep, swept
 

@@ -114,7 +114,7 @@ def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *,
         return columns_of(given, shape=shape) if skin_file is None else read_columns(skin_file, given)
     except InvalidInput as error:
         if skin_file is not None and str(error).startswith(str(skin_file)):
-            raise  # the error is about the skin
+            raise  # the message should name the skin's file
         raise InvalidInput(f"--map: {error}") from error
 
 

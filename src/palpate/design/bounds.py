@@ -2,9 +2,9 @@
 
 readings = r(force, place, radius) + B nuisances + noise. With J the derivatives of the readings with respect to all
 unknowns, and W the inverse covariance of the noise, no unbiased estimator has a covariance below (J^T W J + P)^-1 (H.
-Cramer 1946, C. R. Rao 1945; with P the inverse prior variances, H. L. Van Trees 1968). The press is a ball: an
-estimator that does not know the shape has larger errors. One that excludes negative pressure may have smaller errors
-than a wide bound.
+Cramer 1946, C. R. Rao 1945; with P the inverse prior variances, H. L. Van Trees 1968). The press is assumed to be a
+ball: an estimator that does not assume a shape has larger errors. If a bound is wide, an estimator that excludes
+negative pressure may have smaller errors.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ class Sweep:
         Raises
         ------
         InvalidInput
-            A number that there is not.
+            The name of an unknown number.
         """
         if name == "score":
             return self._scores()
@@ -158,7 +158,7 @@ class Sweep:
         Raises
         ------
         InvalidInput
-            A number that there is not.
+            The name of an unknown number.
         """
         values = self.numbers(by)
         values = np.nan_to_num(-values if by == "range" else values, nan=math.inf, posinf=math.inf)
@@ -241,7 +241,7 @@ class Sweep:
         Raises
         ------
         InvalidInput
-            An axis that was not varied, or a number that there is not.
+            An axis that was not varied, or an unknown number.
 
         Examples
         --------
@@ -402,7 +402,7 @@ def sweep(
     Raises
     ------
     InvalidInput
-        A goal, an axis or a value that there is not, or a sweep of which no combination can be built.
+        An unknown goal, axis or value, or a sweep of which no combination can be built.
 
     Examples
     --------

@@ -49,7 +49,7 @@ ROUNDS = 6
 #: Error of the modelled readings relative to the largest one (tests/identify/test_identify.py): noise is taken as at
 #: least this.
 MODEL = 3e-4
-#: The reason given for a frame without contact.
+#: Reason for unknown properties in a frame without contact.
 NOTHING = "nothing touches"
 
 

@@ -24,7 +24,7 @@ RIGID = "the object is taken to be much stiffer than the pad"
 
 
 def identified(frame: Frame) -> Identified:
-    """Return the findings of a frame."""
+    """Return the properties of the object (`Identified`) from the fit of a frame."""
     best = frame.best
     if best is None:
         out = Identified.nothing(frame.reason)

@@ -41,7 +41,7 @@ class Texture:
 
 
 def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
-    """Find the strongest wave of a single contact. ``rise`` is the squared number of standard deviations at the end of
+    """Find the strongest wave in the pressure of a single contact. ``rise`` is the squared number of standard deviations at the end of
     an interval.
     """
     radius = float(best.radii[0])

@@ -115,7 +115,7 @@ class Outlet:
         """Do nothing: the node ends its publishers."""
 
     def say(self, text: str) -> None:
-        """Publish a text to the log of events."""
+        """Publish a text on the topic of events."""
         self._send("events", self._messages[TOPICS["events"]](data=text))
 
     # -- messages ------------------------------------------------------------------------------------------------------

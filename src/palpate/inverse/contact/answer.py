@@ -141,7 +141,7 @@ def _nothing(
     """
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
-    # Use the readings themselves: without contact the whole residual is noise.
+    # Use the readings as the residual: without contact all of it is noise.
     rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
     errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None

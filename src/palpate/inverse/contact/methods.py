@@ -1,4 +1,4 @@
-"""The methods that know contact: pressure never pulls, shear stays within friction."""
+"""The methods that assume contact: pressure only pushes, and shear stays within friction."""
 
 from __future__ import annotations
 
@@ -128,8 +128,9 @@ class Local(Method):
 
     Notes
     -----
-    It starts from `Tikhonov`, by evidence, and answers as that does where traction is in too many cells (2400 unknowns; fewer where there are more than 16 000 readings) or nowhere, where that explains
-    the readings better, and where noise cannot be told from traction; `Touch.methods` and a note say so. A frame takes one to five seconds.
+    It starts from the result of `Tikhonov`, regularised by evidence. It returns that result if traction is in too many
+    cells (2400 unknowns; fewer with more than 16 000 readings) or in none, if Tikhonov's model explains the readings
+    better, or if noise cannot be distinguished from traction; `Touch.methods` and a note say so. A frame takes one to five seconds.
 
     Examples
     --------

@@ -45,9 +45,9 @@ class Posterior:
     """Posterior of the weighted contact models of a frame: means, closed-form errors, samples.
 
     ``inside`` marks the cells of the operator's grid that belong to the result, ``outside`` those beyond the outermost
-    taxels. ``reach`` is the number of cells around the certain contact that share its error. ``ambiguity`` holds four
-    minimum errors: of the shear force and of the normal force, as fractions of the normal force; of the pressure in a
-    cell and of the peak, as fractions of these.
+    taxels. ``reach`` is the width in cells of the margin around the contact whose error bars include the uncertainty
+    of its edge. ``ambiguity`` holds four minimum errors: of the shear force and of the normal force, as fractions of
+    the normal force; of the pressure in a cell and of the peak, as fractions of these.
     """
 
     def __init__(

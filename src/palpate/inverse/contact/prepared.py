@@ -129,8 +129,8 @@ class Prepared(ABC):
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else USUAL
         self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
         if problem.zeroed and problem.nuisance is None:
-            # The zero removed the offsets of stress and strain, but an image may still have moved. Who names a drift
-            # means one after the zero.
+            # The zero removed the offsets of stress and strain, but an image may still have moved. If the user names a
+            # drift, it is one after the zero.
             self.terms = [t for t in self.terms if t.of_image]
         #: Number of terms, from the first, that may also stand with noise alone. Ramps that the user did not name come
         #: after them: they are sought beside contact only, if the outermost taxels show one.
@@ -158,7 +158,7 @@ class Prepared(ABC):
 
     @property
     def reach(self) -> int:
-        """Number of cells around the certain contact that share its error."""
+        """Width in cells of the margin around the contact whose error bars include the uncertainty of its edge."""
         return self.policy.extent.margin
 
     @property

@@ -67,7 +67,7 @@ class _Solving:
         self.known, self.given, self.coarse = self._noise_at_first()
         #: Number of times the noise and the offsets were re-estimated.
         self.learned, self.refined = 0, 0
-        self.rested: dict[str, Any] = {}  # state in which the noise came to rest far above the given one
+        self.rested: dict[str, Any] = {}  # state in which the noise estimate settled far above the given noise
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
         self.leading: ContactModel | None = None
