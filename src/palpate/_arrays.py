@@ -132,7 +132,7 @@ def _refuse_foreign(x: Any, what: str) -> None:
     if hasattr(x, "unit") and hasattr(x, "to_value"):  # astropy
         raise InvalidInput(f"{what} carry a unit as {kind}: pass their SI values, e.g. x.to_value('Pa').")
     if hasattr(x, "iloc") or hasattr(x, "collect_schema"):  # pandas, polars
-        raise InvalidInput(f"{what} came as a table ({kind}): pass x.to_numpy() in the shape that is asked for.")
+        raise InvalidInput(f"{what} came as a table ({kind}): pass x.to_numpy(), reshaped to the expected shape.")
     if hasattr(
         x, "data_vars"
     ):  # check this before laziness: such an object can also be computed, but that would not help

@@ -185,5 +185,5 @@ def plot_edges(found: EdgeError, axes: Axes) -> None:
     axes.set_ylim(0.0, None)
     axes.set_xlabel("from the side of the gel [mm]")
     axes.set_ylabel("readings off [%]")
-    axes.set_title("taken for endless, near a side", fontsize=10)
+    axes.set_title("assumed infinite, near a side", fontsize=10)
     axes.legend(frameon=False, fontsize=8)

@@ -51,15 +51,15 @@ REPEATED = 0.1
 PRESSURE_BLUR, SHEAR_BLUR = 0.23, 0.5
 #: Error of the shear that is predicted from the estimated pressure, as a fraction of its largest value.
 TEMPLATE = 0.05
-#: The same error for the ratio of net forces: the difference between the drag that a tracker estimated and the true one
+#: Error of the ratio of net forces: the difference between the drag that a tracker estimated and the true one
 #: at slip, on balls of 8 to 25 mm with frictions of 0.25 to 1.1.
 DRAGGED = 0.03
 #: Weight of the previous frames in the running estimate.
 MEMORY = 0.7
-#: The same weight for the evidence from the distribution of shear, and the number of frames as which the memory counts.
+#: Weight of the previous frames in the evidence from the distribution of shear, and the number of frames as which this memory counts.
 #: A memory is needed because the noise of a single frame raises false alarms.
 SHAPE_MEMORY, COUNTS = 0.85, 2.5
-#: The same number if the readings themselves were compared, whose noise is independent from frame to frame (0.85 makes
+#: The number of frames as which the memory counts if the readings themselves are compared, whose noise is independent from frame to frame (0.85 makes
 #: a memory of about twelve frames, but the noise of the zero stays).
 COUNTS_OF_READINGS = 5.0
 #: An alarm is raised at probability RAISE and withdrawn below CLEAR.

@@ -295,7 +295,7 @@ def read_dataset(path: str | Path) -> Dataset:
 
 
 def add_columns(source: str | Path, target: str | Path, columns: Sequence[Mapping[str, npt.ArrayLike]]) -> Path:
-    """Copy a dataset, videos and all, with more columns: one mapping for each episode, of arrays (frame, ...).
+    """Copy a dataset, including its videos, and add columns: one mapping for each episode, of arrays (frame, ...).
 
     Existing columns of the same name are replaced; everything else is copied as it is.
 

@@ -261,9 +261,7 @@ class Skin(SkinProperties):
         return out
 
     def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
-        """A skin with other taxels on the same surface, so that results stay comparable. The components sought follow from the whole array, also
-        if taxels fail.
-        """
+        """A skin with other taxels on the same surface, so that results stay comparable. The components to estimate are those of the whole array, even if taxels are left out."""
         out = Skin(
             pad,
             planes,
@@ -406,7 +404,8 @@ class Skin(SkinProperties):
         NotObservable
             Components that do not affect these channels, or that they cannot separate.
         Unsupported
-            An option that the method does not take, a layout that it cannot serve, or a batch that memory cannot hold; the message says what can.
+            An option that the method does not take, a layout that it does not support, or a batch that does not fit
+            into memory; the message names an alternative.
 
         Examples
         --------
@@ -659,7 +658,9 @@ class Skin(SkinProperties):
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         rest = given_rest(zero, baseline, self._planes)
         skin = self._noisy(noise, rest)
-        known = skin._calibration  # without elastic model it alone tells the force, whatever its tracker seeks
+        known = (
+            skin._calibration
+        )  # without an elastic model, the calibration alone gives the force, whatever components the tracker estimates
         everything = components is None and known is not None and not known.elastic
         names = skin.surface.components if everything else skin._names(components)
         check_sought(names, skin.boundary)

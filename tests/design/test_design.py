@@ -232,7 +232,7 @@ def test_a_scattered_array_and_a_regular_one_agree() -> None:
 
 def test_a_sweep_ranks_and_says_where_a_goal_ends() -> None:
     found = sweep(pp.Skin(SOFT, taxels(noise=2e3)), depth=[1e-3, 2e-3, 6e-3], goals={"pair": 3.5e-3})
-    assert found.notes() == ["Deeper than 2 mm a pair 3.5 mm apart cannot be told apart at this noise."]
+    assert found.notes() == ["Deeper than 2 mm a pair 3.5 mm apart cannot be resolved at this noise."]
     assert found.meets().tolist() == [True, True, False]
     assert found.ranked("noticed").points[0] == {"depth": 1e-3}
     assert found.dataset().sizes == {"design": 3}
@@ -376,7 +376,7 @@ def test_the_command_ranks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[
     table, picture = tmp_path / "designs.csv", tmp_path / "designs.png"
     app(["design", str(path), "--out", str(table), "--plot", str(picture)], standalone_mode=False)
     said = capsys.readouterr().out
-    assert "Deeper than 2 mm a pair 3.5 mm apart cannot be told apart at this noise." in said
+    assert "Deeper than 2 mm a pair 3.5 mm apart cannot be resolved at this noise." in said
     assert table.read_text().startswith("depth,force,")
     assert picture.stat().st_size > 5000
     with pytest.raises(pp.InvalidInput, match="exists"):

@@ -70,12 +70,12 @@ REMEDIES = [
     value("indentation must not be negative", lambda v: identified(indentation=v), -1e-3, 1e-3),
     value('shape must be "{}" or "{}", or None', lambda v: identified(shape=v), "cube", None),
     Remedy(
-        "pass the readings that it was found in",
+        "pass the readings that the touch was computed from",
         lambda: identified(np.stack([READINGS] * 2)),
         lambda: identified(READINGS),
     ),
     Remedy(
-        "identify serves area contact",
+        "identify needs area contact",
         lambda: LINE.identify(PRESSED, LINE.reconstruct(PRESSED)),
         lambda: LINE.reconstruct(PRESSED).contact_area(),
         right=lambda width: 3e-3 <= float(width) <= 5e-3,

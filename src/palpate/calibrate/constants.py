@@ -1,7 +1,7 @@
 """Estimate the posterior of a pad's constants from balls pressed straight into it with known forces, and compare pad
 models.
 
-A press is a Hertz pressure with unknown position and radius. Both are fitted together with the constants and
+A press is a Hertz pressure with unknown position and radius. These unknowns are fitted together with the constants and
 integrated out (Laplace's approximation in the logarithms of all positive numbers). The fields of an axisymmetric
 pressure are Hankel transforms of the pad's response, computed on one table of radii.
 """
@@ -31,7 +31,7 @@ __all__ = ["CONSTANTS", "REJECTED", "PadConstants", "fit_constants", "labelled_c
 #: Constants that can be fitted, with the prior standard deviation of their logarithm: modulus guessed within a factor
 #: of 3, lengths known to 20 %, gains to 5 %, any unit.
 CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2, "unit": 5.0}
-#: What is not fitted, and where it is stated instead.
+#: Constants that are not fitted, and where to state them instead.
 STATED = {
     "poissons_ratio": "state it with the pad (poissons_ratio in skin.toml; 0.48 to 0.5 for rubber).",
     "creep": 'state it with the pad (prony = [[0.2, "0.5 s"]] under [pad]).',
@@ -579,7 +579,7 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
         order = sorted(found.evidence, key=lambda m: -found.evidence[m])
         lead = found.evidence[order[0]] - found.evidence[order[1]]
         said.append(
-            f"the presses cannot tell {order[0]} from {order[1]} (odds {plain_number(math.exp(lead), 2)} to 1)"
+            f"the presses cannot distinguish {order[0]} from {order[1]} (odds {plain_number(math.exp(lead), 2)} to 1)"
             if best is None
             else f"pad model: {best}; next is {order[1]}, e^{plain_number(lead, 3)} times less likely"
         )

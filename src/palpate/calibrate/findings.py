@@ -147,5 +147,5 @@ def best_press(skin: Any, one: ForceMap) -> list[str]:
     sheared = float(np.hypot(*drawn.force[worst, :2].T).mean() / drawn.force[worst, 2].mean())
     usual = float(np.hypot(*drawn.force[:, :2].T).mean() / drawn.force[:, 2].mean())
     where = "near the edge" if float(np.median(away[worst])) > 0.6 else "near the middle"
-    words = f"the press that would tell most: {where}, with a {'small' if small else 'large'} ball"
+    words = f"the most informative next press: {where}, with a {'small' if small else 'large'} ball"
     return [words + (", while you push sideways" if sheared > 1.5 * usual else "")]

@@ -151,8 +151,8 @@ def stuck_labels(force: Floats, flat: Floats) -> tuple[npt.NDArray[np.bool_], fl
     all, and repeats while the readings (frame, reading) vary as in other frames.
 
     A force sensor repeats one value if it has no measurement (-1, 999) or is at the end of its range; such frames have
-    no label. Frames at rest are not taken for stuck, because their readings do not vary; nor are weights entered by
-    hand, of which every value repeats.
+    no label. Frames at rest do not count as stuck, because their readings do not vary. Weights entered by hand do not
+    either, because each of their values repeats.
 
     Examples
     --------

@@ -51,10 +51,10 @@ def normal_channels(skin: Any) -> Iterator[tuple[Floats, slice]]:
 
 
 def wrong_wiring(skin: Any, data: Labelled) -> list[str]:
-    """Return sentences on taxels of turned sign, and on pairs of taxels that are swapped.
+    """Return sentences on taxels with a reversed sign, and on pairs of taxels that are swapped.
 
     Many taxels are compared with their neighbours (`neighbours`); of few, the signs of the strongest responses to a force are
-    compared. Signs that look turned are turned back before swaps are sought.
+    compared. Signs that look reversed are corrected before the search for swaps.
     """
     names, found = reading_names(skin), []
     for places, readings in normal_channels(skin):
@@ -135,7 +135,7 @@ def neighbours(data: Labelled, places: Floats, values: Floats) -> tuple[Floats, 
     """Return the correlation of the readings of two taxels over presses, of frames scaled to one size, and the ranks of how
     close they are. None if taxels or presses are too few.
 
-    Taxels side by side feel the same presses, so the two have a high rank correlation, whatever the pad.
+    Neighbouring taxels respond to the same presses, so they have a high rank correlation on any pad.
     """
     size = np.sqrt((values**2).sum(axis=1))
     strong = size > STRONG_READINGS * size.max()

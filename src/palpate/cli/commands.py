@@ -176,7 +176,7 @@ def _warned(
 
 
 class _Stopped(BaseException):
-    """Raised when the process was asked to end."""
+    """Raised when the process receives SIGTERM."""
 
 
 def _stop(*_: object) -> None:

@@ -77,8 +77,8 @@ def roughly(skin: Skin | str | Path, positions: Any) -> str:
     if found is None or found.normal < ROUGH:
         return ""
     return (
-        f"a typical press on these dots is known to: {found}. Sideways motion of dots on the surface hardly depends on pressure, so that no camera helps; dots 0.5 to 1 mm deep "
-        "(or a map of depth, in Python) show it two to three times better"
+        f"expected error of a typical press on these dots: {found}. Sideways motion of dots on the surface hardly depends on pressure, so that no camera helps; dots 0.5 to 1 mm deep "
+        "(or a map of depth, in Python) show pressure two to three times better"
     )
 
 

@@ -19,7 +19,7 @@ __all__ = ["Responses", "array_middle", "pitch_of", "weights_of"]
 
 #: Number of cells per depth and per contact radius: with two, readings and derivatives are within 1 % of exact ones.
 CELLS = 2.0
-#: The same number for the effect of a wrong depth or thickness, which is a difference of two operators.
+#: Cells per depth and contact radius for the effect of a wrong depth or thickness, which is a difference of two operators.
 COARSE_CELLS = 1.0
 #: Largest number of cells along an axis of the grid near the press; wider grids have coarser cells.
 MAX_CELLS = {1: 2000, 2: 121}

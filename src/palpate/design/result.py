@@ -190,7 +190,7 @@ class Design:
                 "These channels cannot separate shear from pressure: the press is taken without shear. Add stress_xz and stress_yz, or two displacements."
             )
         if math.isinf(self.pair):
-            out.append(f"No pair of tips up to {_mm(self.farthest)} apart can be told apart at this noise.")
+            out.append(f"No pair of tips up to {_mm(self.farthest)} apart can be resolved at this noise.")
         for c in self.components:
             if self.wavenumber[c][0] == 0.0:
                 out.append(

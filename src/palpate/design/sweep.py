@@ -60,7 +60,7 @@ _GOALS = {
     "center": "no design determines the centre to +-{}",
     "radius": "no design determines the contact radius to +-{}",
     "friction_reserve": "no design determines the friction reserve to +-{}",
-    "pair": "a pair {} apart cannot be told apart at this noise",
+    "pair": "a pair {} apart cannot be resolved at this noise",
     "width": "a point looks wider than {}",
     "wavelength": "a wave {} long cannot be recovered at this noise",
     "noticed": "a force of {} is not detected",
@@ -97,7 +97,7 @@ class Sweep:
     True
 
     >>> print(found.notes()[0])
-    Deeper than 2 mm a pair 3.5 mm apart cannot be told apart at this noise.
+    Deeper than 2 mm a pair 3.5 mm apart cannot be resolved at this noise.
 
     >>> print(found.text(columns=["force"]).splitlines()[0].split())
     ['depth', 'force', '[mN]', 'score', 'goals']

@@ -173,11 +173,11 @@ class IdentifiedPress:
     Attributes
     ----------
     frames : tuple of Identified
-        Each frame by itself.
+        The findings of each single frame.
     growth : Finding
-        n in contact radius ~ force^n: 1/3 of a ball, 0 of a flat.
+        n in contact radius ~ force^n: 1/3 for a ball, 0 for a flat.
     shape : str
-        "ball" or "flat" where the growth tells one from the other, or the frames do, else "".
+        "ball" or "flat" if the growth or the frames distinguish them, else "".
     radius, modulus, effective_modulus, stiffness : Finding
         As of one frame, from all of them; stiffness at the largest force.
 

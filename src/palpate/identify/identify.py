@@ -1,4 +1,4 @@
-"""Find which round contacts explain the readings, and what follows for the object.
+"""Find which round contacts explain the readings, and derive the properties of the object.
 
 Inputs are a skin, readings, and the touch computed from them, which gives starting places of the contacts and the size
 of the noise. The properties of contacts come from the readings: the penalty blurs a map, and the moments of the map
@@ -150,7 +150,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
     """Fit one frame. ``wanted`` is the shape of a single contact, if known."""
     components = touch.components
     if "z" not in components:
-        return Frame(body, "pressure was not sought")
+        return Frame(body, "pressure was not estimated")
     pressure = np.nan_to_num(to_numpy(touch.values)[-1])
     touching = touch.touching is None or bool(touch.touching)
     if not touching or not pressure.max(initial=0.0) > 0:
@@ -242,7 +242,7 @@ def _guess(touch: Touch, pressure: Floats, region: npt.NDArray[np.bool_]) -> Pat
     forces = [
         Finding(float(v.sum()), unit="N", reason=why)
         if name in touch.components
-        else Finding.unknown("N", f"force along {name} was not sought")
+        else Finding.unknown("N", f"force along {name} was not estimated")
         for name, v in zip(("x", "y", "z"), values)
     ]
     return Patch(

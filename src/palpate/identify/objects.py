@@ -19,7 +19,7 @@ __all__ = ["NORMAL", "Contact", "contact", "contact_findings", "identified", "mo
 #: Half-width of a 95 % interval in standard deviations, for the uncertainty of pad and sensors.
 NORMAL = 1.96
 #: The reason given for a quantity that needs the indentation.
-NO_DEPTH = "pressure alone cannot tell a soft object from a hard one of another radius: give indentation=, how far it has moved into the pad"
+NO_DEPTH = "pressure alone cannot distinguish a soft object from a hard one of another radius: give indentation=, the distance that it has moved into the pad"
 RIGID = "the object is taken to be much stiffer than the pad"
 
 
@@ -61,7 +61,7 @@ def _patch(frame: Frame, i: int) -> Patch:
     forces = []
     for name in ("x", "y", "z"):
         if name not in frame.components:
-            forces.append(Finding.unknown("N", f"force along {name} was not sought"))
+            forces.append(Finding.unknown("N", f"force along {name} was not estimated"))
             continue
         c = frame.components.index(name)
         value = float(best.forces[i, c])

@@ -483,7 +483,7 @@ class Session:
         with contextlib.suppress(PalpateError):  # its error is already reported
             sink.close()
         if self._report is not None:
-            self._report(f"{error} The live view goes on without it.")
+            self._report(f"{error} The live view continues without it.")
 
     def _notify(self) -> None:
         with self._lock:

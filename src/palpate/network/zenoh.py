@@ -101,7 +101,7 @@ class ZenohListener(FrameSource):
     """Receives the frames that are published on a key, with the rules of `FrameListener`.
 
     Frames are encoded by `palpate.network.frame_bytes`. Publishers are distinguished if they identify themselves
-    (``source_info`` of zenoh). Those that do not count as one sender, so that a key must have only one of them.
+    (``source_info`` of zenoh). Samples without a source identity count as one sender, so that a key must have only one such publisher.
 
     Parameters
     ----------

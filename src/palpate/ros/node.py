@@ -377,9 +377,7 @@ class TouchNode:
         response.success = True
         response.message = f"a new zero is taken from the next {frames} frames: nothing must touch"
         if state is not None and state.touching:
-            response.message += (
-                f"; but something touches it, with {plain_number(float(state.force[-1]), 3)} N: it will count as zero"
-            )
+            response.message += f"; but something touches the pad with {plain_number(float(state.force[-1]), 3)} N, and this force will count as zero"
             self.session.note(
                 f"a new zero was requested while something touched, with {plain_number(float(state.force[-1]), 3)} N"
             )

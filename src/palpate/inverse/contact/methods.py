@@ -155,7 +155,7 @@ class Local(Method):
 
 @dataclass(frozen=True, kw_only=True)
 class Automatic(Method):
-    """The default. It uses `Adaptive` for each frame if pressure is sought, `Local` if it is not (cells on gels), and
+    """The default. It uses `Adaptive` for each frame if pressure is estimated, `Local` if it is not (cells on gels), and
     `Tikhonov` on periodic surfaces and for frames that pull.
 
     If pushing contact does not fit a frame, it tries contact with pull around it (adhesion). If that does not fit
@@ -181,7 +181,7 @@ class Automatic(Method):
     draws: int = count(help=_DRAWS)
 
     def resolved(self, problem: Problem) -> Method:
-        """The method that solves this problem: `Local` if pressure is not sought, `Tikhonov` on a periodic surface."""
+        """The method that solves this problem: `Local` if pressure is not estimated, `Tikhonov` on a periodic surface."""
         free = problem.boundary != "periodic"
         if free and "z" in problem.components:
             return self
@@ -216,7 +216,7 @@ class AutomaticEstimator:
         self._pulling = pulling
         if (
             pushing.policy.parts.pulls and not pushing.ambiguous
-        ):  # ambiguous channels need the sign of pressure to separate it from shear
+        ):  # if channels cannot separate pressure from shear, the method needs the constraint that pressure only pushes
             pushing.signs = (1, -1) if pulling is None else (1, -1, 0)
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:

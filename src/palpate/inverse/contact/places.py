@@ -28,7 +28,7 @@ Index = npt.NDArray[np.intp]
 
 #: Correlation lengths: FIRST taxel pitches, then LENGTHS - 1 more, each twice the one before.
 FIRST, LENGTHS = 0.5, 4
-#: Width of the average that gives the local variance, in correlation lengths; and its minimum, in cells.
+#: Width of the moving average that estimates the local variance, in correlation lengths; and the smallest width, in cells.
 WIDTH, LEAST_WIDTH = 0.6, 0.5
 #: Cells below this fraction of the largest variance are left out: a tenth of the largest traction.
 QUIET = 0.01

@@ -62,7 +62,7 @@ class Prepared(ABC):
 
     #: Orders of the derivatives whose penalties are compared by evidence.
     derivatives: tuple[int, ...] = (1,)
-    #: Whether contact is sought on a wider grid than the surface.
+    #: Whether the method allows contact on a wider grid than the surface.
     past_the_surface = False
     #: For channels that cannot separate pressure from shear: effect of pressure relative to that of shear above which
     #: the error of the normal force needs no widening. With one model, and in the tracker, the normal force was 14 %
@@ -132,8 +132,8 @@ class Prepared(ABC):
             # The zero removed the offsets of stress and strain, but an image may still have moved. If the user names a
             # drift, it is one after the zero.
             self.terms = [t for t in self.terms if t.of_image]
-        #: Number of terms, from the first, that may also stand with noise alone. Ramps that the user did not name come
-        #: after them: they are sought beside contact only, if the outermost taxels show one.
+        #: Number of terms, from the first, that may also occur together with noise alone. Ramps that the user did not
+        #: name come after them: they are only tried together with contact, if the outermost taxels show one.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
             self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]

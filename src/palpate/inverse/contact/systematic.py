@@ -38,7 +38,7 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     """Standard deviations (nuisance,) of the sizes of the nuisances `Prepared.terms`; 0 for those not present.
 
     If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
-    reading shows an offset by itself. Each offset then has at least the standard deviation
+    reading shows an offset without contact. Each offset then has at least the standard deviation
     ``policy.errors.hidden_drift`` times the largest reading.
     """
     policy = estimator.policy

@@ -74,7 +74,7 @@ class Tried:
 
 @dataclass
 class Trace:
-    """What was tried for the frames solved inside `traced`, and every decision in order; printed, it is ``lines``.
+    """Records the explanations tried for the frames solved inside `traced`, and every decision in order; printing it shows ``lines``.
 
     Attributes
     ----------
