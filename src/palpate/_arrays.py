@@ -154,8 +154,8 @@ def _real_numpy(x: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
             "c": "take x.real if the imaginary part is nothing but rounding",
             "O": "take x.astype(float) if its entries are numbers",
             "V": "take one field, x['name']",
-            "U": "take x.astype(float) if the text is numbers",
-            "S": "take x.astype(float) if the text is numbers",
+            "U": "take x.astype(float) if the text contains numbers",
+            "S": "take x.astype(float) if the text contains numbers",
         }.get(kind, "pass numbers in SI units")
         raise InvalidInput(f"{what} must be real numbers; got dtype {x.dtype}: {remedy}.")
     elif x.dtype.itemsize not in (4, 8):  # half and extended precision

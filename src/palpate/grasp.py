@@ -93,7 +93,7 @@ class Event:
     --------
     >>> from palpate.grasp import Event
     >>> print(Event("incipient slip", True, 1.25, 0.97, 0.8, 0.75))
-    1.250 s  incipient slip began: 0.8 of the friction limit, sure to 97 %
+    1.250 s  incipient slip began: 0.8 of the friction limit, probability 97 %
     """
 
     kind: str
@@ -108,7 +108,7 @@ class Event:
         if self.kind in ("contact", "unexplained") or not self.began:
             return text
         unit = {"excess pressure": " Pa", "excess force": " N", "pull": " N"}.get(self.kind, " of the friction limit")
-        return f"{text}: {plain_number(self.value, 3)}{unit}, sure to {100 * self.probability:.0f} %"
+        return f"{text}: {plain_number(self.value, 3)}{unit}, probability {100 * self.probability:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -216,8 +216,7 @@ class GraspMonitor:
         self.state: GraspState | None = None
 
     def update(self, touch: Touch) -> list[Event]:
-        """Process one touch (without batch axes) and return the events that began or ended: each needs three consecutive explained frames. An
-        unexplained frame (status "unexplained", or a fit below 0.01) begins and ends only the event "unexplained".
+        """Process one touch (without batch axes) and return the events that began or ended: each needs three consecutive explained frames. An unexplained frame (status "unexplained", or a fit below 0.01) can begin or end only the event "unexplained".
 
         Raises
         ------
@@ -233,7 +232,7 @@ class GraspMonitor:
         >>> monitor = pp.GraspMonitor(friction=0.5, max_pressure=800.0)
         >>> events = [str(event) for _ in range(3) for event in monitor.update(touch)]  # one frame alone is no event
         >>> events
-        ['2.000 s  contact began', '2.000 s  excess pressure began: 1000 Pa, sure to 100 %']
+        ['2.000 s  contact began', '2.000 s  excess pressure began: 1000 Pa, probability 100 %']
 
         >>> round(monitor.state.utilisation, 3)  # Q / (mu P)
         0.2
@@ -500,7 +499,7 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
 
 
 def _chance_of_pull(touch: Touch) -> float:
-    """Return the probability that the net force pulls, for a touch whose estimated net force does."""
+    """Return the probability that the true net force pulls, for a touch with an estimated net force that pulls."""
     if not touch.has_intervals:
         return 1.0
     low, high = touch.interval(0.6827, "force")

@@ -1,7 +1,7 @@
 """Touch in LeRobot's datasets (version 3.0): tactile columns beside cameras and joints, one row a video frame.
 
 A sensor called NAME has columns ``observation.tactile.NAME.`` readings (channel, *array), traction (component,
-*surface), std (the same), wrench (force and moment), slip_margin and time. Numbers keep their precision, and what is written is what is read. LeRobot's own loader opens the files; Parquet by pyarrow.
+*surface), std (the same), wrench (force and moment), slip_margin and time. Numbers are written and read without loss of precision. LeRobot's own loader opens the files; Parquet by pyarrow.
 """
 
 from __future__ import annotations

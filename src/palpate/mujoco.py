@@ -155,7 +155,7 @@ class Taxels:
                 pad, other = pairs[i] if first[i] else pairs[i][::-1]
                 frame = data.contact.frame[i].reshape(3, 3)
                 self._mujoco.mj_contactForce(self.model, data, int(i), result)
-                # MuJoCo's force acts on the second geom
+                # in MuJoCo, the contact force acts on the second geom
                 sign = -1.0 if first[i] else 1.0
                 place = data.contact.pos[i]
                 bodies = [self._local(data, int(g), place) for g in (pad, other)]

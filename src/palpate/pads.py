@@ -120,7 +120,7 @@ class ExpectedForce:
 
 
 def expected_force(skin: Skin) -> ExpectedForce | None:
-    """Sense a ball that slides in the middle and return the widths of the intervals of its force; None unless all components are sought.
+    """Simulate a ball that slides on the middle of the array, and return the widths of the intervals of its force; None unless the skin estimates all components.
 
     Noise is 1 % of each channel's largest reading. The stated uncertainty counts.
 

@@ -450,8 +450,7 @@ def unflat(planes: Sequence[Any], flat: Floats) -> Floats:
 
 
 def find_rest(known: Mapping[str, Floats], flat: Floats) -> npt.NDArray[np.bool_]:
-    """Return the frames without contact: those with zero force, or three or more with almost no force and similar
-    readings.
+    """Return the frames without contact: those with zero force, or those with almost no force if at least three of them have similar readings.
 
     A frame with a small force along one axis is not at rest if the force along another is large. Without normal force
     there is no shear, whether it is known or not.
@@ -511,7 +510,7 @@ def _rest_readings(
     runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats, baseline: int
 ) -> Floats:
     """Return the frames at rest, the first ``baseline`` of each run among them, minus their zero (frame, channel,
-    *array); their scatter is the noise. With fewer than five such frames, return noise of an assumed size.
+    *array); their scatter is the noise. With fewer than five such frames, return random numbers with an assumed standard deviation.
     """
     found = []
     for run, flat, one in zip(runs, flats, known):

@@ -288,7 +288,7 @@ class SkinCalibration:
             )
         if self.table:
             lines.append(
-                "normal force   on presses that were left out: mean error, R^2, share of 95 % intervals that hold it"
+                "normal force on presses that were left out: mean error, R^2, share of true values inside the 95 % intervals"
             )
             for name, error, r2, coverage in self.table:
                 share = "" if math.isnan(coverage) else f", {coverage:.2f}"

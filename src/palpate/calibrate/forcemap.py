@@ -23,8 +23,8 @@ MAX_LABELS = 500
 #: known. For n, this power of the number of labels: labels of one recording are not independent evidence. The models'
 #: own standard deviations play no part: they are largest for presses that differ from the others.
 TEMPER = 0.5
-#: The prior that errors are as large as the models predict counts as PRIOR_PRESSES. LARGEST: largest squared error, in
-#: variances, that one label contributes.
+#: The prior that errors are as large as the models predict counts as PRIOR_PRESSES. LARGEST: limit on the squared
+#: error of one label, in units of its variance.
 PRIOR_PRESSES, LARGEST = 4.0, 25.0
 #: Prior standard deviation of gains between runs, used until labels of several runs show it, and the number of runs as
 #: which it counts. Presses at the same places differed by 3 and 11 % between two streams of four barometers, and by 2

@@ -59,8 +59,7 @@ SPREAD = np.array([p[1] for p in PRIORS.values()])
 AT = {name: i for i, name in enumerate(NAMES)}
 #: Terms of the covariance that a model may lack.
 TERMS = ("physics", "linear", "growing", "free", "quadratic", "zero")
-#: Models of the average, each given by the terms that it lacks; "lag" means errors that are correlated in time. Either the
-#: bend of the maps or the growing term describes growth that is not linear. Files keep this order: add new models at the
+#: Models of the average, each given by the terms that it lacks; "lag" means errors that are correlated in time. Nonlinear growth is described either by the bend of the maps or by the growing term, not by both. Files keep this order: add new models at the
 #: end.
 MEMBERS: tuple[tuple[str, ...], ...] = (
     ("growing", "free", "quadratic"),

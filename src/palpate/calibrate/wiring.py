@@ -62,7 +62,7 @@ def wrong_wiring(skin: Any, data: Labelled) -> list[str]:
         turned = turned_taxels(data, places, values)
         if turned:
             found.append(
-                f"{', '.join(own[i] for i in turned)}: the sign looks opposite to that of the other taxels. Turn the sign of the column, or check the wiring"
+                f"{', '.join(own[i] for i in turned)}: the sign looks opposite to that of the other taxels. Reverse the sign of the column, or check the wiring"
             )
             values[:, turned] *= -1.0
         pair = swapped_taxels(data, places, values)

@@ -61,7 +61,7 @@ def design(
         found.append(Sweep(named, one.designs, one.skipped, one.goals))
     if len({d.press for s in found for d in s.designs}) > 1 or len({tuple(s.goals.items()) for s in found}) > 1:
         raise InvalidInput(
-            "the files press differently, or have other goals, and cannot be ranked together. Give all the same [press] and [goal]."
+            "the files have different presses or goals, so that they cannot be ranked together. Give all the same [press] and [goal]."
         )
     whole = Sweep(
         tuple(p for s in found for p in s.points),

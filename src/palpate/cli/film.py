@@ -70,7 +70,7 @@ def film(
     ] = Path("film.csv"),
     force: Force = False,
 ) -> None:
-    """Films and many cells: one row for each frame and cell, on all cores. A run that was stopped continues where it ended."""
+    """Evaluate films and many cells on all cores: write one row for each frame and cell. An interrupted run continues where it stopped."""
     from palpate.cli.options import numbers
     from palpate.cli.tfm import _modulus_of, _pixel
     from palpate.elastic import BondedLayers, HalfSpace, Layer

@@ -42,10 +42,15 @@ def live(
             "Nothing may touch the gel in the first pictures."
         ),
     ] = None,
-    demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Show a simulated finger, without any other option or file.")
+    ] = False,
     baseline: Annotated[
         int | None,
-        typer.Option(min=0, help="Frames at the start that are the zero: nothing touches (default 0; 20 with --demo)."),
+        typer.Option(
+            min=0,
+            help="Number of frames at the start, without contact, whose mean is the zero (default 0; 20 with --demo).",
+        ),
     ] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,

@@ -40,7 +40,10 @@ def reconstruct(
         ),
     ] = None,
     baseline: Annotated[
-        int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches. Needed for raw counts.")
+        int,
+        typer.Option(
+            min=0, help="Number of frames at the start, without contact, whose mean is the zero. Needed for raw counts."
+        ),
     ] = 0,
     frame: Annotated[
         int | None, typer.Option(help="Solve this frame alone; 0 is the first, -1 the last. Default: all frames.")

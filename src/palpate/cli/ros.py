@@ -59,7 +59,7 @@ def ros(
         int,
         typer.Option(
             min=0,
-            help="Frames at the start that are the zero: nothing touches. For pictures: number that show the gel at rest, in place of that in [camera].",
+            help="Number of frames at the start, without contact, whose mean is the zero. For pictures: number that show the gel at rest, in place of that in [camera].",
         ),
     ] = 0,
     max_pressure: Annotated[str | None, typer.Option(help='Event above this peak pressure, e.g. "40 kPa".')] = None,

@@ -48,7 +48,7 @@ def track(
         int,
         typer.Option(
             min=0,
-            help="Frames at the start that are the zero: nothing touches. For pictures: that of the skin.toml, otherwise 5.",
+            help="Number of frames at the start, without contact, whose mean is the zero. For pictures: that of the skin.toml, otherwise 5.",
         ),
     ] = 0,
     zero_at: Annotated[

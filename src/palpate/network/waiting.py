@@ -18,7 +18,7 @@ __all__ = ["EVENTS", "WAITING", "FrameSource"]
 
 #: Largest number of frames that wait; the oldest are dropped.
 WAITING = 8
-#: Number of sentences about senders that are stored.
+#: Number of stored log lines about senders.
 EVENTS = 100
 
 

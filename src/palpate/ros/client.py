@@ -16,7 +16,7 @@ __all__ = ["message_class", "ros_client"]
 MESSAGES = ("diagnostic_msgs", "geometry_msgs", "sensor_msgs", "std_msgs", "std_srvs")
 #: Platform for which ROS 2's client exists as wheels: manylinux_2_28, for Python 3.11 to 3.14.
 WHEELS = ("linux", "x86_64")
-_SOURCED = "under a ROS 2 of the system: source /opt/ros/DISTRO/setup.bash, and install palpate for its Python"
+_SOURCED = "with a system installation of ROS 2: source /opt/ros/DISTRO/setup.bash, and install palpate for its Python"
 
 
 def ros_client() -> Any:

@@ -1,4 +1,4 @@
-"""The ROS 2 node: a subscription, a session that tracks the contact, publishers, parameters, a service, diagnostics."""
+"""The ROS 2 node. It subscribes to readings, tracks the contact in a session, publishes the results and diagnostics, and offers parameters and a service for a new zero."""
 
 from __future__ import annotations
 
@@ -336,7 +336,7 @@ class TouchNode:
         node.create_service(Trigger, "~/rezero", self._rezero)
         node.add_on_set_parameters_callback(self._changed)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # use the steady clock: a paused simulation must differ from a node that has stopped
+        # use the steady clock, which also runs while a simulation is paused: otherwise a pause would look like a node that has stopped
         node.create_timer(PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # -- running -------------------------------------------------------------------------------------------------------

@@ -259,9 +259,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield member
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
-        """The model without cells whose pressure is below the noise. Pressure is never negative, so noise there would
-        add up to a force.
-        """
+        """The model without cells whose pressure is below the noise. Pressure is never negative, so noise in these cells would add up to a force."""
         policy = self.policy
         pressure = member.solution.traction[-1]
         position = np.flatnonzero(pressure > self._trim(y) * pressure.max())

@@ -172,9 +172,7 @@ def nothing_known(errors: Errors) -> Errors:
 
 
 def hidden(prepared: Prepared, data: Floats) -> Floats:
-    """Bounds on the net force (component, 2) of a contact that no explanation of the readings shows: the larger of a
-    patch as wide as the depth and an even load over the array, if either makes readings as large as the largest.
-    """
+    """Bounds on the net force (component, 2) if no explanation fits: the larger of two loads that cause the largest reading, a patch as wide as the depth and an even load over the array."""
     largest = float(np.abs(data / prepared.readings.std).max(initial=0.0))
     force = WIDE * prepared.undetected(largest, data).force
     inside = prepared.inside.ravel()

@@ -67,10 +67,7 @@ class Posterior:
         self.ambiguity = ambiguity
 
     def beyond(self, traction: Floats) -> tuple[float, float, float]:
-        """Traction beyond the outermost taxels: its fraction of the load (sum of the magnitudes), its largest
-        magnitude as a fraction of the overall largest, and the largest magnitude at the outermost taxels as a fraction
-        of the same (0 if the surface ends there).
-        """
+        """Three fractions. First, the load beyond the outermost taxels over the whole load (sums of magnitudes). Second, the largest traction there over the largest anywhere. Third, the largest traction at the outermost taxels over the largest anywhere (0 if the surface ends there)."""
         size = np.sqrt((traction**2).sum(axis=0)) * self.inside
         there, largest = size[self.outside], max(float(size.max()), 1e-300)
         at = dilated(self.outside, 1) & ~self.outside
