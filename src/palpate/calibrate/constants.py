@@ -35,7 +35,7 @@ CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05
 STATED = {
     "poissons_ratio": "state it with the pad (poissons_ratio in skin.toml; 0.48 to 0.5 for rubber).",
     "creep": 'state it with the pad (prony = [[0.2, "0.5 s"]] under [pad]).',
-    "temperature": "take a fresh zero before each recording (baseline=, --baseline), and calibrate again when it has changed (again=True, --again).",
+    "temperature": "take a new zero before each recording (baseline=, --baseline), and calibrate again when it has changed (again=True, --again).",
 }
 #: Mean and standard deviation of the log of the ratio of moduli, of the lower layer or base to the upper layer.
 RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}

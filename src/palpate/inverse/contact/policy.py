@@ -246,10 +246,10 @@ class Screening:
     )
     neighbours: int = number(3, "this many neighbours with large residuals are a contact and not broken taxels")
     candidates: int = number(4, "number of readings examined in each round")
-    fewest: int = number(6, "with fewer readings, do not screen")
+    fewest: int = number(6, "do not look for broken readings if there are fewer readings than this")
     nearly: float = number(
         1.5,
-        "a reading is not broken if a load above its taxel leaves a residual of less than this many times the one without the reading",
+        "keep a reading if a load above its taxel explains it: the residual with this load is less than this many times the residual without the reading",
     )
     explained: float = number(
         0.7, "and if that load explains at least this fraction of what leaving the reading out explains"
@@ -478,7 +478,7 @@ class Errors:
     )
     sums_at_size: float = number(
         1.25,
-        "factor on the standard deviations of such contacts: the errors of 12 frames of 128 x 128 were 1.2 of them",
+        "factor on the standard deviations of forces of such contacts: in 12 frames of 128 x 128, errors were 1.2 standard deviations",
     )
     beyond: float = number(
         0.5,
