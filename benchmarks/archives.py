@@ -309,7 +309,7 @@ def main() -> None:
             else f" --methods {' '.join(given.methods)}"
         )
         asked = f"`python benchmarks/archives.py{which} --frames {given.frames} --size {given.size}`"
-        what = f"{given.size} x {given.size} taxels of three stresses, Zarr to Zarr, two cores (load when it ended: {os.getloadavg()[1]:.1f})"
+        what = f"{given.size} x {given.size} taxels of three stresses, Zarr to Zarr, two cores (load average at the end: {os.getloadavg()[1]:.1f})"
         (TABLES / name).write_text(f"Made by {asked}: {what}.\n\n{said}", encoding="utf-8")
 
 

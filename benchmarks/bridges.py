@@ -66,7 +66,7 @@ def mujoco_rows() -> list[str]:
 
     skin = pp.Skin(PAD, pp.AreaArray(shape=(16, 16), pitch=1.5e-3, depth=2e-3, channels=CHANNELS, noise=50.0))
     rows = [
-        "| tool | frames | largest error of the force | of the moment (over force times 10 mm) |",
+        "| tool | frames | largest error of the force | largest error of the moment / (force x 10 mm) |",
         "|---|---|---|---|",
     ]
     for tool in scenes.TOOLS:
@@ -255,7 +255,7 @@ def layer_rows() -> list[str]:
         "",
         *learner_rows((1, 64, 4096)),
         "",
-        "What bounds these rates, on the same thread:",
+        "Limits of these rates, on the same thread:",
         "",
         *bound_rows(),
     ]
@@ -265,7 +265,7 @@ def gradient_rows() -> list[str]:
     import bridges_device
 
     return [
-        "Gradients on the processor, float64, against differences of fourth order (relative error along a direction in all values of the parameter; asked: 1e-6):",
+        "Gradients on the processor, float64, against differences of fourth order (relative error along a direction in all values of the parameter; required: 1e-6):",
         "",
         *bridges_device.checked_gradients(),
     ]
@@ -273,7 +273,7 @@ def gradient_rows() -> list[str]:
 
 def example_rows() -> list[str]:
     rows = [
-        "The examples, each in a process of its own:",
+        "The examples, each in a separate process:",
         "",
         "| example | processor time | wall clock |",
         "|---|---|---|",
@@ -341,7 +341,7 @@ def main() -> None:
 
         bridges_device.measure(given.device, given.out, bridges_device.BATCHES)
         return
-    head = f"Written by `benchmarks/bridges.py`: one thread of {platform.machine()}, {os.cpu_count()} cores, beside other work; times are those of the processor."
+    head = f"Written by `benchmarks/bridges.py`: one thread of {platform.machine()}, {os.cpu_count()} cores, while other programs ran; times are processor times."
     said = "The traction's force and moment against the simulator's, in presses, drags and rolls:"
     write_page([head, "", said, "", *mujoco_rows()], list(PARTS))
 

@@ -299,17 +299,22 @@ def page(found: dict[str, Any]) -> list[str]:
     there = next(row for row in of["torch"]["compiled"])
     device = there["device"]
     every = [row for kinds in of.values() for row in kinds["rate"] if "frames_per_second" in row]
-    text = [f"On a GPU, {there['name']}, beside the processor of its machine ({_cores(of['torch'])}); wall clock.", ""]
+    text = [
+        f"On a GPU, {there['name']}, compared with the processor of its machine ({_cores(of['torch'])}); wall-clock times.",
+        "",
+    ]
     errors = [row["error"] for kinds in of.values() for row in kinds["gradient"]]
     text.append(f"- Gradients, GPU against processor, float64: at most {max(errors):.1e} of the largest.")
     for task in ("sense", "linear"):
         shares = [r["frames_per_second"] / r["bound"] for r in every if r["task"] == task and r["device"] == device]
-        text.append(f"- Of the bound by copying, {task}: {_percent(min(shares))} (batch 1) to {_percent(max(shares))}.")
+        text.append(
+            f"- Share of the bound by copying that {task} reaches: {_percent(min(shares))} (batch 1) to {_percent(max(shares))}."
+        )
     for task in ("sense", "linear", "within friction"):
         batches = sorted({r["batch"] for r in of["torch"]["rate"]})
         parts = [(b, [x / y for x, y in _pairs(of, device, task, b)]) for b in batches]
         words = "; ".join(f"batch {b}, {min(times):.2g} to {max(times):.2g}" for b, times in parts if times)
-        text.append(f"- Times as fast as the processor, {task}: {words}.")
+        text.append(f"- Speed relative to the processor, {task}: {words}.")
     for library, kinds in of.items():
         added = [row["second"] - row["first"] for row in kinds["compiled"]]
         copies = ", ".join(f"{row['device']} {row['bytes_per_second'] / 1e9:.0f} GB/s" for row in kinds["copy"])
@@ -326,7 +331,7 @@ def page(found: dict[str, Any]) -> list[str]:
     head = " | ".join(f"batch {b}" for b in batches)
     text += [
         "",
-        f"Frames a second, and what part of the bound by copying the GPU's are:\n\n| library | what | skin | on | {head} |",
+        f"Frames a second; in brackets, the share of the bound by copying that the GPU reaches:\n\n| library | what | skin | on | {head} |",
     ]
     text.append("|---" * (4 + len(batches)) + "|")
     for library, kinds in of.items():

@@ -291,7 +291,7 @@ def report(
         f"Made by `python benchmarks/calibrate.py --data FOLDER --first {draws.start} --draws {len(draws)}`: means over {len(draws)} draws of labels. For shear palpate is also given Fz of the labelled frames, which the regressions cannot use.",
         "",
     ]
-    heads = " | ".join(str(s) for s in SIZES)
+    heads = " | ".join(f"{s} labels" for s in SIZES)
     lines += [
         "**Mean error of the force on held-out frames [N]**",
         "",
@@ -303,7 +303,7 @@ def report(
     ]
     lines += [
         "",
-        "**palpate: error over the best of the three; R²; coverage and width [N] of the 95 % intervals**",
+        "**palpate: error divided by that of the best of the three regressions; R²; coverage and width [N] of the 95 % intervals**",
         "",
         f"| set | | {heads} |",
         "|---" * (2 + len(SIZES)) + "|",
@@ -320,7 +320,7 @@ def report(
         lines.append("| | width | " + " | ".join(f"{mean[n, 'palpate', s][3]:.3g}" for s in SIZES) + " |")
     lines += [
         "",
-        "**All sets: median of error over the best of the three, and mean coverage**",
+        "**All sets: median of the error divided by that of the best regression, and mean coverage**",
         "",
         f"| method | | {heads} |",
         "|---" * (2 + len(SIZES)) + "|",
@@ -339,13 +339,13 @@ def report(
     gained = [np.median([best[n, b] / best[n, a] for n in names]) for a, b in itertools.pairwise(SIZES)]
     lines += [
         "",
-        "What more labels buy the best of the three (median over sets of its error over that with fewer labels): "
+        "Error of the best regression with more labels, divided by its error with fewer labels (median over sets): "
         + ", ".join(f"{a} to {b} labels {g:.2f}" for (a, b), g in zip(itertools.pairwise(SIZES), gained))
         + ".",
     ]
     lines += [
         "",
-        "Seconds of one fit and 400 answers: "
+        "Seconds for one fit and 400 predictions: "
         + ", ".join(f"{s} labels {np.mean([mean[n, 'palpate', s][4] for n in names]):.2g}" for s in SIZES)
         + ".",
     ]

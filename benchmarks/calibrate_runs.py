@@ -115,7 +115,7 @@ def rows(data: Path) -> list[str]:
     lines = [
         "Made by `python benchmarks/calibrate_runs.py --data FOLDER`.",
         "",
-        "| calibrated on, asked about | mean error [N] | held by the 95 % interval | pressed frames held | width over force, median | linear [N] | quadratic [N] | process [N] | gain of the run | error left [N] | with a gain for each reading [N] |",
+        "| calibrated on, tested on | mean error [N] | inside the 95 % interval | pressed frames inside | width over force, median | linear [N] | quadratic [N] | process [N] | gain of the run | error after removing this gain [N] | error after a gain for each reading [N] |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, skin, component, runs, (readings, force, _) in cases(data):
@@ -152,9 +152,9 @@ def labelled_rows(data: Path, seeds: range) -> list[str]:
     """Error and coverage on a run of which some presses have one labelled frame each."""
     lines = [
         "",
-        f"With one labelled frame in each of some presses of the run that is asked (`this_run=True`), means over {len(seeds)} draws of these presses; the error is on frames of the other presses. The regression has the labels of both runs; the last column is the regression of the first run, times the factor that fits the labels of the second.",
+        f"Error with one labelled frame in each of some presses of the test run (`this_run=True`): means over {len(seeds)} draws of these presses; the error is on frames of the other presses. The regression has the labels of both runs; the last column is the regression of the first run, times the factor that fits the labels of the second.",
         "",
-        "| calibrated on, asked about | labels of the new run | mean error [N] | held by the 95 % interval | linear [N] | linear times factor [N] |",
+        "| calibrated on, tested on | labels of the new run | mean error [N] | inside the 95 % interval | linear [N] | linear times factor [N] |",
         "|---|---|---|---|---|---|",
     ]
     runs = streams(data / "tactileforce")

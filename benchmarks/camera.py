@@ -101,7 +101,7 @@ def scene(base: Scene, seed: int, diameter: float = DIAMETER, looks: dict[str, A
 
 def texture(base: Scene, seeds: int) -> Iterator[str]:
     """Of speckles, at the places that are read: the truth there."""
-    yield "| pictures | places | largest move [pixels] | error, median | root mean square | largest | std, root mean square | within 1 std | within 1.96 std | lost |"
+    yield "| pictures | places | largest move [pixels] | error, median | error, root mean square | error, largest | stated std, root mean square | within 1 std | within 1.96 std | lost |"
     yield "|---" * 10 + "|"
     for label, (force, looks, grain, apart) in TEXTURES.items():
         error, std, lost, count, most = [], [], 0, 0, 0.0
@@ -134,7 +134,7 @@ def texture(base: Scene, seeds: int) -> Iterator[str]:
 
 
 def displacement(base: Scene, seeds: int) -> Iterator[str]:
-    yield "| pictures | dots | largest move [pixels] | error, median | root mean square | largest | std, root mean square | within 1 std | within 1.96 std | lost | wrong dot |"
+    yield "| pictures | dots | largest move [pixels] | error, median | error, root mean square | error, largest | stated std, root mean square | within 1 std | within 1.96 std | lost | taken for another dot |"
     yield "|---" * 11 + "|"
     for label, (force, looks, diameter, stage) in CASES.items():
         error, std, lost, count, wrong, most = [], [], 0, 0, 0, 0.0
@@ -224,15 +224,15 @@ def on_grid(field: np.ndarray, fine: pp.AreaGrid, grid: pp.AreaGrid) -> np.ndarr
 
 
 def force(base: Scene, frames: int) -> Iterator[str]:
-    yield "| what presses | solved | force error | across error (of the force) | pressure error | force covered | across covered | peak covered | seconds |"
+    yield "| object | method | force error | shear error (of the force) | pressure error | force inside 95 % | shear inside 95 % | peak inside 95 % | seconds |"
     yield "|---" * 9 + "|"
     array = pp.AreaArray(shape=(7, 9), pitch=PITCH, depth=DEPTH, channels=CHANNELS)
     skin = pp.Skin(GEL, array, uncertainty=EXACT)
     for kind in KINDS:
         rows: dict[str, list[list[float]]] = {
-            "by itself": [],
-            f"by itself, friction {FRICTION:g}": [],
-            "by itself, with depth": [],
+            "single picture": [],
+            f"single picture, friction {FRICTION:g}": [],
+            "single picture, with depth": [],
             "tracked": [],
         }
         for index in range(frames):

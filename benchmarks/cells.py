@@ -154,7 +154,10 @@ def constants(cells: range, held: Path | None) -> list[str]:
     """
     with plain_samples():
         found = judged_pieces(cells, "adhesions", held)
-    lines = ["| number | count | shift | factor | part | held as sampled |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| quantity | count | shift [std] | factor of the std | part of the value | inside 95 % of the samples alone |",
+        "|---|---|---|---|---|---|",
+    ]
     for key in ("strain_energy", "traction_peak", "contractile_moment", "contractility"):
         rows = np.array([f[key] for f in found if not f["edge"]])
         lines.append(f"| {key} | {len(rows)} | {fitted(rows, key in spread.LOGARITHMIC)} |")
@@ -357,7 +360,11 @@ def main() -> None:
         lines += ["", "| method | cells | energy, whole field | energy, its middle | agree |", "|---|---|---|---|---|"]
         lines += crop(first, args.special, args.methods)
     if "windows" in args.rows:
-        lines += ["", "| window said | cells | energy | held | note |", "|---|---|---|---|---|"]
+        lines += [
+            "",
+            "| stated window | cells | energy | truth inside the interval | note given |",
+            "|---|---|---|---|---|",
+        ]
         lines += windows(first, args.special)
     if "times" in args.rows:
         lines += ["", "| vectors | processor time [s] | memory at most [GB] |", "|---|---|---|", *times(args.sides)]

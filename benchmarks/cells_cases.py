@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path)
     args = parser.parse_args()
     lines = [
-        "Made by `python benchmarks/cells_cases.py FOLDER`. Parts of the truth with 95 % intervals; bold where the interval leaves the truth out.",
+        "Made by `python benchmarks/cells_cases.py FOLDER`. Values relative to the truth, with 95 % intervals; bold if the interval does not contain the truth.",
         "",
     ]
     lines += [f"| field | vectors | {' | '.join(NAMES)} | time [s] |", "|---" * (3 + len(NAMES)) + "|"]

@@ -96,7 +96,7 @@ def summary(rows: list[dict[str, float]]) -> str:
     return f"{len(rows)} | {sum(r['touching'] for r in rows):.0f} | {depth:.0f} um ({part:.0f} %) | {100 * np.median(np.abs(errors)):.0f} % | {100 * np.median(errors):+.0f} % | {np.mean([r['held'] for r in rows]):.2f} | {100 * np.median([r['width'] for r in rows]):.0f} %"
 
 
-HEAD = "| {} | pictures | contact seen | depth error, rms near the contact (of its range) | force: median error | median bias | coverage | median half width |\n|---|---|---|---|---|---|---|---|"
+HEAD = "| {} | pictures | contact detected | depth error, rms near the contact (of its range) | force: median error | median bias | coverage | median half width |\n|---|---|---|---|---|---|---|---|"
 
 
 def population(gels: int) -> Iterator[list[str]]:
@@ -146,7 +146,7 @@ def _tables(by: Any, count: Any, dotted: Any, quiet: Any, taught: Any, seconds: 
     ]
     false = sum(r["touching"] for r in quiet)
     lines += [
-        f"Nothing touches: {len(quiet)} pictures, {false:.0f} said to show contact; the largest force that was stated is {1e3 * max(abs(r['found']) for r in quiet):.1f} mN.",
+        f"Nothing touches: {len(quiet)} pictures, {false:.0f} with contact reported; the largest reported force is {1e3 * max(abs(r['found']) for r in quiet):.1f} mN.",
         "",
         f"Processor time, one core: {np.median(taught):.1f} s for a calibration, the pictures of this page included, {np.median(seconds):.1f} s for a picture.",
         "",
@@ -176,7 +176,7 @@ def hard() -> list[str]:
         ("no contact, the coat slides by 0.3 mm", gel.picture(rng=rng, shear=(3e-4, 0.0)), []),
         ("dots slide by 0.3 mm, calibrated without dots", printed.picture(rng=rng, shear=(3e-4, 0.0)), []),
         (
-            "deeper and steeper than the ball that taught",
+            "deeper and steeper than the calibration ball",
             gel.picture([Ball(1.5e-3, 1.1e-3)], rng=rng),
             [Ball(1.5e-3, 1.1e-3)],
         ),
@@ -186,7 +186,7 @@ def hard() -> list[str]:
             [Ball(4e-3, 1.3e-3, 9.4e-3, 0.0)],
         ),
     ]
-    lines = ["| picture | force [N] | found [N], 95 % | what is said |", "|---|---|---|---|"]
+    lines = ["| picture | force [N] | found [N], 95 % | notes |", "|---|---|---|---|"]
     for (name, _, bodies), (relief, touch) in zip(cases, solved(model, [c[1] for c in cases], pad)):
         low, high = touch.interval(0.95, "force")
         force = sum(b.force(PLANE) for b in bodies)

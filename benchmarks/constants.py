@@ -232,7 +232,7 @@ def weighed(oracles: Path, seeds: range, only: str) -> list[str]:
     The sensor is that of the same day; "on the same day": without the part of the interval for gains of another day.
     """
     rows = [
-        "| bench | weights | palpate: mean error, of the mean force | inside 95 % | width, of the mean force | inside on the same day | width | linear | quadratic | process |",
+        "| bench | weights | palpate: mean error / mean force | inside 95 % | interval width / mean force | on the same day: inside 95 % | width | error of linear regression | quadratic | Gaussian process |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for bench, (make, _) in BENCHES.items():

@@ -116,7 +116,7 @@ def main() -> int:
     method = arguments.method
     said = f"--frames {arguments.frames} --contact '{arguments.contact}' --seed {arguments.seed} --method {method}"
     print(f"Made by `python benchmarks/coverage.py {said}`.\n")
-    print("| case | quantity | 50 % | 95 % | 50 %, 95 % without constants of its own |\n|---|---|---|---|---|")
+    print("| case | quantity | 50 % | 95 % | 50 %, 95 % with the constants of stress |\n|---|---|---|---|---|")
     for sensing in SENSING:
         for body in BODIES:
             case = Case(arguments.contact, sensing, body)

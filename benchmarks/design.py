@@ -191,7 +191,7 @@ def main() -> None:
         [
             "<!-- python benchmarks/design.py --write -->",
             "",
-            "**The bound beside the error of the reconstruction**",
+            "**The bound, and the error of the reconstruction**",
             "",
             *bounds(given.draws, offsets=False),
             "**A line load**",

@@ -86,8 +86,8 @@ def page(table: list[dict[str, float | str]]) -> str:
     lines = [
         "Made by `python benchmarks/edge_table.py --write`.",
         "",
-        f"A ball of radius {RADIUS:g} thicknesses near a free side of a glued gel. Readings: how far those of the endless layer are off, as a part of the readings' "
-        "root mean square. Force: what `reconstruct` finds with the endless layer, of 1 N.",
+        f"A ball of radius {RADIUS:g} thicknesses near a free side of a glued gel. Readings: error of the model of an infinite layer, divided by the root mean "
+        "square of the readings. Force: result of `reconstruct` with the infinite layer, for a true force of 1 N.",
         "",
         "| Poisson's ratio | middle of the ball from the side, thicknesses | stress at the base, press | drag | force | markers on the surface, press | drag |",
         "|---|---|---|---|---|---|---|",

@@ -207,18 +207,18 @@ def page(kept: dict[str, Any]) -> str:
     lines = [
         f"Written by `benchmarks/identify.py`: 8 x 8 taxels of normal stress, 1.5 mm apart and 1.5 mm deep in a half-space of 200 kPa; contacts of 0.8 to 4 mm, "
         "forces of 0.3 to 4 N, noise of 0.3 to 3 % of the largest reading, objects of 50 kPa to 2 MPa whose indentation is given. The readings are closed forms of Huber, Sneddon and Love "
-        f"(they agree with Boussinesq's point force, and add up to the force, to {100 * off:.1g} %), not the library's own.",
+        f"(they agree with Boussinesq's point force, and add up to the force, to {100 * off:.1g} %), not computed by palpate.",
         "",
-        "A cell says the median error, the median half width of the interval of 95 %, and how many of the intervals hold the truth; a bound alone (such as a modulus of at least) is an interval too. Where the shape was not told, it was given. "
-        "The centre is told in parts of the contact's radius.",
+        "Each entry gives the median error, the median half-width of the 95 % interval, and how many of the intervals contain the truth; a single bound (such as 'at least 1 MPa') counts as an interval. If `identify` could not tell the shape, the shape was passed to it. "
+        "The error of the centre is divided by the radius of the contact.",
         "",
-        "| object | modulus of the pad is known | frames | shape right, not told, wrong | one patch | radius | modulus of the object | stiffness | force | contact radius | centre |",
+        "| object | modulus of the pad known | frames | shape right, unknown, wrong | one patch | radius | modulus of the object | stiffness | force | contact radius | centre |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
         *rows,
         "",
-        "What cannot be told, and is said so (noise of 2 % of the largest reading):",
+        "Cases in which `identify` must give no number (noise of 2 % of the largest reading):",
         "",
-        "| what presses | must be said | said |",
+        "| object | right answer | how often given |",
         "|---|---|---|",
         *(f"| {case} | {said} | {told} of {count} |" for case, said, told, count in kept["untold"]),
         "",

@@ -188,7 +188,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--keep", type=Path)
     asked = parser.parse_args()
-    lines = ["| journey | command | seconds | of processor time | answer |", "|---|---|---|---|---|"]
+    lines = ["| case | command | seconds | seconds of processor time | result |", "|---|---|---|---|---|"]
     print("\n".join(lines), flush=True)
     with tempfile.TemporaryDirectory() as temporary:
         for name in asked.journeys or JOURNEYS:

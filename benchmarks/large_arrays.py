@@ -1,4 +1,4 @@
-"""How often a frame of a large array is wrong without a word: faults on 24 x 24 to 128 x 128 taxels.
+"""How often a frame of a large array is wrong without a warning: faults on 24 x 24 to 128 x 128 taxels.
 
     python benchmarks/large_arrays.py [--seed 0] [--frames 10] [--sizes 24,32] [--rows clean,offset,...] [--limit 60] [--keep FILE] [--each]
     python benchmarks/large_arrays.py --table FILE ... [--write]
@@ -16,8 +16,8 @@ rows are run.
 Wrong: the net force is off by more than 30 % of the load. Far outside: a component of the true force lies beyond its 95 % interval by more than half
 of the interval's half-width. A word: a status other than "solved" and "no contact", a fit below 0.01, a force that is not a number, an interval of
 the normal force wider than the load, or a note that warns. Notes that only report a nuisance that was removed, or readings that were left out, do
-not count as a word. Wrong without a word: wrong or far outside, and no word; a frame with the note that the force is uncertain counts as well if it
-is far outside. Gross: also off by more than 30 % and beyond the interval by more than its width. A needless word: a word on a right frame. Without
+not count as a warning. Wrong without a warning: wrong or far outside, and no word; a frame with the note that the force is uncertain counts as well if it
+is far outside. Gross: also off by more than 30 % and beyond the interval by more than its width. A needless warning: a word on a right frame. Without
 contact, a frame is wrong if it is solved and the interval of the normal force does not reach 0. A frame that takes longer than ``--limit`` seconds
 of processor time counts as not in time. Peaks of punches are not counted: their rims are narrower than the depth. The time includes the
 preparation of the sensor and the intervals; the memory is the largest of the process.
@@ -180,8 +180,8 @@ def judge(record: dict[str, Any]) -> Verdict:
 
 def rows_of(records: list[dict[str, Any]]) -> Iterator[str]:
     yield (
-        "| row | frames | wrong by > 30 % / without a word | force far outside 95 % / without a word | wrong without a word / gross | coverage at 95 %: force, peak, "
-        "cells | needless words | force error p50, p90 | field error | time p50, max [s] |"
+        "| row | frames | wrong by > 30 % / without a warning | force far outside 95 % / without a warning | wrong without a warning / gross | coverage at 95 %: force, peak, "
+        "cells | needless warnings | force error p50, p90 | traction error | time p50, max [s] |"
     )
     yield "|---|---|---|---|---|---|---|---|---|---|"
     for name in [r for r in ROWS if any(x["row"] == r for x in records)]:
@@ -225,7 +225,7 @@ def _row(name: str, records: list[dict[str, Any]]) -> str:
 
 
 def sizes_of(records: list[dict[str, Any]]) -> Iterator[str]:
-    yield "| size | frames | wrong without a word | time p50, p90, max [s] | not in time | memory of all in one process [MiB] |"
+    yield "| size | frames | wrong without a warning | time p50, p90, max [s] | not in time | memory of all in one process [MiB] |"
     yield "|---|---|---|---|---|---|"
     for n in sorted({r["n"] for r in records}):
         mine = [r for r in records if r["n"] == n]

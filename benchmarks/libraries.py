@@ -214,7 +214,7 @@ def pictures(folder: Path) -> list[str]:
     image = (rng.poisson(40, (96, 128)) * 50).astype(np.uint16)
     image[30:50] = 7
     rows = [
-        "| packed by | palpate reads it | tifffile with imagecodecs | damaged files noticed: palpate | imagecodecs |",
+        "| compression | palpate reads it | tifffile with imagecodecs | damaged files detected: palpate | imagecodecs |",
         "|---|---|---|---|---|",
     ]
     for kind in ("lzw", "zlib", "packbits", "zstd", "lzma"):
@@ -270,7 +270,7 @@ def matlab(folder: Path) -> list[str]:
         "|---|---|---|",
         f"| what a struct array of two frames becomes | {', '.join(own)} | {type(other['displacement']).__name__} of {len(other['displacement'])} |",
         f"| time | {1e3 * best(lambda: fields_of(path)):.1f} ms | {1e3 * best(lambda: pymatreader.read_mat(path)):.1f} ms |",
-        "| positions and vectors found by what they hold, units, sizes checked before memory is taken | yes | no: the tree alone |",
+        "| positions and vectors found by what they hold, units, sizes checked before memory is taken | yes | no: only the tree |",
     ]
 
 

@@ -93,8 +93,8 @@ def main() -> None:
     lines = [
         "Made by `python benchmarks/measured.py --write`.",
         "",
-        "| taxels deep | known by | map of a point load off | it says | force off (root mean square) | mean | 95 % intervals that hold it | half of one | centre off | intervals "
-        "that hold it | preparation |",
+        "| depth of taxels | pad known from | error of the response to a point load | stated error | force error, root mean square | force error, mean | force inside 95 % | half-width of the "
+        "interval | centre error | centre inside 95 % | preparation |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for depth in (2e-3, 3e-3):

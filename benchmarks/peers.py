@@ -303,9 +303,9 @@ PROGRAMS: dict[str, tuple[str, Callable[[int, np.ndarray, np.ndarray], Solve], s
     "pyTFM, FTTC": ("displacement", pytfm, "pyTFM", "periodic; fixed Gaussian"),
     "palpate, tikhonov, pressure": ("stress", palpate_of("stress", method="tikhonov"), "", "free edge, evidence"),
     "palpate, automatic, pressure": ("stress", palpate_of("stress"), "", "free edge, error bars, noise learned"),
-    "scikit-image, wiener": ("stress", skimage_told, "skimage", "balance told by the truth"),
+    "scikit-image, wiener": ("stress", skimage_told, "skimage", "balance from the truth"),
     "scikit-image, unsupervised_wiener": ("stress", skimage_unsupervised, "skimage", "periodic"),
-    "pyproximal, FISTA": ("stress", pyproximal_push, "pyproximal", "pressure >= 0; weight told by the truth"),
+    "pyproximal, FISTA": ("stress", pyproximal_push, "pyproximal", "pressure >= 0; weight from the truth"),
     "palpate, forward": ("forward", palpate_forward, "", "displacement_z, depth 0"),
     "ContactMechanics, forward": ("forward", contact_mechanics, "ContactMechanics", "displacement, depth 0"),
 }
@@ -391,8 +391,8 @@ def measure(name: str, size: int, file: str) -> dict[str, float]:
     before = peak()
     start = time.process_time()
     solve = begin(size, readings, truth)
-    if "told" in PROGRAMS[name][3]:
-        start = time.process_time()  # what the truth told is not its work
+    if "from the truth" in PROGRAMS[name][3]:
+        start = time.process_time()  # the time to find a parameter from the truth does not count
     found = solve()
     first = time.process_time() - start
     times = []
@@ -465,7 +465,7 @@ def main() -> None:
         print(json.dumps(measure(name, int(size), file)))
         return
     text = [
-        "Computing the same, programs differ by, as a part of the largest value:\n",
+        "Difference of programs that compute the same quantity, relative to the largest value:\n",
         "| | difference |",
         "|---|---|",
     ]

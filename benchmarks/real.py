@@ -314,12 +314,12 @@ def linear(recording: Recording) -> np.ndarray:
 # -- the tables ----------------------------------------------------------------------------------------------------------
 
 HEADER = (
-    "| road | frames | pressed | of these 'no contact' | at rest | of these contact (interval without 0) | status: frames | fitted factor | held by the 95 % interval | no interval | "
-    "open above | interval's width over the force, median | R^2, mean error [N] | linear: R^2, mean error [N] | fit has a value | notes clash | seconds a frame |"
+    "| method | frames | pressed | of these 'no contact' | at rest | of these contact (interval without 0) | status: frames | fitted factor | force inside the 95 % interval | no interval | "
+    "no upper end | interval's width over the force, median | R^2, mean error [N] | linear: R^2, mean error [N] | with a misfit probability | contradictory notes | seconds a frame |"
 )
 SHORT = (
-    "| set | pressed frames | reconstruct: pressed and called 'no contact' | held by the 95 % interval | notes clash | track: pressed and called 'no contact' | "
-    "held by the 95 % interval | notes clash | contradict each other | 'no contact' beside an interval without 0 |"
+    "| set | pressed frames | reconstruct: pressed and called 'no contact' | force inside the 95 % interval | contradictory notes | track: pressed and called 'no contact' | "
+    "force inside the 95 % interval | contradictory notes | disjoint intervals | 'no contact' from one, an interval without 0 from the other |"
 )
 
 
@@ -354,7 +354,7 @@ def table(recording: Recording, *, each: bool = False) -> tuple[list[str], str]:
     told = linear(recording) if np.isfinite(force).all() else np.full(len(force), np.nan)
     out = [f"Source: {recording.source}. Guesses: {recording.guesses}. {len(recording.rest)} rest frames.", ""]
     if by_itself.any():
-        out[0] += " Pressed is what reads more than 30 standard deviations of the rest somewhere."
+        out[0] += " A frame counts as pressed if a reading exceeds 30 standard deviations of the frames at rest."
     out += [HEADER, "|---" * (HEADER.count("|") - 1) + "|"]
     along = recording.direction if recording.direction >= 0 else best_axis([a for a, _ in roads.values()], force)
     for road, (answers, seconds) in roads.items():
@@ -402,7 +402,7 @@ def table(recording: Recording, *, each: bool = False) -> tuple[list[str], str]:
     apart, none, both = contradictions(roads["reconstruct"][0], roads["track"][0])
     out += [
         "",
-        f"Frames where the two contradict each other: {apart} of {both} with two intervals; 'no contact' beside an interval without 0: {none}.",
+        f"Frames for which `reconstruct` and `track` give disjoint intervals: {apart} of {both}; 'no contact' from one, and an interval without 0 from the other: {none}.",
     ]
     line = f"| {recording.name} | {pressed.sum()} | " + " | ".join(told_in_short) + f" | {apart} of {both} | {none} |"
     return out, line
@@ -449,7 +449,7 @@ def pictures(folder: Path, count: int) -> Iterator[tuple[str, list[str]]]:
         answers: dict[str, list[Answer]] = {}
         lines = [f"{len(chosen)} pictures of {film}, the first 10 at rest; {skin}; no force sensor.", ""]
         lines += [
-            "| road | pictures | status: pictures | normal force, smallest to largest [N] | of the first ten, interval without 0 | fit has a value | notes clash | seconds a picture |",
+            "| method | pictures | status: pictures | normal force, smallest to largest [N] | of the first ten, interval without 0 | with a misfit probability | contradictory notes | seconds a picture |",
             "|---" * 8 + "|",
         ]
         for road, tracked in (("reconstruct", False), ("track", True)):
@@ -473,7 +473,7 @@ def pictures(folder: Path, count: int) -> Iterator[tuple[str, list[str]]]:
         apart, none, both = contradictions(*([[a] for a in mine] for mine in answers.values()))
         lines += [
             "",
-            f"Pictures where the two contradict each other: {apart} of {both} with two intervals; 'no contact' beside an interval without 0: {none}.",
+            f"Pictures for which `reconstruct` and `track` give disjoint intervals: {apart} of {both}; 'no contact' from one, and an interval without 0 from the other: {none}.",
         ]
         yield f"film {film}", lines
 

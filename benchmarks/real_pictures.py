@@ -64,7 +64,7 @@ def circle(points: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
 
 def dots(folder: Path) -> Iterator[str]:
     yield (
-        "| picture | dots of the table, found, invented | within 1.5 px of the table | the same, decimals that were cut off allowed for | whole dots: from their rim, median, largest | "
+        "| picture | dots of the table, found, invented | within 1.5 px of the table | the same, allowing for truncated decimals | whole dots: from their rim, median, largest | "
         "the table from the rim, median | all dots within 1.5 px of their rim's middle: found, table |"
     )
     yield "|---" * 7 + "|"
@@ -103,10 +103,10 @@ def dots(folder: Path) -> Iterator[str]:
             )
     yield from (
         "",
-        "Dots that are further than 1.5 px from the table, allowed for what was cut off, or from the middle of their rim:",
+        "Dots farther than 1.5 px from the table, allowing for truncated decimals, or from the middle of their rim:",
         "",
     )
-    yield "| picture | Mx, My | rim to be seen | found from the table [px] | found from the rim's middle [px] | table from the rim's middle [px] |"
+    yield "| picture | Mx, My | visible part of the rim | found from the table [px] | found from the rim's middle [px] | table from the rim's middle [px] |"
     yield "|---" * 6 + "|"
     yield from apart
 
@@ -115,7 +115,7 @@ def particles(folder: Path) -> Iterator[str]:
     theirs = read_field(folder / "B00010_UQ.dat", pixel=1.0)
     pair = [read_picture(folder / name) for name in ("B00010.tif", "B00011.tif")]
     assert theirs.std is not None
-    yield "| windows [px] | | places | difference, median | stated std here, median | stated std there, median | within 1 std of both | within 1.96 | within 3 |"
+    yield "| windows [px] | | places | difference, median | stated std of palpate, median | stated std of the other program, median | within 1 std of both | within 1.96 | within 3 |"
     yield "|---" * 9 + "|"
     for window in (16, 24, 32):
         mine = bead_displacements(*pair, pixel=1.0, window=window, step=8, drift=False)
@@ -143,7 +143,7 @@ def particles(folder: Path) -> Iterator[str]:
             )
     yield from (
         "",
-        "Fourth differences of vectors side by side, in units of what their standard deviations say (68, 95 and 99.7 % are right):",
+        "Fourth differences of adjacent vectors, in units of their stated standard deviation (68, 95 and 99.7 % would be right):",
         "",
     )
     yield "| vectors | | along | differences | within 1 std | within 1.96 | within 3 |"

@@ -256,7 +256,7 @@ def one(name: str) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    lines = ["| layout and method | | after [s] | memory [GB] | what is said |", "|---|---|---|---|---|"]
+    lines = ["| layout and method | | after [s] | memory [GB] | message |", "|---|---|---|---|---|"]
     for r in rows:
         said = r["said"] if len(r["said"]) <= WORDS else r["said"][:WORDS].rsplit(" ", 1)[0] + " ..."
         said = said.replace("|", "\\|").replace("*", "\\*")
@@ -266,15 +266,15 @@ def table(rows: list[dict[str, Any]]) -> str:
     if refused:
         late, most = max(r["seconds"] for r in refused), max(r["memory"] for r in refused)
         lines.append(
-            f"{len(refused)} of {len(rows)} cases are refused, after {late:.2f} s and with {most:.2f} GB at most; "
-            f"{sum(r['outcome'] == 'served' for r in rows)} are served and {sum(r['outcome'] == 'prepared' for r in rows)} prepared."
+            f"{len(refused)} of {len(rows)} cases are refused, at the latest after {late:.2f} s and with {most:.2f} GB at most; "
+            f"{sum(r['outcome'] == 'served' for r in rows)} are solved and {sum(r['outcome'] == 'prepared' for r in rows)} prepared."
         )
     return "\n".join(lines) + "\n"
 
 
 HEADING = (
-    "# Refusals\n\nWritten by `benchmarks/refusals.py`: each case in a process of its own with 12 GB of address space (8 GB where tikhonov serves "
-    "bumps); processor seconds and memory since palpate is imported, one thread.\n\n"
+    "# Refusals\n\nWritten by `benchmarks/refusals.py`: each case in a separate process with 12 GB of address space (8 GB for tikhonov on "
+    "several bumps); processor seconds and memory since palpate is imported, one thread.\n\n"
 )
 
 

@@ -1,4 +1,4 @@
-"""What each rule of the contact method buys: error, frames wrong without a word, coverage and words, on frames that tuned nothing.
+"""What each rule of the contact method buys: error, frames wrong without a warning, coverage and words, on frames that tuned nothing.
 
     python benchmarks/rules.py run found.jsonl --frames 4 --seconds 420     measure, for so long; begun again it goes on where it stopped
     python benchmarks/rules.py run found.jsonl --only "short line,loud"      some rules
@@ -203,13 +203,14 @@ def table(file: Path) -> str:
     records = [json.loads(line) for line in file.read_text().splitlines()]
     by = {(r["row"], r["index"], r["rule"]): r["verdict"] for r in records if r["verdict"]}
     lines = [
-        "# What each rule of contact buys",
+        "# The effect of each rule of the contact method",
         "",
-        "Made by `python benchmarks/rules.py`: frames of every row of `palpate bench trust`, of a seed that tuned nothing. Frames with another answer without the "
-        "rule; error of the traction over that with it (geometric mean over all frames); frames wrong without a word, and frames without a word, with the rule and "
-        "without; part of true values inside the 95 % interval without it, less with it. Rules that are in the table and no longer in the code were deleted for it.",
+        "Made by `python benchmarks/rules.py`: frames of every row of `palpate bench trust`, with a seed not used for tuning. Columns: frames whose result "
+        "changes without the rule; error of the traction without the rule divided by that with it (geometric mean over all frames); frames wrong without a warning, "
+        "and frames without a warning, each with the rule / without it; change of the coverage of 95 % intervals without the rule. Rules in the table that are not in "
+        "the code were deleted because of it.",
         "",
-        "| without | frames | changed | error | wrong without a word | without a word | force | peak | cells |",
+        "| rule left out | frames | changed | error ratio | wrong without a warning | without a warning | coverage of force | of peak | of cells |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for rule in dict.fromkeys(r["rule"] for r in records if r["rule"] != "whole"):

@@ -204,7 +204,7 @@ def _bars(touch: Any) -> Any:
 
 def table_automatic(rows: list[dict[str, Any]]) -> str:
     lines = [
-        "| layout | readings | prepare [s] | first frame [s] | frame [s] | error bars, if asked for [s] | memory [GB] | error | of tikhonov | noise found | forces within 95 % |",
+        "| layout | readings | prepare [s] | first frame [s] | frame [s] | error bars, if asked for [s] | memory [GB] | error | of tikhonov | estimated noise / true | forces within 95 % |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
@@ -217,13 +217,16 @@ def table_automatic(rows: list[dict[str, Any]]) -> str:
     if len(some) > 1:
         slope = np.polyfit(np.log([r["readings"] for r in some]), np.log([r["frame"] for r in some]), 1)[0]
         ends = f"{some[0]['name']} to {some[-1]['name']}"
-        lines += ["", f"Frame time of stress, {ends}, grows with the readings to the power {slope:.2f}."]
+        lines += [
+            "",
+            f"Frame time of stress, {ends}, is proportional to the number of readings to the power {slope:.2f}.",
+        ]
     return "\n".join(lines) + "\n"
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     lines = [
-        "| layout | readings | prepare [s] | first frame [s] | frame [s] | in a batch [s] | force and its error [s] | memory [GB] | error | noise found |",
+        "| layout | readings | prepare [s] | first frame [s] | frame [s] | in a batch [s] | force and its error [s] | memory [GB] | error | estimated noise / true |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
@@ -237,7 +240,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         some = [known[n] for n in names if n in known]
         if len(some) > 1:
             slope = np.polyfit(np.log([r["readings"] for r in some]), np.log([r["frame"] for r in some]), 1)[0]
-            lines.append(f"Frame time of {family} grows with the readings to the power {slope:.2f}.")
+            lines.append(f"Frame time of {family} is proportional to the number of readings to the power {slope:.2f}.")
     return "\n".join(lines) + "\n"
 
 
@@ -304,7 +307,7 @@ def table_methods(rows: list[dict[str, Any]]) -> str:
     if grows:
         lines += [
             "",
-            f"A frame's time grows with the readings, from {SIDES[1]} x {SIDES[1]}, to the power: {'; '.join(grows)}.",
+            f"The time of a frame is proportional to a power of the number of readings, from {SIDES[1]} x {SIDES[1]} on: {'; '.join(grows)}.",
         ]
     return "\n".join(lines) + "\n"
 

@@ -350,19 +350,19 @@ def spheres() -> list[str]:
 
 
 STATED = (
-    " Mesh errors are those of `SolidPad.mesh_error` with a third mesh, which gave no readings; the solid models state "
+    " Mesh errors are those of `SolidPad.mesh_error` with a third mesh, not used for readings; the solid models state "
     "them as `Uncertainty(gain=)`."
 )
 #: What a part measures, and what makes its table.
 PARTS: dict[str, tuple[str, Callable[[], list[str]]]] = {
     "shell": (
-        "A hollow sphere on a rigid core under pressure, over Lame's solution (1 is right). Its surface is made of "
-        "facets, which are what is left of the error.",
+        "A hollow sphere on a rigid core under pressure, divided by Lame's solution (1 is exact). The "
+        "remaining error comes from the facets of the surface.",
         spheres,
     ),
     "layer": (
-        "The middle of a box eight thicknesses wide, beside the endless layer: largest difference over the largest "
-        "reading at 24 places, a ball of 1.5 thicknesses across. Elements are cubes within one thickness of the "
+        "The middle of a box eight thicknesses wide, compared with an infinite layer: largest difference divided by the "
+        "largest reading at 24 places, a ball of 1.5 thicknesses across. Elements are cubes within one thickness of the "
         "middle, and grow towards the sides.",
         partial(layer, (0.3, 0.49, 0.499)),
     ),
@@ -375,8 +375,8 @@ PARTS: dict[str, tuple[str, Callable[[], list[str]]]] = {
     "dome": (
         "A ball of radius 1.5 mm that presses with 1 N and drags with 0.2 N towards the rim, on a half sphere of "
         "radius 10 mm with 4 mm of gel on its core (Poisson's ratio 0.48) and 6 x 6 x 3 taxels on the core; places are "
-        "angles from the top. Readings are those of a mesh of 1 mm, the model has one of 1.33 mm. Beside it, what the "
-        "flat endless layer says of the same readings." + STATED,
+        "angles from the top. Readings are those of a mesh of 1 mm, the model has one of 1.33 mm. For comparison, "
+        'the same readings are solved with a flat infinite layer ("endless").' + STATED,
         on_a_dome,
     ),
     "crook": (

@@ -165,7 +165,7 @@ class Bench:
 
 def table(frames: int, seeds: Sequence[int], rows: Sequence[str], pads: Sequence[str]) -> list[str]:
     lines = [
-        "| pad (error of its mesh) | row | frames | wrong | wrong without a word | outside of the interval | components inside |",
+        "| pad (error of its mesh) | row | frames | wrong | wrong without a warning | outside of the interval | components inside |",
         "|---|---|---|---|---|---|---|",
     ]
     every: list[Verdict] = []
@@ -182,7 +182,7 @@ def table(frames: int, seeds: Sequence[int], rows: Sequence[str], pads: Sequence
         lines.append(_line(f"{name} ({100 * bench.error:.1f} %)", "**all**", here))
         every += here
     lines.append(_line("all pads", "**all**", every))
-    return [*lines, "", "Wrong without a word, each:", "", *(cases or ["none"])]
+    return [*lines, "", "Wrong without a warning, each:", "", *(cases or ["none"])]
 
 
 def _line(pad: str, row: str, found: Sequence[Verdict]) -> str:
@@ -208,10 +208,10 @@ def main() -> None:
     out = [
         f"Made by `python benchmarks/solid_trust.py --frames {chosen.frames} --seeds {' '.join(map(str, chosen.seeds))} --write`.",
         "",
-        "Balls of 1.2 to 2.5 mm radius (small ones: 0.2 to 0.7 pitches) and 0.3 to 2 N, one or two, sliding with up to 0.6 of that, anywhere over 4 x 5 x 3 taxels on the base. "
-        "Readings of a finer mesh; the error of the model's mesh is worked out with a third one and stated; noise is not, but where it is misstated. Left out are the rows of wrong "
-        "descriptions of the pad, of recordings, of square arrays and of displacements. What is done to readings, and what counts as wrong, as a word and as far outside is said by "
-        "`palpate bench trust` (net force off by more than 30 % of the load; outside of its 95 % interval by more than half its half-width).",
+        "One or two balls press anywhere over 4 x 5 x 3 taxels on the base, with contact radii of 1.2 to 2.5 mm (small ones: 0.2 to 0.7 pitches), 0.3 to 2 N, and shear up to 0.6 of that. "
+        "The readings come from a finer mesh. The error of the model's mesh, from a third mesh, is stated; the noise is not, except where it is misstated. The rows of wrong pad "
+        "descriptions, recordings, square arrays and displacements are left out. Faults, and what counts as wrong, as a warning and as far outside, are those of "
+        "`palpate bench trust` (net force off by more than 30 % of the load; outside its 95 % interval by more than half its half-width).",
         "",
         *table(chosen.frames, chosen.seeds, chosen.rows, chosen.pads),
         "",

@@ -191,7 +191,7 @@ def main() -> int:
     lines = [
         "# Structure",
         "",
-        "Made by `python benchmarks/structure.py`" + (", beside the code before." if before else "."),
+        "Made by `python benchmarks/structure.py`" + (", compared with the earlier code." if before else "."),
         "",
         "| | before | now |" if before else "| | now |",
         "|---|---|---|" if before else "|---|---|",

@@ -114,15 +114,15 @@ def measured(touch: Any, truth: np.ndarray, skin: pp.Skin) -> dict[str, float]:
         "background": float(np.sqrt((values[:, ~on] ** 2).mean() / (true[:, on] ** 2).mean())),
         "magnitude": float(np.hypot(*values)[on].mean() / np.hypot(*true)[on].mean()),
         "net force": float(np.abs(np.asarray(touch.force)[:2]).max() / (np.hypot(*true).sum() * grid.cell)),
-        "on adhesions": float(covered[:, on].mean()),
-        "off adhesions": float(covered[:, ~on].mean()),
-        "force covered": float(
+        "inside 95 %, on adhesions": float(covered[:, on].mean()),
+        "inside 95 %, elsewhere": float(covered[:, ~on].mean()),
+        "force inside 95 %": float(
             np.nanmean(np.where(np.isfinite(force_low), (force_low <= 0) & (force_high >= 0), np.nan))
         )
         if np.isfinite(force_low).any()
         else float("nan"),
         "energy": _energy(skin, np.pad(values, ((0, 1), *((t, t) for t in trim)))) / _energy(skin, truth),
-        "drift said": float(any("shift" in note for note in touch.notes)),
+        "note on drift": float(any("shift" in note for note in touch.notes)),
         "std": float(np.sqrt((std**2).mean() / (true[:, on] ** 2).mean())),
     }
 

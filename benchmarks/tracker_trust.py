@@ -1,4 +1,4 @@
-"""How often a tracker is wrong without a word: a stream with every fault injected at random.
+"""How often a tracker is wrong without a warning: a stream with every fault injected at random.
 
 python benchmarks/tracker_trust.py [--minutes 10] [--seed 0] [--rate 50] [--friction 0.6] [--faults pull,dead,...] [--each] [--markdown FILE]
 
@@ -150,7 +150,7 @@ class Scene:
 def measured(
     minutes: float, seed: int, *, rate: float = 50.0, friction: float | None = 0.6, faults: tuple[str, ...] = FAULTS
 ) -> dict[str, float]:
-    """Seconds of a stream: all, known, wrong and outside, each with and without a word; and what went wrong with the code."""
+    """Seconds of a stream: all, known, wrong and outside, each with and without a warning; and what went wrong with the code."""
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     channels = ["stress_xz", "stress_yz", "stress_zz"]
     skin = pp.Skin(pad, pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=1.5e-3, channels=channels))
@@ -158,7 +158,7 @@ def measured(
     tracker, monitor = skin.track(friction=friction, baseline=20, rate=rate), GraspMonitor(friction=friction or 0.6)
     scene.begins = max(scene.begins, 30 / rate)
     found: dict[str, float] = dict.fromkeys(
-        ["frames", "answered", "worded", "wrong", "wrong without a word", "outside", "outside without a word"], 0
+        ["frames", "answered", "worded", "wrong", "wrong without a warning", "outside", "outside without a warning"], 0
     )
     begun = time.perf_counter()
     for _ in range(round(60.0 * minutes * rate)):
@@ -181,9 +181,9 @@ def measured(
             low, high = touch.interval(0.95, "force")
             outside = not low[2] <= truth <= high[2]
         found["wrong"] += wrong
-        found["wrong without a word"] += wrong and not word
+        found["wrong without a warning"] += wrong and not word
         found["outside"] += outside
-        found["outside without a word"] += outside and not word
+        found["outside without a warning"] += outside and not word
     found["milliseconds a frame"] = 1e3 * (time.perf_counter() - begun) / max(found["frames"], 1)
     for key in list(found):
         if "milliseconds" not in key:
@@ -203,11 +203,11 @@ def main() -> None:
     args = parser.parse_args()
     every = tuple(f for f in args.faults.split(",") if f in FAULTS)
     rows = [every, *([(), *((f,) for f in every)] if args.each else [])]
-    names = ("answered", "worded", "wrong", "wrong without a word", "outside", "outside without a word")
+    names = ("answered", "worded", "wrong", "wrong without a warning", "outside", "outside without a warning")
     lines = [
         f"Made by `python benchmarks/tracker_trust.py --minutes {args.minutes:g} --rate {args.rate:g} --seed {args.seed}{' --each' if args.each else ''}`.",
         "",
-        "| faults | seconds | answered | with a word | wrong by > 30 % | of these without a word | truth outside 95 % | of these without a word |",
+        "| faults | seconds | answered | with a warning | wrong by > 30 % | of these without a warning | truth outside 95 % | of these without a warning |",
         "|---|---|---|---|---|---|---|---|",
     ]
     print(f"{'faults':<12}{'seconds':>9}" + "".join(f"{n:>24}" for n in names) + f"{'ms a frame':>12}")

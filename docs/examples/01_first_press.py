@@ -2,7 +2,7 @@
 First press: force with its interval
 ====================================
 
-A finger of 4 x 4 taxels with three axes each, 2 mm under a soft pad. A ball presses and drags. What is its force, and how sure is that?
+A sensor has 4 x 4 taxels with three axes each, 2 mm below the surface of a soft pad. A ball presses and drags. What is its force, with which interval?
 """
 
 import numpy as np
@@ -19,14 +19,14 @@ taxels = pp.AreaArray(
 skin = pp.Skin(pad, taxels)
 
 # %%
-# A contact of which the truth is known stands in for the finger: 2 N down, 0.6 N sideways. Put readings of your own here,
+# The readings are simulated for a known contact: 2 N down, 0.6 N sideways. Put your own readings here,
 # with the shape (channel, row, column).
 
 ball = pp.solutions.hertz_point(contact_radius=4e-3, force=2.0).sliding(0.3)
 readings = skin.sense(ball, rng=np.random.default_rng(0))
 
 # %%
-# The answer. Nothing is tuned, the noise is learned from the readings.
+# The result. Nothing is tuned; the noise is estimated from the readings.
 
 touch = skin.reconstruct(readings)
 print(touch.summary(friction=0.5))
@@ -39,6 +39,6 @@ for name, value, least, most in zip(skin.components, touch.force, low, high, str
     print(f"{name}: {value:.2f} N, 95 % between {least:.2f} and {most:.2f} N")
 
 # %%
-# Pressure with arrows of shear, and below it the truth. Sixteen taxels tell the force well, and the shape roughly.
+# Pressure with arrows of shear, and the truth below it. Sixteen taxels determine the force well, and the shape roughly.
 
 figure = touch.plot(truth=skin.sample(ball))

@@ -2,8 +2,8 @@
 A CSV of raw counts: forces over time
 =====================================
 
-What a driver writes: a line a frame, ``timestamp_ms,x1,y1,z1,x2,...``, whole counts with offsets. Out of it come forces with intervals,
-as a table for any program and as a figure with the events marked.
+A driver writes one line per frame, ``timestamp_ms,x1,y1,z1,x2,...``, in raw counts with offsets. palpate makes a table of forces with intervals
+and a figure with the events marked.
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ from palpate.touch import Forces
 folder = Path(mkdtemp())
 
 # %%
-# The sensor: 4 x 4 taxels of three axes at the base of a soft pad, 8 Pa a count.
+# The sensor has 4 x 4 taxels of three axes at the base of a soft pad. One count is 8 Pa.
 
 pad = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
 channels = ["stress_xz", "stress_yz", "stress_zz"]
@@ -27,7 +27,7 @@ taxels = pp.AreaArray(shape=(4, 4), pitch=4.5e-3, depth=4e-3, aperture=3e-3, cha
 skin = pp.Skin(pad, taxels)
 
 # %%
-# A file as a driver would write it: a finger rests, presses, drags until it slides, and lifts. Leave this step out for a file of yours.
+# This step writes such a file: a finger rests, presses, drags until it slides, and lifts. Leave it out if you have a file.
 
 rng = np.random.default_rng(0)
 stages = [
@@ -47,7 +47,7 @@ for frame in simulation.stream(skin, stages, friction=0.5, radius=8e-3, rate=50.
 print("\n".join(line[:60] + " ..." for line in lines[:3]))
 
 # %%
-# Which column is what. In a ``skin.toml`` the same keys stand in its section ``[columns]``.
+# The meaning of the columns. A ``skin.toml`` has the same keys in its section ``[columns]``.
 
 columns = TableMapping(
     time="timestamp_ms",
@@ -60,7 +60,7 @@ recording = read_recording(folder / "taxels.csv", mapping=columns)
 print(recording.readings.shape, recording.channels)
 
 # %%
-# The first 15 frames are the zero; nothing may touch in them. Then a tracker follows frame after frame, and a monitor says what happens.
+# The first 15 frames give the zero; nothing may touch in them. Then a tracker solves each frame, and a monitor reports events.
 
 monitor = pp.GraspMonitor(friction=0.6)
 forces = Forces()
@@ -72,6 +72,6 @@ forces.write(folder / "forces.csv")
 print((folder / "forces.csv").read_text()[:300], "...")
 
 # %%
-# Normal force and drag with their 95 % bands. The drag stops growing where the finger begins to slide.
+# Normal and tangential force with their 95 % bands. The tangential force stops growing when the finger begins to slide.
 
 figure = forces.plot(events=monitor.events, title="Raw counts of 16 taxels: a finger presses, drags and slides")

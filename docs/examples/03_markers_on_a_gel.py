@@ -2,8 +2,8 @@
 Markers on a glued gel: pressure from sideways motion
 =====================================================
 
-A camera sees dots 0.5 mm under the surface of a gel move sideways. That the gel is glued to a window, and that contact pushes and
-never pulls, is enough to find the pressure.
+A camera sees dots move sideways, 0.5 mm below the surface of a gel that is glued to a window. palpate finds the pressure from this
+motion, because contact pushes and never pulls.
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +16,7 @@ dots = pp.AreaArray(shape=(9, 9), pitch=1.5e-3, depth=0.5e-3, channels=["displac
 skin = pp.Skin(gel, dots)
 
 # %%
-# A ball presses with 0.5 N and slides with 0.15 N. Dots are found to a micrometre or so; put displacements of your own here [m].
+# A ball presses with 0.5 N and slides with 0.15 N. The positions of dots have an error of about a micrometre. Put your own displacements here [m].
 
 ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=0.5).sliding(0.3)
 rng = np.random.default_rng(1)
@@ -27,7 +27,7 @@ touch = skin.reconstruct(moved, friction=0.5)
 print(touch.summary(friction=0.5))
 
 # %%
-# What the camera saw, and what was found. The dots about the contact move away from it, and all move with the drag.
+# The motion of the dots, and the result. Dots around the contact move away from it, and all dots move with the drag.
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
 y, x = np.meshgrid(*(1.5 * (np.arange(9) - 4),) * 2, indexing="ij")

@@ -2,8 +2,8 @@
 A map of depth beside the markers narrows the normal force
 ==========================================================
 
-Dots that move sideways tell the normal force only through the shape of the contact. Where another method (photometric stereo,
-structured light) also says how far the surface is pressed in, the readings tell it themselves, and the interval shrinks.
+From dots that move sideways, palpate infers the normal force only through the shape of the contact. If another method (photometric stereo,
+structured light) measures the depth of the indentation too, the readings determine the normal force, and its interval shrinks.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,7 @@ gel = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=300e3, poissons
 dots = pp.AreaArray(shape=(6, 8), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"], noise=1e-6)
 
 # %%
-# The depth of the surface, known at places of its own with 5 µm. For a video, `palpate.camera.follow` takes a `DepthMap` of such places.
+# The depth of the surface, measured at other places with an error of 5 µm. For a video, pass a `DepthMap` to `palpate.camera.follow`.
 
 places = np.stack(np.meshgrid(np.arange(-6, 7, 2.0), np.arange(-4, 5, 2.0)), axis=-1).reshape(-1, 2) * 1e-3
 depth = pp.ScatteredArray(positions=places, depth=0.0, channels=["displacement_z"], noise=5e-6)
@@ -24,7 +24,7 @@ markers = pp.Skin(gel, dots)
 both = pp.Skin(gel, [dots, depth], surface=markers.surface)
 
 # %%
-# The same press, read without and with the depth.
+# The same press, solved without and with the depth.
 
 ball = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.5).sliding(0.2)
 readings = both.sense(ball, rng=np.random.default_rng(2))

@@ -2,7 +2,7 @@
 A cell on a gel: traction, strain energy and contractility
 ==========================================================
 
-Traction force microscopy: a field of displacements on a soft gel becomes the traction of the cell, and three numbers with their errors.
+Traction force microscopy: palpate computes the traction of a cell from a field of displacements on a soft gel, and three numbers with errors.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from palpate.microscopy import Field, cell_forces
 
 # %%
 # A cell that pulls inwards at four adhesions, on a gel of 8 kPa: 32 x 32 vectors, one every 2 µm, with 20 nm of noise.
-# `palpate.microscopy.read_field` reads a field of yours, `bead_displacements` makes one from two pictures.
+# `palpate.microscopy.read_field` reads your own field; `bead_displacements` computes one from two pictures.
 
 gel = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
 vectors = pp.AreaArray(shape=(32, 32), pitch=2e-6, depth=0.0, channels=["displacement_x", "displacement_y"])
@@ -25,26 +25,26 @@ for place in ((14e-6, 14e-6), (-14e-6, 14e-6), (14e-6, -14e-6), (-14e-6, -14e-6)
 moved = fine.sense(traction) + np.random.default_rng(3).normal(0.0, 20e-9, (2, 32, 32))
 
 # %%
-# A picture counts its rows downwards, and so does a field.
+# Rows of a field count downwards, as in a picture.
 
 picture = np.stack([moved[0, ::-1], -moved[1, ::-1]])
 field = Field(displacement=picture, start=(10.0, 10.0), step=20.0, pixel=0.1e-6)
 
 # %%
-# Noise, regularisation and drift are found from the field itself.
+# Noise, regularisation and drift are estimated from the field.
 
 cell = cell_forces(field, gel)
 print(cell["strain_energy"])
 print(cell["contractility"])
 
 # %%
-# The truth of the energy: half of traction times displacement, over the surface.
+# The true energy: half the integral of traction times displacement over the surface.
 
 everywhere = pp.AreaArray(shape=(64, 64), pitch=1e-6, depth=0.0, channels=["displacement_x", "displacement_y"])
 work = traction[:2] * pp.Skin(gel, everywhere, surface=fine.surface).sense(traction)
 print(f"strain energy in truth: {0.5 * work.sum() * 1e-12 * 1e15:.0f} fJ")
 
 # %%
-# The four adhesions, where the cell pulls.
+# The map shows the four adhesions at which the cell pulls.
 
 figure = cell.plot(title="Traction of a cell that pulls at four adhesions")

@@ -1,9 +1,9 @@
 """
-Line contact: a cylinder that is dragged and slips in part
-==========================================================
+Line contact: a dragged cylinder with partial slip
+==================================================
 
-A row of sensors under a long contact. Stress along two directions tells pressure and shear apart; at the rim the contact slips already,
-and its middle still sticks.
+A row of sensors lies under a long contact. Two components of stress separate pressure from shear. The rim of the contact slips,
+while its middle sticks.
 """
 
 import numpy as np
@@ -22,6 +22,6 @@ touch = skin.reconstruct(skin.sense(cylinder, rng=np.random.default_rng(1)))
 print(touch.summary(friction=0.5))
 
 # %%
-# Estimate with its 95 % band, and the truth.
+# The estimate with its 95 % band, and the truth.
 
 figure = touch.plot(truth=skin.sample(cylinder), title="Pressure and shear under a dragged cylinder")

@@ -2,8 +2,8 @@
 Slip margin over a recording
 ============================
 
-How far is a grasp from sliding? The slip margin is what friction could still bear. Here a finger is dragged until it slides; the margin falls
-to zero before that, and the monitor says so.
+How far is a grasp from sliding? The slip margin is friction times pressure minus shear, at the weakest place. Here a finger is dragged until it
+slides; the margin reaches zero earlier, and the monitor reports it.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ with skin.track(friction=0.5) as tracker:
             first_slide = frame.time
 
 # %%
-# What was said, and when all of the contact began to slide in truth.
+# The reported events, and the true time at which the whole contact begins to slide.
 
 for event in monitor.events:
     print(f"{event.time:.2f} s: {event.kind}")

@@ -1,9 +1,9 @@
 """
-A dead taxel and an offset: what is said
-========================================
+A dead taxel and an offset, and their notes
+===========================================
 
-Readings are wrong sometimes. One taxel of this array is dead, another is railed, and all of one channel has an offset. The force comes out right all
-the same, and the notes say what was found.
+In this array one taxel is dead, another reads the end of its range, and one channel has an offset. palpate still finds the right force,
+and its notes name the faults.
 """
 
 import matplotlib.pyplot as plt
@@ -20,7 +20,7 @@ readings = skin.sense(ball)
 readings = readings + np.random.default_rng(0).normal(0.0, 0.005 * readings.max(), readings.shape)
 
 # %%
-# A taxel in the middle of the contact reads nothing, one at the side reads far too much, and the normal stress is high by a tenth of its peak.
+# A taxel in the middle of the contact reads 0, one at the side reads far too much, and all normal stresses are too large by a tenth of their peak.
 
 wrong = readings.copy()
 wrong[2] += 0.1 * readings[2].max()
@@ -34,7 +34,7 @@ for note in touch.notes:
     print("-", note)
 
 # %%
-# What was given and what was found. Crosses mark the readings that were left out.
+# The readings and the result. Crosses mark the readings that were left out.
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
 shown = left.imshow(wrong[2] / 1e3, origin="lower", cmap="viridis")

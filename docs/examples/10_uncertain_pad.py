@@ -2,8 +2,8 @@
 A pad that is not known exactly
 ===============================
 
-Strain is proportional to force over modulus, so a modulus that is wrong by a tenth makes every force wrong by a tenth. Say how well you know the pad,
-and the interval has room for it.
+Strain is proportional to force over modulus, so a modulus that is wrong by a tenth makes every force wrong by a tenth. State how well you know the pad;
+the interval then includes this error.
 """
 
 import matplotlib.pyplot as plt
@@ -19,7 +19,7 @@ ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)
 readings = pp.Skin(true_pad, array).sense(ball, rng=np.random.default_rng(0))
 
 # %%
-# The pad was measured as 200 kPa, and is 220 kPa in truth.
+# The stated modulus is 200 kPa, the true one 220 kPa.
 
 fig, ax = plt.subplots(figsize=(6, 2.6), layout="constrained")
 labels = []

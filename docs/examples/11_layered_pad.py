@@ -1,8 +1,8 @@
 """
-A layered pad, and what a half-space would make of it
-=====================================================
+A layered pad, and the error of a half-space model
+==================================================
 
-A thin stiff film on a soft layer on a rigid base. What does it do to a touch, and how wrong would the force be if it were taken for a half-space?
+The pad is a thin stiff film on a soft layer on a rigid base. How does it blur a touch, and how wrong is the force if you describe it as a half-space?
 """
 
 import numpy as np
@@ -22,18 +22,18 @@ taxels = pp.AreaArray(
 skin = pp.Skin(pad, taxels)
 
 # %%
-# The response to waves of pressure and shear: fine patterns are lost at the base, whatever the method.
+# The response to waves of pressure and shear. No method can recover fine patterns from readings at the base.
 
 figure = plot_response(pad, skin.planes)
 
 # %%
-# How far off a half-space would be, on a typical contact.
+# The error of the half-space model for a typical contact.
 
 wrong = half_space_error(skin)
 print(f"taken for a half-space, the force is {wrong.force:.1f} times the true one, the peak {wrong.peak:.1f} times")
 
 # %%
-# A ball on this pad, found again.
+# A ball on this pad, reconstructed with the right model.
 
 ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0).sliding(0.3)
 touch = skin.reconstruct(skin.sense(ball, rng=np.random.default_rng(0)), friction=0.5)

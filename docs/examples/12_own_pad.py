@@ -2,8 +2,8 @@
 A pad of your own: stiffer along its depth than across
 ======================================================
 
-Any object with ``thickness``, ``states``, ``compliance`` and ``mean_compliance`` is a pad. Here a half-space that is transversely isotropic, such as rubber
-with fibres along its depth. Everything else (arrays, methods, error bars) follows.
+Any object with ``thickness``, ``states``, ``compliance`` and ``mean_compliance`` is a pad. This example is a transversely isotropic half-space, such as rubber
+with fibres along its depth. Arrays, methods and error bars then work as for other pads.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ import palpate as pp
 from palpate.elastic import from_radial
 
 # %%
-# Two waves exp(-k s z) couple u_x and u_z, a third carries u_y (H. A. Elliott, Proc. Camb. Phil. Soc. 44, 1948).
+# Two waves exp(-k s z) couple u_x and u_z; a third one is u_y alone (H. A. Elliott, Proc. Camb. Phil. Soc. 44, 1948).
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class TransverselyIsotropic:
 
 
 # %%
-# A stiffness along z that is four times that across (Pa), under taxels that sense normal stress.
+# The pad is four times as stiff along z as across [Pa]; its taxels measure normal stress.
 
 fibres = TransverselyIsotropic(c11=3.0e5, c12=1.5e5, c13=1.5e5, c33=12.0e5, c44=0.75e5)
 taxels = pp.LineArray(count=41, pitch=1e-3, depth=2e-3, channels=["stress_zz"])
@@ -72,7 +72,7 @@ readings = own.sense(own.sample(cylinder))
 readings = readings + np.random.default_rng(0).normal(0.0, 0.005 * readings.max(), readings.shape)
 
 # %%
-# Read with the right pad and with an isotropic one. The isotropic one explains the readings less well: its fit is lower.
+# The same readings, solved with the right pad and with an isotropic one. The isotropic pad explains the readings less well: its fit is lower.
 
 fig, ax = plt.subplots(figsize=(6, 3.4), layout="constrained")
 for label, skin in (("with fibres", own), ("isotropic", plain)):
@@ -80,5 +80,7 @@ for label, skin in (("with fibres", own), ("isotropic", plain)):
     print(f"{label}: force {touch.force[-1]:.1f} N/m, fit {float(touch.fit):.2g}")
     ax.plot(1e3 * touch.pressure["x"], touch.pressure / 1e3, label=label)
 ax.plot(1e3 * own.surface.x, own.sample(cylinder)[1] / 1e3, "k--", lw=1, label="truth")
-ax.set(xlabel="x (mm)", ylabel="pressure (kPa)", title="A pad with fibres, read as what it is and as isotropic")
+ax.set(
+    xlabel="x (mm)", ylabel="pressure (kPa)", title="A pad with fibres, solved with the right model and as isotropic"
+)
 ax.legend()

@@ -2,8 +2,8 @@
 A stream in which a taxel dies
 ==============================
 
-A tracker takes frame after frame, in about a millisecond each. Here the sensor misbehaves half way: one taxel dies. The tracker notices, goes on without
-it and says so.
+A tracker solves frame after frame, in about a millisecond each. Here one taxel dies half way. The tracker detects this, leaves the taxel out
+and reports it.
 """
 
 import matplotlib.pyplot as plt
@@ -45,12 +45,12 @@ for note, time in said.items():
     print(f"{time:.2f} s: {note}")
 
 # %%
-# The force with its band goes on through the fault.
+# The force and its 95 % band stay right after the fault.
 
 fig, ax = plt.subplots(figsize=(7, 3.2), layout="constrained")
 ax.fill_between(times, lows, highs, alpha=0.3, label="95 %")
 ax.plot(times, forces, label="found")
 ax.plot(times, truths, "k--", lw=1, label="truth")
 ax.axvline(0.8, color="C3", lw=1, label="a taxel dies")
-ax.set(xlabel="time (s)", ylabel="normal force (N)", title="The force goes on when a taxel dies")
+ax.set(xlabel="time (s)", ylabel="normal force (N)", title="The force stays right when a taxel dies")
 ax.legend()

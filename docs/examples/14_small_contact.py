@@ -1,8 +1,8 @@
 """
-A contact smaller than the taxels' distance
-===========================================
+A contact smaller than the distance of taxels
+=============================================
 
-A grain or the tip of a needle may touch between the taxels. Its shape cannot be known then. The force can, within an interval that is honestly wide.
+A grain or the tip of a needle may touch between the taxels. The readings then do not determine its shape, but they determine its force, with a wide interval.
 """
 
 import numpy as np
@@ -29,6 +29,6 @@ for note in touch.notes:
     print("-", note)
 
 # %%
-# The picture shows what is known of it: a spot about as wide as the depth.
+# The map shows a spot about as wide as the depth; finer detail is not measured.
 
 figure = touch.plot(title="A tip between the taxels")

@@ -2,9 +2,9 @@
 A simulated gripper that feels slip
 ===================================
 
-Two soft pads hold a ball in MuJoCo while something pulls it down, harder and harder. One pad carries taxels: its readings are those of the simulator's
-contact forces, and a tracker and a grasp monitor answer them as they would on a robot. The monitor is not told the friction; where the rim of the contact
-begins to slip the grip tightens. Without touch the same grip loses the ball.
+Two soft pads hold a ball in MuJoCo while a growing force pulls it down. One pad has taxels: its readings are computed from the simulator's
+contact forces, and a tracker and a grasp monitor process them as on a robot. The monitor does not know the friction. When the rim of the contact
+begins to slip, the gripper tightens its grip. Without touch the same grip loses the ball.
 """
 
 # sphinx_gallery_thumbnail_number = 1
@@ -35,7 +35,7 @@ SCENE = """
 </mujoco>"""
 
 # %%
-# The skin is that of a sensor: a soft pad with 12 x 12 taxels of three components, and their noise.
+# The skin is a soft pad with 12 x 12 taxels of three components, with noise.
 
 array = pp.AreaArray(
     shape=(12, 12), pitch=1.2e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"], noise=60.0
@@ -43,7 +43,7 @@ array = pp.AreaArray(
 skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
 
 # %%
-# The pull grows to 1.6 N in two seconds. Each pad bears 0.6 times the grip, so that a grip of 1 N lets go at 1.2 N.
+# The pull grows to 1.6 N in two seconds. Friction on each pad bears 0.6 times the grip force, so a grip of 1 N loses the ball at 1.2 N.
 
 
 def hold(feels: bool) -> dict[str, list[float]]:

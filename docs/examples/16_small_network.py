@@ -2,9 +2,9 @@
 A small network, trained on the simulator
 =========================================
 
-A network learns force and place of a press from simulated readings, and is judged by the inversion of the same skin. Where contacts are like those it was
-trained on, it is nearly as good, and much faster. Where they are not, it goes on to answer without a word; the inversion knows no shape, and says how sure
-it is.
+A neural network learns force and place of a press from simulated readings, and is compared with the reconstruction by the same skin. For contacts like
+those of its training it is nearly as accurate, and much faster. For other contacts it gives wrong results without a warning; the reconstruction assumes
+no shape, and gives an interval.
 """
 
 # sphinx_gallery_thumbnail_number = 1
@@ -23,7 +23,7 @@ rng = np.random.default_rng(0)
 # %%
 # Presses
 # -------
-# Two thousand balls: readings with the array's own noise, and what caused them.
+# Two thousand balls: readings with the noise of the array, and true force and place.
 
 
 def balls(count, rng):
@@ -42,7 +42,7 @@ inputs, targets = jnp.asarray(readings.reshape(len(readings), -1) / 1e4), jnp.as
 # %%
 # A network of one hidden layer
 # -----------------------------
-# Adam (D. P. Kingma, J. Ba, 2015), written out.
+# It is trained by Adam (D. P. Kingma, J. Ba, 2015).
 
 
 def network(weights, x):
@@ -79,9 +79,9 @@ def learned(readings):
 
 
 # %%
-# Judged by the inversion
-# -----------------------
-# On balls that it has not seen, and on what it was never shown: two balls at once, and a stamp.
+# Comparison with the reconstruction
+# ----------------------------------
+# The tests are new balls, and contacts unlike those of the training: two balls at once, and a flat stamp.
 
 unseen, unseen_truth = balls(24, np.random.default_rng(1))
 other, other_truth = [], []

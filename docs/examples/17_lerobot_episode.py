@@ -2,8 +2,8 @@
 Touch in a LeRobot episode
 ==========================
 
-A robot's episode with raw tactile readings is opened, its touch reconstructed, and written back beside what was there: wrench, slip margin and maps for
-each video frame, for a policy to learn from.
+This script opens a robot's episode with raw tactile readings, reconstructs the touch, and adds wrench, slip margin and maps
+for each video frame, from which a policy can learn.
 """
 
 # sphinx_gallery_thumbnail_number = 1
@@ -25,7 +25,7 @@ folder = Path(tempfile.mkdtemp())
 # %%
 # What the robot recorded
 # -----------------------
-# Two seconds at 30 frames a second: the finger presses, is dragged, and lifts. Here the readings are simulated; the joints are a stand-in.
+# Two seconds at 30 frames a second: the finger presses, is dragged, and lifts. Here the readings are simulated; the joint values are placeholders.
 
 fps, friction = 30, 0.6
 time = np.arange(2 * fps) / fps
@@ -49,8 +49,8 @@ raw = {
 write_dataset(folder / "recorded", [Episode(raw, task="press and drag")], fps=fps)
 
 # %%
-# Opened, reconstructed, written back
-# -----------------------------------
+# Open, reconstruct, write back
+# -----------------------------
 
 dataset = read_dataset(folder / "recorded")
 added = []
@@ -63,7 +63,7 @@ add_columns(folder / "recorded", folder / "with-touch", added)
 # %%
 # What a policy sees
 # ------------------
-# Nothing of what was there has changed, bit by bit.
+# The original columns are unchanged, bit by bit.
 
 again = read_dataset(folder / "with-touch").episodes[0].columns
 for name, values in dataset.episodes[0].columns.items():

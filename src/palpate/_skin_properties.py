@@ -18,7 +18,9 @@ from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 from palpate.sensing.maps import check_modelled
 from palpate.sensing.operator import Boundary, Operator
+from palpate.sensing.readings import Layout
 from palpate.sensing.uncertainty import Uncertainty
+from palpate.sensing.zero import Rest, rest_frames
 from palpate.touch import Touch
 from palpate.uncertainty import Case
 
@@ -41,6 +43,11 @@ class SkinProperties:
     _problems: Kept
     _whole: tuple[Array, ...]
     _calibration: SkinCalibration | None
+    if TYPE_CHECKING:
+
+        def at_rest(self, rest: Any) -> Any:
+            """See `palpate.Skin.at_rest`."""
+            ...
 
     def __repr__(self) -> str:
         """Describe the skin in one line: the pad, its arrays with their channels, and the cells of the surface.
@@ -237,6 +244,7 @@ class SkinProperties:
         *,
         indentation: npt.ArrayLike | None = None,
         shape: str | None = None,
+        zero: npt.ArrayLike | None = None,
     ) -> Identified | IdentifiedPress:
         """Identify what presses: contact patches, radius of a ball or a round flat, modulus, stiffness and texture, each with its interval or the
         reason why it is not determined.
@@ -250,6 +258,8 @@ class SkinProperties:
             How far the object has moved into the pad since it touched [m], e.g. from the robot's joints.
         shape : "ball" or "flat", optional
             The shape, if known; else the readings decide, if they can.
+        zero : array (frame, channel, *array), optional
+            Frames at rest, if the touch was found with them (``reconstruct(readings, zero=...)``).
 
         Returns
         -------
@@ -259,16 +269,16 @@ class SkinProperties:
         Raises
         ------
         InvalidInput
-            Readings of other frames than the touch's, an indentation that is negative or not one for each frame, or an unknown shape.
+            Readings of other frames than the touch's, an indentation that is negative or not one for each frame, a shape that there is not.
         Unsupported
             Line contact; a pad that creeps.
 
         Notes
         -----
-        Round contacts are fitted to the readings themselves (Hertz's pressure, or Boussinesq's under a flat, each with
-        shear of the same shape). Of a ball of radius R with the force F on a contact of radius a, F = 4 E* a^3/(3 R)
-        if the object is much stiffer than the pad, or R = a^2/indentation if that is known; pads on a base are
-        corrected for. The errors of depth, thickness, modulus and scale are those of `uncertainty`.
+        Round contacts are fitted to the readings themselves (Hertz's pressure, or Boussinesq's under a flat, each with shear of the same shape). Of a ball of radius R
+        with the force F on a contact of radius a, F = 4 E* a^3/(3 R) if the object is much stiffer than the pad, or R = a^2/indentation if that is
+        known; pads on a base are corrected for, up to a = half the thickness of the uppermost material. A `palpate.Measured` pad states no modulus, so that only the
+        patches and the radius of a flat are found. The errors of depth, thickness, modulus and scale are those of `uncertainty`.
 
         Examples
         --------
@@ -283,6 +293,10 @@ class SkinProperties:
         >>> found.radius.low < 10e-3 < found.radius.high
         True
         """
+        if zero is not None:
+            rest = Rest.of(rest_frames(zero, self._planes))
+            less, _ = Layout(self._planes, self._elastic).without_zero(readings, rest.zero, None)
+            return identify(self.at_rest(rest), touch, less, indentation=indentation, shape=shape)
         return identify(self, touch, readings, indentation=indentation, shape=shape)
 
     def case(self, components: Sequence[str] | None = None) -> Case:

@@ -11,7 +11,7 @@ import pytest
 
 import palpate as pp
 from calibrate_scenes import PAD, bench, taxels
-from palpate.calibrate import calibrate, read_calibration, write_calibrated
+from palpate.calibrate import ForceMap, calibrate, read_calibration, with_calibration, write_calibrated
 from palpate.calibrate.run import FrameErrors, RunLabels
 from palpate.errors import InvalidInput
 
@@ -88,13 +88,47 @@ def test_the_correction_is_the_mean_of_the_joint_normal(calibrated: pp.Skin) -> 
     readings, force = new_run(12, 1003)
     flat = readings.reshape(12, -1)
     labels = RunLabels(flat[:1], force[:1], np.zeros(1), np.zeros(1, dtype=np.int64))
-    value, std = labels.corrected(one.errors(flat[1:]), one.errors(flat[:1]))
+    value, std = labels.corrected(one.errors(flat[1:]), labels.known(one.errors(flat[:1])))
     errors: FrameErrors = one.errors(flat)
     joint = errors.covariance(errors) + np.diag(errors.noise**2 + errors.shared**2)
     assert np.linalg.eigvalsh(joint).min() > 0.0
     gain = joint[1:, :1] / joint[0, 0]
     np.testing.assert_allclose(value, errors.mean[1:] + gain[:, 0] * (force[0] - errors.mean[0]), rtol=1e-6)
     np.testing.assert_allclose(std**2, errors.std[1:] ** 2 - gain[:, 0] * joint[0, 1:], rtol=1e-6)
+
+
+def test_labels_of_the_run_are_solved_once(calibrated: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each frame of a stream inverted the covariance of all labels anew: 0.2 s a frame with 300 labels."""
+    readings, force = new_run(6, 1003)
+    today = calibrated.calibrate(readings[:3], reference=force[:3], baseline=0, this_run=True)
+    assert today.calibration is not None
+    one, solved = dataclasses.replace(today.calibration.maps["fz"]), []
+    known = RunLabels.known
+    monkeypatch.setattr(RunLabels, "known", lambda *a: solved.append(1) or known(*a))  # type: ignore[func-returns-value]
+    for frame in readings.reshape(6, 1, -1):
+        one.predict(frame)
+        one.unlike(frame)
+    assert one.gain_std > 0.0
+    assert len(solved) == 1
+
+
+def test_the_elastic_model_has_a_gain_of_its_own(calibrated: pp.Skin) -> None:
+    """It got the gain of the map: forces that the map alone has wrong became wrong in the pressure map too."""
+    assert calibrated.calibration is not None
+    one = calibrated.calibration.maps["fz"]
+    wrong = ForceMap.fit(dataclasses.replace(one.process, values=1.3 * one.process.values))
+    found = dataclasses.replace(calibrated.calibration, maps={**calibrated.calibration.maps, "fz": wrong})
+    assert found.elastic
+    skin = with_calibration(calibrated._uncalibrated(), found)
+    readings, force, _ = bench(30, 1003)
+    today = skin.calibrate(readings[:6], reference=force[:6], baseline=0, this_run=True)
+    assert today.calibration is not None
+    assert today.calibration.unit / found.unit == pytest.approx(1.0, abs=0.07)
+    assert today.calibration.maps["fz"].this_run is not None
+    readings, force = new_run(30, 1003)
+    today = calibrated.calibrate(readings[:6], reference=force[:6], baseline=0, this_run=True)
+    assert today.calibration is not None
+    assert today.calibration.unit / calibrated.calibration.unit == pytest.approx(1.0 / GAIN, rel=0.07)
 
 
 @pytest.mark.long

@@ -90,3 +90,18 @@ def test_pull_all_round_with_a_shift_against_it_explains_nothing(thickness: floa
 
 def test_exact_says_so_of_everything() -> None:
     assert not EXACT.any
+
+
+@pytest.mark.parametrize("method", ["adaptive", "tikhonov"])
+def test_taxels_just_above_the_base(method: str) -> None:
+    """A depth 2 % larger lies below the base: the effect of a smaller one is taken. It was refused."""
+    pad = pp.BondedLayers([pp.Layer(thickness=2e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+    half = {}
+    for depth in (1.95e-3, 1.99e-3):
+        array = pp.AreaArray(shape=(5, 5), pitch=1.5e-3, depth=depth, channels=["stress_zz"], noise=50.0)
+        skin = pp.Skin(pad, array, uncertainty=pp.Uncertainty(depth=0.1))
+        readings = skin.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0))
+        low, high = skin.reconstruct(readings, method=method).interval(0.95, "force")
+        assert low[2] < 1.0 < high[2]
+        half[depth] = high[2] - low[2]
+    assert half[1.99e-3] == pytest.approx(half[1.95e-3], rel=0.2)

@@ -90,6 +90,8 @@ def test_refusals() -> None:
         pp.Skin(half, array).sense(np.zeros((1, 2, 14)), time=[0.0])
     with pytest.raises(pp.Unsupported, match="creeps differently"):
         pp.Viscoelastic(pp.BondedLayers([pp.Layer(thickness=1.0, youngs_modulus=1.0, poissons_ratio=0.3)], half), PRONY)
+    with pytest.raises(pp.InvalidInput, match="elastic must be"):
+        pp.Viscoelastic(pp.HalfSpace, PRONY)  # type: ignore[arg-type]
     for bad in ([], [(0.5, 1.0), (0.5, 2.0)], [(-0.1, 1.0)], [(0.1, 0.0)], [0.1, 0.2], "gel"):
         with pytest.raises(pp.InvalidInput, match=r"prony|Prony"):
             pp.Viscoelastic(half, bad)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ import pytest
 
 import palpate as pp
 from palpate.identify import Finding, Identified, IdentifiedPress
-from palpate.identify.hertz import layer_terms, plane_strain_modulus
+from palpate.identify.hertz import layer_terms, plane_strain_modulus, stiffness
 from palpate.identify.shapes import BALL, FLAT, Shapes, flat_readings
 from palpate.sensing.uncertainty import EXACT
 from palpate.solutions import flat_punch, hertz_contact_radius, hertz_point, patch
@@ -248,10 +248,116 @@ def test_a_layer_is_allowed_for(part, ratio) -> None:
     assert 3.0 * force / (4.0 * modulus * part * thickness) + c_0 == pytest.approx(depth, rel=0.06)
 
 
+@pytest.mark.parametrize("part", [0.2, 0.35, 0.5])
+def test_the_stiffness_of_a_ball_on_a_layer(part) -> None:
+    thickness, radius = 4e-3, 15e-3
+    layer = pp.BondedLayers([pp.Layer(thickness=thickness, youngs_modulus=2e5, poissons_ratio=0.48)])
+    (less, up), (more, down) = (rigid_ball_on(layer, radius, f * part * thickness) for f in (0.95, 1.05))
+    found = stiffness(layer, plane_strain_modulus(layer), 0.5 * (less + more), part * thickness, BALL)
+    assert found == pytest.approx((more - less) / (down - up), rel=0.02)
+
+
+def coated(modulus: float, first: float = 0.4e-3) -> pp.BondedLayers:
+    """A gel with a stiff coat, which is described in two layers."""
+    coat = pp.Layer(thickness=0.5 * first, youngs_modulus=modulus, poissons_ratio=0.48)
+    return pp.BondedLayers([coat, coat, pp.Layer(thickness=2.6e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
+
+
+@pytest.mark.parametrize("modulus", [2e5, 1e6])
+@pytest.mark.parametrize("part", [0.2, 0.5])
+def test_a_coat_is_allowed_for(part, modulus) -> None:
+    """The whole of it, however thin: its waves are shorter than those of the pad."""
+    pad = coated(modulus)
+    assert pad.surface_thickness == pytest.approx(0.4e-3)
+    a = part * pad.surface_thickness
+    force, _ = rigid_ball_on(pad, 1e-3, a)
+    found = 1.0 / (3.0 * force / (4.0 * plane_strain_modulus(pad) * a**3) + layer_terms(pad, force, a, BALL)[1])
+    assert found == pytest.approx(1e-3, rel=0.03)
+
+
+def test_a_contact_wider_than_its_coat_has_no_radius_of_a_ball() -> None:
+    """Of a coat ten times stiffer than the gel, 0.4 mm thick, a ball's radius would be 37 % off."""
+    skin = skin_of(20.0, pad=coated(1e6), pitch=1e-3, depth=1e-3)
+    readings = skin.sense(hertz_point(contact_radius=1.2e-3, force=0.5))
+    found = skin.identify(readings, skin.reconstruct(readings, method="tikhonov"), shape="ball", indentation=0.2e-3)
+    assert "of the pad's uppermost material's thickness" in found.radius.reason
+    assert not any(f.known for f in (found.radius, found.modulus, found.stiffness))
+    assert holds(found.patches[0].force[2], 0.5)
+
+
+def test_a_table_has_no_modulus() -> None:
+    """Presses alone do not tell how stiff the pad is: the radius of a ball was twenty kilometres."""
+    array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=20.0)
+    real, side = pp.Skin(PAD, array), np.linspace(-5e-3, 5e-3, 8)
+    places = [(x, y) for y in side for x in side]
+    table = np.stack([real.sense(hertz_point(contact_radius=1e-3, force=1.0).shifted(*p)) for p in places])
+    pad = pp.Measured.of(array, places=places, force=np.ones(64), readings=table, radius=1e-3)
+    skin = pp.Skin(pad, pad.array)
+    readings = real.sense(hertz_point(contact_radius=2e-3, force=1.0), rng=np.random.default_rng(0))
+    touch = skin.reconstruct(readings, method="tikhonov")
+    for depth in (None, 0.3e-3):
+        found = skin.identify(readings, touch, shape="ball", indentation=depth)
+        assert not any(f.known for f in (found.radius, found.modulus, found.effective_modulus, found.stiffness))
+        assert "a Measured states neither" in found.radius.reason
+        assert holds(found.patches[0].force[2], 1.0)
+        assert found.patches[0].contact_radius.value == pytest.approx(2e-3, rel=0.1)
+
+
 def test_collocation_is_hertz_on_a_half_space() -> None:
     force, depth = rigid_ball_on(PAD, 15e-3, 2e-3)
     assert force == pytest.approx(4.0 * plane_strain_modulus(PAD) * 8e-9 / (3.0 * 15e-3), rel=0.01)
     assert depth == pytest.approx(4e-6 / 15e-3, rel=0.01)
+
+
+def drifting(kind: str, skin: pp.Skin) -> np.ndarray:
+    """What readings hold besides contact, in multiples of the noise up to a hundred."""
+    x = skin.planes[0].grid.x
+    whole = np.zeros((1, 8, 8))
+    if kind == "ramp":
+        whole += 2e6 * x
+    elif kind == "row":
+        whole[0, 2] += 4e3
+    else:
+        whole += 5e3
+    return whole
+
+
+@pytest.mark.parametrize("kind", ["ramp", "row", "offset"])
+def test_what_the_touch_found_besides_contact_is_allowed_for(kind) -> None:
+    """Offsets alone were: a ramp or the offset of a row was taken for a contact that is not round."""
+    skin = skin_of(50.0)
+    radius = hertz_contact_radius(PAD, radius=8e-3, force=1.5)
+    ball = hertz_point(contact_radius=radius, force=1.5).shifted(0.4e-3, -0.7e-3)
+    readings = skin.sense(ball, rng=np.random.default_rng(1)) + drifting(kind, skin)
+    found = skin.identify(readings, skin.reconstruct(readings), shape="ball")
+    assert found.radius.value == pytest.approx(8e-3, rel=0.1)
+    assert found.patches[0].force[2].value == pytest.approx(1.5, rel=0.02)
+
+
+@pytest.mark.parametrize("offset", [700.0, 1e4])
+def test_the_zero_of_the_touch_is_that_of_its_readings(offset) -> None:
+    skin = skin_of(None)
+    ball = hertz_point(contact_radius=hertz_contact_radius(PAD, radius=8e-3, force=1.5), force=1.5)
+    noise = 50.0 * np.random.default_rng(0).standard_normal((21, 1, 8, 8))
+    frames = offset + noise
+    frames[20] += skin.sense(ball)
+    touch = skin.reconstruct(frames[20], zero=frames[:20])
+    found = touch.identify(skin, frames[20], shape="ball", zero=frames[:20])
+    assert found.radius.value == pytest.approx(8e-3, rel=0.15)
+    assert found.patches[0].force[2].value == pytest.approx(1.5, rel=0.02)
+
+
+def test_a_pull_is_no_absence_of_contact() -> None:
+    """It was "nothing touches", with a force of 0."""
+    skin = skin_of(50.0)
+    push = skin.sense(hertz_point(contact_radius=3e-3, force=1.5))
+    readings = np.stack([push, -push, 0.0 * push])
+    found = skin.identify(readings, skin.reconstruct(readings), shape="ball")
+    assert found.forces[0] == pytest.approx(1.5, rel=0.02)
+    assert np.isnan(found.forces[1])
+    assert found.forces[2] == 0.0
+    assert "the contact pulls" in found[1].radius.reason
+    assert found[2].radius.reason == "nothing touches"
 
 
 def test_what_is_refused() -> None:

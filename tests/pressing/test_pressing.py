@@ -58,6 +58,30 @@ def test_footprints_have_the_moments_of_their_pressure() -> None:
     assert np.abs(points).max() < 1.0
 
 
+@pytest.mark.parametrize("more", [[(0.0, 0.0)], [(0.3, 0.0)], [(0.0, -1.0)], [(1.0, 1.0), (0.0, 0.0)]])
+def test_a_place_inside_a_flat_changes_nothing(more: list[tuple[float, float]]) -> None:
+    square = [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
+    points, weights = hull_points(np.array([square + more]), 20)
+    np.testing.assert_allclose(np.einsum("nk,nki->ni", weights, points), 0.0, atol=2e-2)
+    np.testing.assert_allclose(np.einsum("nk,nki->ni", weights, points**2), 1 / 3, rtol=1e-2)
+
+
+@pytest.mark.parametrize("along", [2, 3, 4])
+def test_a_flat_of_many_points_presses_all_of_it(along: int, surface: Surface) -> None:
+    side = np.linspace(-2e-3, 2e-3, along)
+    places = np.array([(x, y, 0.0) for y in side for x in side])
+    n = len(places)
+    flat = Contacts(
+        position=places, force=[[0.0, 0.0, 1.0 / n]] * n, curvature=np.zeros((n, 2, 2)), friction=[0.5] * n,
+        body=np.zeros(n, dtype=int),
+    )  # fmt: skip
+    pressure = surface.press(flat).traction[0, 2]
+    grid = surface.skin.surface
+    share = (pressure * (np.abs(grid.y) < 1e-3)[:, None] * (np.abs(grid.x) < 1e-3)).sum() * grid.cell
+    inside = np.count_nonzero(np.abs(grid.x) < 1e-3) * grid.spacings[1] / 4e-3
+    assert share == pytest.approx(inside**2, rel=0.05)
+
+
 def test_a_tilted_pressure_never_pulls_and_has_its_centre() -> None:
     points, weights = (v[None] for v in disc_points(20))
     for center in ([0.3, -0.2], [0.8, 0.0], [0.0, 0.0]):

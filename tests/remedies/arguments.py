@@ -209,6 +209,12 @@ REMEDIES = [
     value("working must hold one mask for each", TWO.masked, [WORKING], [WORKING, WORKING]),
     value("must be a whole number, at least", lambda n: LineGrid(count=n, spacing=1e-3), 0, 9, room="sensing.grids"),
     value("{} must be one number of metres; got", lambda c: LineGrid(count=9, spacing=1e-3, center=c), (0.0, 0.0), 0.0),
+    value(
+        "center must be a place (x, y) in metres",
+        lambda c: AreaGrid(shape=(4, 5), spacing=1e-3, center=c),
+        0.0,
+        (0.0, 0.0),
+    ),
     value("{} must be {} [m]; got", lambda s: LineGrid(count=9, spacing=s), 0.0, 1e-3),
     value(
         "must be one length or a pair", lambda s: AreaGrid(shape=(4, 5), spacing=s), (1e-3, 1e-3, 1e-3), (1e-3, 1e-3)

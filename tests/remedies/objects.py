@@ -80,6 +80,13 @@ REMEDIES = [
         lambda: LINE.reconstruct(PRESSED).contact_area(),
         right=lambda width: 3e-3 <= float(width) <= 5e-3,
     ),
+    Remedy(
+        "two or more cells of equal width",
+        lambda: BALL.averages([0.0, 1e-3, 3e-3], [0.0, 1e-3]),
+        lambda: BALL.averages(*(pp.AreaGrid(shape=(8, 8), spacing=1e-3).x,) * 2),
+        right=lambda found: np.isclose(found[2].sum() * 1e-6, BALL.force[2]),
+    ),
+    value("as z grows into the pad; got", lambda z: BALL.fields(PAD, ["stress_zz"], 0.0, 0.0, z), -1e-3, 1e-3),
     value("are not read; accepted are", lambda v: decoded(message(encoding=v)), "yuv422", "rgb8"),
     value("bytes a row; the message has", lambda v: decoded(message(data=v)), bytes(3), bytes(12)),
 ]

@@ -10,6 +10,7 @@ import pytest
 
 import palpate as pp
 from palpate.recordings.tables import read_positions
+from palpate.sensing import default_surface
 from skin_files import skin_text
 
 PAD = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.48)
@@ -140,6 +141,16 @@ def test_positions_come_in_metres(tmp_path: Path) -> None:
 # -- positions that do not fit -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("wrong", [0.0, 1e-3, None, "0"])
+def test_a_middle_is_a_pair(wrong: Any) -> None:
+    for make in (
+        lambda c: pp.AreaArray(shape=(5, 5), pitch=1e-3, center=c, **HOW),
+        lambda c: pp.AreaGrid(shape=(5, 5), spacing=1e-3, center=c),
+    ):
+        with pytest.raises(pp.InvalidInput, match="center must be a place"):
+            make(wrong)
+
+
 @pytest.mark.parametrize("far", [0.3, 1.0, 1e3])
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_few_taxels_far_from_all_others_are_refused(far: float, count: int) -> None:
@@ -196,3 +207,35 @@ def test_a_single_row_of_surface_taxels_and_its_pad_are_served(tmp_path: Path) -
     touch = skin.reconstruct(skin.sense(patch, rng=np.random.default_rng(2)))
     assert np.isfinite(touch.force).all()
     assert half_space_error(pp.Skin(layer, ROWS["a column"])).radius == pytest.approx(12e-3 / 5)
+
+
+@pytest.mark.parametrize(
+    "far", [(5, 1e-3, 0.0), (5, 1.3e-3, 0.0), (4, 1e-3, 0.37e-3), (9, 0.25e-3, -2e-3), (3, 1e-3, 0.0)]
+)
+def test_cells_are_centred_on_the_first_of_several_planes(far: tuple[int, float, float]) -> None:
+    """A second plane that reached half a pitch further moved the cells' edges above the taxels of the first."""
+    count, pitch, center = far
+    for depth in (0.0, 0.4e-3):
+        first = pp.AreaArray(shape=(4, 6), pitch=(1e-3, 2e-3), depth=depth, channels=["stress_zz"])
+        second = pp.AreaArray(
+            shape=(count, 6), pitch=pitch, depth=2e-3, channels=["stress_zz"], center=(0.3e-3, center)
+        )
+        grid = default_surface([first, second])
+        for axis, (own, cells, width) in enumerate(zip(first.grid.axes, grid.axes, grid.spacings)):
+            assert np.abs(own[:, None] - cells).min(axis=1).max() < 1e-9
+            others = second.grid.axes[axis]
+            assert cells[0] <= others[0] - 4e-3 + 1e-9
+            assert cells[-1] >= others[-1] + 4e-3 - 1e-9
+            reach = max(own[-1], others[-1]) - min(own[0], others[0]) + 8e-3
+            assert len(cells) <= reach / width + 4
+
+
+def test_a_plane_on_the_surface_above_another() -> None:
+    """-267 N were read for 1 N: each taxel of the surface felt four cells, whose checkerboard it could not see."""
+    planes = [
+        pp.AreaArray(shape=(n, n), pitch=1e-3, depth=depth, channels=["stress_zz"], noise=10.0)
+        for n, depth in ((4, 0.0), (5, 1e-3))
+    ]
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5), planes)
+    readings = skin.sense(pp.solutions.hertz_point(contact_radius=1.2e-3, force=1.0), rng=np.random.default_rng(0))
+    assert skin.reconstruct(readings).force[2] == pytest.approx(1.0, abs=0.02)

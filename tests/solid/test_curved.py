@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from skfem import MeshHex, MeshHex2
+from skfem import MeshHex, MeshHex2, MeshTet
 
 import palpate as pp
 from palpate.recordings import read_touch, write_touch
@@ -101,6 +101,37 @@ def test_a_flat_pad_in_a_mesh_chart_is_flat() -> None:
     assert grid.areas.sum() == pytest.approx(chart.area, rel=1e-2)
     assert chart.area == pytest.approx(np.pi * 5e-3**2, rel=0.02)
     np.testing.assert_allclose(grid.frames.axes, np.broadcast_to(np.eye(3), (40, 40, 3, 3)), atol=1e-12)
+
+
+def leaning(bowl: float) -> dict[str, object]:
+    """A pad 2 mm thick of tetrahedra whose base has no vertex below one of its surface, flat or like a bowl."""
+    side = np.linspace(-6e-3, 6e-3, 9)
+    mesh = MeshTet.init_tensor(side, side, np.linspace(0.0, 2e-3, 3))
+    outside = mesh.boundary_facets()
+    depth = mesh.p[2][mesh.facets[:, outside]]
+    upper, lower = (mesh.facets[:, outside[(abs(depth - z) < 1e-9).all(axis=0)]].T for z in (0.0, 2e-3))
+    places = mesh.p.T.copy()
+    inner = (np.abs(places[:, :2]) < 5.9e-3).all(axis=1)
+    places[inner, :2] += 0.37 * places[inner, 2:]
+    places[:, 2] += bowl * (places[:, :2] ** 2).sum(axis=1)
+    return {"vertices": places, "elements": mesh.t.T, "base": lower, "contact": upper}
+
+
+@pytest.mark.parametrize("bowl", [0.0, 3.0])
+def test_the_thickness_is_that_below_the_surface_not_below_its_vertices(bowl: float) -> None:
+    """It was 2.23 mm of 2, and sensors on the base were refused as below the pad."""
+    parts = leaning(bowl)
+    chart = MeshChart(vertices=parts["vertices"], facets=parts["contact"])  # type: ignore[arg-type]
+    pad = pp.SolidPad(chart=chart, **parts, **MATERIAL)  # type: ignore[arg-type]
+    assert pad.thickness == pytest.approx(2e-3, rel=1e-9 if bowl == 0.0 else 5e-3)
+    assert pad._flush == (bowl == 0.0)
+    assert pp.Skin(pad, pp.AreaArray(shape=(3, 3), pitch=2e-3, depth="base", channels=STRESS)).planes[0].depth < 2.01e-3
+
+
+def test_distances_from_triangles() -> None:
+    chart = MeshChart(vertices=np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), facets=np.array([[0, 1, 2]]))
+    points = np.array([[0.2, 0.3, 2.0], [-1, 0.5, 0], [-3, -4, 12], [1, 1, 0], [0.5, -1, 1], [2, 0, -1]])
+    np.testing.assert_allclose(chart.distances(points), [2, 1, 13, np.sqrt(0.5), np.sqrt(2), np.sqrt(2)])
 
 
 # -- closed forms and limits -------------------------------------------------------------------------------------------

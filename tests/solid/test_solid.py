@@ -444,3 +444,15 @@ def test_the_error_of_the_mesh_travels_with_the_pad(tmp_path: Path) -> None:
         assert bool(skin.pad._kept) == (more.startswith("responses"))
     with pytest.raises(pp.InvalidInput, match="gain must be"):
         replace(pad, accuracy=2.0)
+
+
+def test_masked_taxels_may_lie_beside_the_pad(pad: pp.SolidPad) -> None:
+    """An array that is larger than the pad: those that work read as an array of them alone."""
+    how = {"pitch": 1.5e-3, "depth": "base", "channels": ["stress_zz"]}
+    inside = np.zeros((9, 9), dtype=bool)
+    inside[3:6, 3:6] = True
+    ball = pp.solutions.hertz_point(contact_radius=1e-3, force=0.2)
+    all_of_it = pp.Skin(pad, pp.AreaArray(shape=(9, 9), mask=inside, **how)).sense(ball)  # type: ignore[arg-type]
+    alone = pp.Skin(pad, pp.AreaArray(shape=(3, 3), **how)).sense(ball)  # type: ignore[arg-type]
+    np.testing.assert_allclose(all_of_it[:, 3:6, 3:6], alone, rtol=1e-6)
+    assert np.isnan(all_of_it[:, ~inside]).all()

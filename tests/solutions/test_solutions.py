@@ -9,6 +9,7 @@ import palpate as pp
 from conftest import channel_of, relative
 from palpate import solutions
 from palpate.elastic import AREA_CHANNELS, LINE_CHANNELS
+from palpate.errors import InvalidInput
 
 LINE = {
     "line_p": solutions.line_load(force=1),
@@ -136,6 +137,37 @@ def test_area_averages_hold_the_force() -> None:
     assert found[2].sum() * 0.01 == pytest.approx(2.0 * 4 * 1.03 * 0.72, rel=1e-12)
     ball = solutions.hertz_point(contact_radius=1.2, force=3.0).sliding(0.5, direction=np.pi / 2)
     np.testing.assert_allclose(ball.averages(x, x).sum(axis=(1, 2)) * 0.01, [0, 1.5, 3.0], atol=2e-3)
+
+
+@pytest.mark.parametrize(("along_x", "along_y"), [(1, -1), (-1, 1), (-1, -1)])
+def test_area_averages_follow_axes_that_fall(along_x: int, along_y: int) -> None:
+    """A picture's rows run from the top: its y falls."""
+    x, y = np.linspace(-3, 3, 61), np.linspace(-2, 4, 41)
+    ball = solutions.hertz_point(contact_radius=1.2, force=3.0).sliding(0.5, direction=0.3).shifted(0.4, 0.9)
+    found = ball.averages(x[::along_x], y[::along_y])
+    np.testing.assert_allclose(found, ball.averages(x, y)[:, ::along_y, ::along_x], atol=1e-12)
+
+
+@pytest.mark.parametrize("x", [[0.0], [0.0, 1.0, 2.5], [0.0, 0.0], [[0.0, 1.0]], 0.0, [0.0, np.nan, 2.0]])
+def test_area_averages_need_equal_cells(x: Any) -> None:
+    with pytest.raises(InvalidInput, match="two or more cells of equal width"):
+        solutions.patch(half_widths=(1, 1), traction=1).averages([0.0, 1.0], x)
+
+
+def test_traction_at_the_edge() -> None:
+    edges = np.array([-1.0, 1.0, np.nextafter(1.0, 2.0), -1.1])
+    strip, punch = solutions.strip(half_width=1, traction=2.0), solutions.flat_punch_line(half_width=1, force=1.0)
+    assert strip.traction(edges)[1].tolist() == [2.0, 2.0, 0.0, 0.0]
+    assert punch.traction(edges)[1].tolist() == [np.inf, np.inf, 0.0, 0.0]
+    assert solutions.flat_punch(radius=1, force=1.0).traction(edges, 0.0)[2].tolist() == [np.inf, np.inf, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("contact", [LINE["hertz_p"], LINE["line_q"], AREA["point_P"], AREA["rect_q"]])
+def test_nothing_is_above_the_surface(contact: Any) -> None:
+    body = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.4)
+    place = (0.3,) if hasattr(contact, "half_width") else (0.3, 0.1)
+    with pytest.raises(InvalidInput, match="depth must be 0 or more"):
+        contact.fields(body, ["stress_zz"], *place, [0.5, -0.5])
 
 
 def test_surface_stress_is_the_traction() -> None:

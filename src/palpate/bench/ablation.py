@@ -238,12 +238,12 @@ def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
     whole = rows[0]
     counts = ", ".join(f"{count} of {kind}" for kind, (_, _, count) in whole.kinds.items())
     lines = [
-        f"Made by `{command}`: {whole.frames} contacts ({counts}) and {empty} empty frame{'' if empty == 1 else 's'} that tuned nothing (`palpate.bench.unseen`). Error over that of the "
-        f"whole method (geometric mean over frames, 95 % interval; and of each kind with its standard error), largest ratio, largest error, part of "
-        "frames with another answer, number of contacts, contacts missed, false alarms, part of true normal forces inside the 95 % interval, processor time "
-        "over that of the whole method.",
+        f"Made by `{command}`: {whole.frames} contacts ({counts}) and {empty} empty frame{'' if empty == 1 else 's'} not used for tuning (`palpate.bench.unseen`). Columns: error divided by that "
+        "of the whole method (geometric mean over frames, 95 % interval; then for each kind, with its standard error), largest ratio, largest error, share of "
+        "frames with another result, number of contacts, contacts missed, false alarms, share of true normal forces inside the 95 % interval, processor time "
+        "divided by that of the whole method.",
         "",
-        f"| | error | {' | '.join(whole.kinds)} | worst ratio | worst error | changed | contacts | missed | alarms | coverage | time |",
+        f"| | error | {' | '.join(whole.kinds)} | largest ratio | largest error | frames changed | contacts | contacts missed | false alarms | force inside 95 % | time ratio |",
         f"|---|---|{'---|' * len(whole.kinds)}---|---|---|---|---|---|---|---|",
     ]
     for r in rows:

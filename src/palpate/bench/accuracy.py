@@ -232,7 +232,7 @@ def accuracy_markdown(records: Sequence[Record], *, command: str) -> str:
     """
     noises = sorted({r.noise for r in records})
     lines = [
-        f"Written by `{command}`. Error over the clairvoyant filter's, geometric mean over the contacts (worst contact):",
+        f"Written by `{command}`. Error divided by that of the clairvoyant filter: geometric mean over the contacts (worst contact):",
         "",
         "| layout | method |" + "".join(f" noise {100 * n:g} % |" for n in noises) + " all |",
         "|---|---|" + "---|" * (len(noises) + 1),
@@ -250,7 +250,11 @@ def accuracy_markdown(records: Sequence[Record], *, command: str) -> str:
         if not held["all contacts"][0]:
             continue
         names = [name for name in parts if held[name][0]]
-        lines += ["", f"Part of the true values inside the 50 and 95 % intervals ({method}):", ""]
+        lines += [
+            "",
+            f"Share of the true values inside the 50 % interval, then inside the 95 % interval ({method}):",
+            "",
+        ]
         lines += ["| quantity | " + " | ".join(names) + " |", "|---|" + "---|" * len(names)]
         for quantity in held["all contacts"][0]:
             inside = (

@@ -202,7 +202,8 @@ def calibrate(
     else:
         zero, zero_std = _kept_zero(skin.planes, measured, data.rest, drifts)
     if this_run and before is not None:
-        found = run_calibration(before, data, said)
+        true = data if before.gains is None else data.over(unflat(skin.planes, before.gains))
+        found = run_calibration(with_constants(skin, before.constants), before, data, true, said)
         return found if stored is not None else replace(found, rest=data.rest, zero=zero, zero_std=zero_std)
     told = labelled_constants(skin, data, constants, pad_models, None if before is None else before.constants)
     skin, gains = with_constants(skin, told), reading_gains(skin, told)

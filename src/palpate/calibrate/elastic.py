@@ -4,6 +4,7 @@ average that gives the normal force.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -21,10 +22,12 @@ from palpate.sensing.readings import plausible
 from palpate.status import Status
 from palpate.touch import Touch
 
-__all__ = ["JOINED_FREEDOM", "ElasticCheck", "elastic_check", "joined", "normal_force", "small_unit"]
+__all__ = ["JOINED_FREEDOM", "ElasticCheck", "elastic_check", "joined", "normal_force", "run_gain", "small_unit"]
 
 #: Number of frames that the elastic model is asked to reconstruct, and number that it must reconstruct.
 ASKED, ANSWERED = 6, 3
+#: Labels below this fraction of the largest force are not asked.
+STRONG = 0.15
 #: The elastic model is rejected if the error of its force exceeds this fraction of the root mean square of the labels,
 #: and this many times the error of the map,
 ELASTIC_ERROR, ELASTIC_RATIO = 0.1, 1.5
@@ -92,14 +95,14 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> ElasticCheck:
             said=("the elastic model was not asked: no normal force is known, or these channels do not tell it",)
         )
     fz = data.known["fz"]
-    at = np.flatnonzero(np.isfinite(fz) & (np.abs(fz) > 0.15 * np.nanmax(np.abs(fz))))
+    at = _strong(fz)
     if len(at) < ANSWERED:
         return ElasticCheck(
             said=(
                 f"whether the elastic model holds is open: {ANSWERED} labelled presses tell it, and there are {len(at)}",
             )
         )
-    at = at[np.linspace(0, len(at) - 1, min(ASKED, len(at))).round().astype(int)]
+    at = _spread(at)
     factor = small_unit(skin, data)
     found, wrong, tested, ends, deviations = [], 0, False, [], []
     quiet = skin.at_rest(factor * data.rest)
@@ -169,6 +172,39 @@ def elastic_check(skin: Any, data: Labelled, main: ForceMap) -> ElasticCheck:
         force[good], np.array(deviations)[good], relative, at[good], data, main, known=np.flatnonzero(np.isfinite(fz))
     )
     return ElasticCheck(unit, std, relative, weight, wider, tuple(words))
+
+
+def run_gain(skin: Any, data: Labelled, unit: float, error: float, share: float) -> tuple[float, float] | None:
+    """Return the factor on the elastic model's force in the run of these labels, and its standard deviation; None if the
+    model solves none of them.
+
+    ``unit`` is the factor on readings of the calibration, ``error`` its relative error in one press, and ``share`` the
+    standard deviation of the factor before the labels; the labels widen it if they show a larger one.
+    """
+    at = _spread(_strong(data.known["fz"]))
+    quiet, found = skin.at_rest(unit * data.rest), np.full(len(at), math.nan)
+    for k, i in enumerate(at):
+        with contextlib.suppress(PalpateError):
+            found[k] = float(normal_force(quiet.reconstruct(unit * data.planes[i]))[0])
+    good = np.isfinite(found)
+    square = float(found[good] @ found[good])
+    if square == 0.0:
+        return None
+    ratio = float(found[good] @ data.known["fz"][at][good]) / square
+    variance = error**2 / len(np.unique(data.press[at][good]))
+    before = max(share**2, (ratio - 1.0) ** 2 - variance)
+    known = before / (before + variance)
+    return 1.0 + known * (ratio - 1.0), math.sqrt(before * (1.0 - known))
+
+
+def _strong(fz: Floats) -> Any:
+    """Return the labels with enough force to ask the elastic model."""
+    return np.flatnonzero(np.isfinite(fz) & (np.abs(fz) > STRONG * np.nanmax(np.abs(fz))))
+
+
+def _spread(at: Any) -> Any:
+    """Return at most ASKED of the labels, evenly."""
+    return at[np.linspace(0, len(at) - 1, min(ASKED, len(at))).round().astype(int)]
 
 
 def _beside_the_map(

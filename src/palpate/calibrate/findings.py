@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from palpate.calibrate.calibration import SkinCalibration
     from palpate.calibrate.labels import Labelled
 
-__all__ = ["ageing", "best_press", "hysteresis", "silent_readings", "table_of"]
+__all__ = ["ageing", "best_press", "hysteresis", "loading_difference", "silent_readings", "table_of"]
 
 #: Smallest number of presses for cross-validation.
 MIN_PRESSES = 3
@@ -73,19 +73,29 @@ def silent_readings(skin: Any, data: Labelled) -> list[str]:
     ]
 
 
-def hysteresis(one: ForceMap) -> list[str]:
-    """Return a sentence if errors differ between loading and unloading."""
+def loading_difference(one: ForceMap) -> tuple[float, float, float] | None:
+    """Return the mean error of left-out presses while the load grows minus that while it falls, its standard error, and
+    the root mean square of the labels [N]; None without times or with too few frames of either.
+    """
     p = one.process
     if p.time is None or len(p.values) < 20:
-        return []
+        return None
     order = np.argsort(p.time)
     rise = np.gradient(p.values[order])
     error, size = one.left_out[order], float(np.sqrt((p.values**2).mean()))
     up, down = error[rise > 0.01 * size], error[rise < -0.01 * size]
     if min(len(up), len(down)) < 5:
-        return []
-    apart = float(up.mean() - down.mean())
+        return None
     scatter = math.sqrt(up.var(ddof=1) / len(up) + down.var(ddof=1) / len(down))
+    return float(up.mean() - down.mean()), scatter, size
+
+
+def hysteresis(one: ForceMap) -> list[str]:
+    """Return a sentence if errors differ between loading and unloading."""
+    compared = loading_difference(one)
+    if compared is None:
+        return []
+    apart, scatter, size = compared
     if abs(apart) < DIFFERS * scatter or abs(apart) < LAG * size:
         return []
     return [

@@ -94,9 +94,14 @@ class ForceMap:
     def predict(self, readings: Floats) -> tuple[Floats, Floats]:
         """Return value and standard deviation for each frame."""
         frames = self.errors(readings)
-        if self.this_run is None:
+        if self.this_run is None or self._of_this_run is None:
             return frames.mean, frames.std
-        return self.this_run.corrected(frames, self.errors(self.this_run.readings))
+        return self.this_run.corrected(frames, self._of_this_run)
+
+    @cached_property
+    def _of_this_run(self) -> tuple[FrameErrors, Floats] | None:
+        """Return what the labels of this run tell of the errors of its frames; None without such labels."""
+        return None if self.this_run is None else self.this_run.known(self.errors(self.this_run.readings))
 
     def errors(self, readings: Floats) -> FrameErrors:
         """Return the value of each frame for a run without labels, and the parts of its error."""
@@ -173,9 +178,9 @@ class ForceMap:
     @property
     def gain_std(self) -> float:
         """Return the standard deviation of the gain of the run that the frames come from."""
-        if self.this_run is None:
+        if self.this_run is None or self._of_this_run is None:
             return self.run_share
-        return self.this_run.gain(self.errors(self.this_run.readings))[1]
+        return self.this_run.gain(self._of_this_run)[1]
 
     @cached_property
     def run_zero(self) -> float:

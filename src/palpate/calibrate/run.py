@@ -92,21 +92,28 @@ class RunLabels:
     std: Floats
     press: npt.NDArray[np.int64]
 
-    def corrected(self, frames: FrameErrors, labels: FrameErrors) -> tuple[Floats, Floats]:
-        """Return the values of the frames given these labels, of which the map has the errors ``labels``, and their
-        standard deviations.
+    def known(self, labels: FrameErrors) -> tuple[FrameErrors, Floats]:
+        """Return the errors of the map at these labels with the standard deviation of the gain that they show, and the
+        inverse of the covariance of the labels. Both serve all frames.
         """
-        labels = self._learnt(labels)
-        frames = replace(frames, gain=labels.gain)
-        across, inverse = frames.covariance(labels), self._inverse(labels)
-        mean = frames.mean + across @ inverse @ (self.values - labels.mean)
-        known = np.einsum("ij,jk,ik->i", across, inverse, across)
-        return mean, np.sqrt(np.maximum(frames.std**2 - known, frames.noise**2 + frames.shared**2))
+        learnt = self._learnt(labels)
+        return learnt, self._inverse(learnt)
 
-    def gain(self, labels: FrameErrors) -> tuple[float, float]:
-        """Return the gain of this run over the map, and its standard deviation."""
-        labels = self._learnt(labels)
-        inverse, across = self._inverse(labels), labels.gain**2 * labels.mean
+    def corrected(self, frames: FrameErrors, known: tuple[FrameErrors, Floats]) -> tuple[Floats, Floats]:
+        """Return the values of the frames given these labels, and their standard deviations. ``known`` is that of
+        `known`.
+        """
+        labels, inverse = known
+        frames = replace(frames, gain=labels.gain)
+        across = frames.covariance(labels)
+        mean = frames.mean + across @ inverse @ (self.values - labels.mean)
+        told = ((across @ inverse) * across).sum(axis=1)
+        return mean, np.sqrt(np.maximum(frames.std**2 - told, frames.noise**2 + frames.shared**2))
+
+    def gain(self, known: tuple[FrameErrors, Floats]) -> tuple[float, float]:
+        """Return the gain of this run over the map, and its standard deviation. ``known`` is that of `known`."""
+        labels, inverse = known
+        across = labels.gain**2 * labels.mean
         mean = 1.0 + float(across @ inverse @ (self.values - labels.mean))
         return mean, float(np.sqrt(max(labels.gain**2 - float(across @ inverse @ across), 0.0)))
 

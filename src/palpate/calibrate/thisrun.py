@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from palpate._numbers import plain_number
 from palpate.calibrate.calibration import FORCES, PLACES, SkinCalibration
+from palpate.calibrate.elastic import run_gain
 from palpate.calibrate.labels import Labelled
 from palpate.calibrate.run import RunLabels
 from palpate.elastic.pad import Floats
@@ -36,8 +38,14 @@ def quantity(data: Labelled, name: str) -> Floats:
     return np.where(data.known["fz"] == 0.0, 0.0, value * data.known["fz"])
 
 
-def run_calibration(before: SkinCalibration, data: Labelled, said: list[str]) -> SkinCalibration:
+def run_calibration(
+    skin: Any, before: SkinCalibration, data: Labelled, true: Labelled, said: list[str]
+) -> SkinCalibration:
     """Return the calibration for frames of the run that was labelled.
+
+    ``true`` are the labels for the elastic model: readings divided by their fitted gains, and ``skin`` has the fitted
+    constants. The elastic model has a gain of its own: an error of the map at places that the calibration has not seen is not one
+    of the elastic model.
 
     Raises
     ------
@@ -58,11 +66,13 @@ def run_calibration(before: SkinCalibration, data: Labelled, said: list[str]) ->
         new = RunLabels(data.flat[at], value[at], std, data.press[at])
         maps[name] = replace(one, this_run=new)
         if name == "fz":
-            gain, gain_std = new.gain(one.errors(new.readings))
-            unit, unit_std = unit * gain, math.hypot(unit_std, gain_std)
+            gain, gain_std = new.gain(new.known(one.errors(new.readings)))
+            if before.elastic:
+                own = run_gain(skin, true, before.unit, before.elastic_error, one.run_share) or (gain, gain_std)
+                unit, unit_std = unit * own[0], math.hypot(unit_std, own[1])
             words.insert(
                 0,
-                f"{ABOUT}forces are {plain_number(gain, 3)} +- {plain_number(gain_std, 2)} times those of the calibration, from {len(np.unique(new.press))} presses. This correction holds for this run only; for another run, start from the calibration without it",
+                f"{ABOUT}forces are {plain_number(gain, 3)} +- {plain_number(gain_std, 2)} times those of the calibration, from {len(new.values)} labelled frames. This correction holds for this run only; for another run, start from the calibration without it",
             )
     if all(one.this_run is None or one is before.maps[n] for n, one in maps.items()):
         raise InvalidInput(

@@ -273,7 +273,10 @@ def bench_trust(
     cases: Annotated[Path | None, typer.Option(help="CSV file with every frame.")] = None,
     force: Force = False,
 ) -> None:
-    """Count how often the inversion is wrong without a note. Simulated sensors have offsets, pulls, stuck taxels, wrong pads and more, one row for each."""
+    """Count how often the inversion is wrong without a warning.
+
+    Random sensors meet offsets, pulls, stuck taxels, wrong pads and more, one row for each.
+    """
     import csv
     import io
 
@@ -309,7 +312,7 @@ def bench_trust(
         typer.echo("stopped before the end: no files were written", err=True)
         raise typer.Exit(130)
     total = sum(line.frames for line in done)
-    typer.echo(f"wrong without a word: {sum(line.betrays for line in done)} of {total} frames")
+    typer.echo(f"wrong without a warning: {sum(line.betrays for line in done)} of {total} frames")
     for kind, silent, count in trust.by_sensor(found):
         if silent:
             typer.echo(f"  {kind}: {silent} of {count}")

@@ -20,7 +20,7 @@ from palpate.design.responses import Responses, weights_of
 from palpate.elastic.pad import Floats
 from palpate.sensing.nuisance import nuisances
 from palpate.sensing.operator import Operator
-from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
+from palpate.sensing.uncertainty import Uncertainty, scale_free, step_of, stretched
 
 __all__ = ["Bound", "PressModel", "covariance"]
 
@@ -121,8 +121,9 @@ class PressModel:
             shape, forces = coarse.contact(r.middle, self.press.contact_radius)[None], self.forces[None]
             before = coarse.read(shape, forces)[0]
         for name in causes:
-            moved = Operator(*stretched(r.pad, r.planes, **{name: 1.0 + STEP}), coarse.grid)
-            columns.append(getattr(known, name) * (coarse.read(shape, forces, moved)[0] - before) / STEP)
+            step = step_of(r.pad, r.planes, name)
+            moved = Operator(*stretched(r.pad, r.planes, **{name: 1.0 + step}), coarse.grid)
+            columns.append(getattr(known, name) * (coarse.read(shape, forces, moved)[0] - before) / step)
         gain = uncertainty.assumed_gain or uncertainty.stated_gain
         return np.stack(columns, axis=1), gain * np.abs(self.readings)
 

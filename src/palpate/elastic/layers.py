@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -130,8 +131,10 @@ class BondedLayers:
 
     @property
     def surface_thickness(self) -> float:
-        """Thickness [m] of the uppermost material."""
-        return self.layers[0].thickness
+        """Thickness [m] of the uppermost material: that of the first layers of equal constants."""
+        first = (self.layers[0].youngs_modulus, self.layers[0].poissons_ratio)
+        alike = itertools.takewhile(lambda layer: (layer.youngs_modulus, layer.poissons_ratio) == first, self.layers)
+        return sum(layer.thickness for layer in alike)
 
     @property
     def surface(self) -> HalfSpace:

@@ -18,6 +18,7 @@ __all__ = [
     "Complexes",
     "Floats",
     "Pad",
+    "check_below",
     "check_pad",
     "isotropic_compliance",
     "isotropic_constants",
@@ -102,6 +103,13 @@ def check_pad(pad: object) -> None:
             f"pad must be an elastic body, HalfSpace(...) or BondedLayers([...]), or one of your own with the members of "
             f"palpate.elastic.Pad; got {type(pad).__name__}: {why}."
         )
+
+
+def check_below(depth: npt.ArrayLike) -> None:
+    """Raise `InvalidInput` for a depth above the surface."""
+    least = np.min(np.asarray(depth, dtype=np.float64), initial=0.0)
+    if least < 0.0:
+        raise InvalidInput(f"depth must be 0 or more [m], as z grows into the pad; got {least:g}. Turn its sign.")
 
 
 def offered(pad: object, *names: str) -> bool:

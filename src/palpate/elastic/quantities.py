@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.channels import find_channel
-from palpate.elastic.pad import Complexes, Floats, Pad
+from palpate.elastic.pad import Complexes, Floats, Pad, check_below
 
 __all__ = ["COMPONENTS", "WaveFields", "transfer"]
 
@@ -138,7 +138,7 @@ def transfer(
     Raises
     ------
     InvalidInput
-        A channel that does not exist, and a depth below a rigid base.
+        A channel that does not exist, and a depth above the surface or below a rigid base.
 
     Examples
     --------
@@ -152,6 +152,7 @@ def transfer(
     >>> matrix[:, 0, 2].real.round(4).tolist()  # pressure -> s_zz: (1 + k z) exp(-k z)
     [1.0, 0.7358]
     """
+    check_below(depth)
     kx, ky = np.broadcast_arrays(np.asarray(wavevector_x, dtype=np.float64), np.asarray(wavevector_y, dtype=np.float64))
     k = np.hypot(kx, ky)
     zero = k == 0.0

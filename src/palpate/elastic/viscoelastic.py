@@ -70,7 +70,7 @@ class Viscoelastic:
     prony: Sequence[tuple[float, float]]
 
     def __post_init__(self) -> None:
-        if isinstance(self.elastic, Viscoelastic) or not isinstance(self.elastic, Pad):
+        if isinstance(self.elastic, Viscoelastic | type) or not isinstance(self.elastic, Pad):
             raise InvalidInput(
                 f"elastic must be a HalfSpace, BondedLayers or another elastic Pad; got {type(self.elastic).__name__}."
             )

@@ -205,8 +205,11 @@ class IdentifiedPress:
 
     @property
     def forces(self) -> Floats:
-        """Normal force of all patches together in each frame [N]; 0 without contact, NaN if the force of a patch is unknown."""
-        return np.array([sum(p.force[2].value for p in f.patches) for f in self.frames], dtype=np.float64)
+        """Normal force of all patches together in each frame [N]; 0 without contact, NaN if the patches or the force of
+        one are unknown.
+        """
+        each = [sum(p.force[2].value for p in f.patches) if f.count.known else math.nan for f in self.frames]
+        return np.array(each, dtype=np.float64)
 
     def __str__(self) -> str:
         rows = {

@@ -29,9 +29,9 @@ from palpate.identify.shapes import BALL, FLAT, Shapes, by_reading, flat_reading
 from palpate.identify.texture import texture
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import AreaGrid
-from palpate.sensing.nuisance import nuisances
+from palpate.sensing.nuisance import NUISANCES, groups, nuisances
 from palpate.sensing.readings import checked_planes
-from palpate.sensing.uncertainty import STEP, Uncertainty, stretched
+from palpate.sensing.uncertainty import Uncertainty, step_of, stretched
 from palpate.touch import Touch
 
 __all__ = ["Skinlike", "identify"]
@@ -51,6 +51,8 @@ ROUNDS = 6
 MODEL = 3e-4
 #: Reason for unknown properties in a frame without contact.
 NOTHING = "nothing touches"
+#: The reason given for one that pulls.
+PULLS = "the contact pulls: Hertz's relations are for one that pushes"
 
 
 class Skinlike(Protocol):
@@ -153,8 +155,10 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
         return Frame(body, "pressure was not estimated")
     pressure = np.nan_to_num(to_numpy(touch.values)[-1])
     touching = touch.touching is None or bool(touch.touching)
-    if not touching or not pressure.max(initial=0.0) > 0:
+    if not touching or not pressure.any():
         return Frame(body, NOTHING)
+    if not pressure.max() > 0:
+        return Frame(body, PULLS)
     data = _data(body, touch, parts)
     if data is None:
         return Frame(
@@ -164,7 +168,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
     best, other, waves = _explained(shapes, data, _starts(touch, pressure), wanted)
     guesses = tuple(_guess(touch, pressure, region) for region in _regions(pressure))
     if best.forces[:, -1].min() <= 0:
-        return Frame(body, "the contact pulls: Hertz's relations are for one that pushes", misfit=best.misfit)
+        return Frame(body, PULLS, misfit=best.misfit)
     if best.misfit < REFUSED:
         reason = f"round contacts do not explain the readings (misfit probability {best.misfit:.2g})"
         return Frame(body, reason, guesses=guesses, misfit=best.misfit, components=components)
@@ -215,10 +219,18 @@ def _data(skin: Body, touch: Touch, parts: Sequence[Floats]) -> Data | None:
     values = np.nan_to_num(values)
     spread = np.sqrt(deviation**2 + (gain * values) ** 2 + (MODEL * np.abs(values).max()) ** 2)
     weights = np.where(good, 1.0 / spread, 0.0)
-    others = np.zeros((0, len(values)))
-    if touch.nuisance is not None and np.any(np.nan_to_num(np.asarray(touch.nuisance)) != 0.0):
-        others = np.stack([n.rows for n in nuisances(skin.planes, ["offset"])])
-    return Data(values * weights, weights, others)
+    return Data(values * weights, weights, _others(skin, touch, len(values)))
+
+
+def _others(skin: Body, touch: Touch, count: int) -> Floats:
+    """Return the nuisances (n, reading) that the touch found, and the offsets of all channels beside any."""
+    if touch.nuisance is None:
+        return np.zeros((0, count))
+    sizes = np.nan_to_num(np.asarray(touch.nuisance, dtype=np.float64))
+    found = {label for (label, _), size in zip(touch.nuisance_names, sizes) if size != 0.0}
+    every = [*nuisances(skin.planes, NUISANCES), *groups(skin.planes)]
+    rows = [n.rows for n in every if found and (n.kind == "offset" or n.label in found)]
+    return np.stack(rows) if rows else np.zeros((0, count))
 
 
 def _regions(pressure: Floats) -> list[npt.NDArray[np.bool_]]:
@@ -352,8 +364,9 @@ def _shifted(skin: Body, shapes: Shapes, data: Data, best: Fit) -> list[tuple[Fi
     out = []
     for name, size in (("depth", beside.depth or 0.0), ("thickness", beside.thickness or 0.0)):
         if size > 0:
-            pad, planes = stretched(skin.pad, skin.planes, **{name: 1.0 + STEP})
+            step = step_of(skin.pad, skin.planes, name)
+            pad, planes = stretched(skin.pad, skin.planes, **{name: 1.0 + step})
             low, high = shapes.bounds
             other = Shapes(pad, planes, shapes.components, low, high, shapes.largest)
-            out.append((fit(other, data, best.shape, best.centers, best.radii), size / STEP))
+            out.append((fit(other, data, best.shape, best.centers, best.radii), size / step))
     return out

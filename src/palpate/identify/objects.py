@@ -11,7 +11,7 @@ import numpy as np
 from palpate.identify.findings import Finding, Identified, Patch
 from palpate.identify.fitting import Fit
 from palpate.identify.frame import Body, Frame
-from palpate.identify.hertz import WIDEST, layer_terms, plane_strain_modulus
+from palpate.identify.hertz import WIDEST, layer_terms, plane_strain_modulus, stiffness, surface_thickness
 from palpate.identify.shapes import BALL, FLAT
 
 __all__ = ["NORMAL", "Contact", "contact", "contact_findings", "identified", "modulus_std"]
@@ -155,14 +155,25 @@ def contact(frame: Frame) -> Contact:
 
 def contact_findings(found: Contact) -> tuple[Finding, Finding, Finding, Finding]:
     """Return radius, modulus of the object, effective modulus and stiffness."""
-    pad = found.body.pad
-    if pad.thickness is not None and found.radius > WIDEST * pad.thickness:
-        wide = f"the contact is {found.radius / pad.thickness:.2g} of the pad's thickness in radius, and Hertz's relations hold up to {WIDEST:g}: press less"
-        radius = _sized(found, lambda a, f: a) if found.shape == FLAT else Finding.unknown("m", wide)
-        none = [Finding.unknown(u, wide) for u in ("Pa", "Pa", "N/m")]
+    why = _unrelated(found)
+    if why:
+        radius = _sized(found, lambda a, f: a) if found.shape == FLAT else Finding.unknown("m", why)
+        none = [Finding.unknown(u, why) for u in ("Pa", "Pa", "N/m")]
         return radius, none[0], none[1], none[2]
     effective, modulus = _moduli(found)
     return _radius(found), modulus, effective, _stiffness(found)
+
+
+def _unrelated(found: Contact) -> str:
+    """Return why Hertz's relations do not hold for a contact on this pad; "" if they do."""
+    pad = found.body.pad
+    if not getattr(pad, "modelled", True):
+        return f"it follows from the modulus and thickness of the pad, and a {type(pad).__name__} states neither"
+    first = surface_thickness(pad)
+    if first is None or found.radius <= WIDEST * first:
+        return ""
+    of = "thickness" if first == pad.thickness else "uppermost material's thickness"
+    return f"the contact is {found.radius / first:.2g} of the pad's {of} in radius, and Hertz's relations hold up to {WIDEST:g}: press less"
 
 
 def _radius(found: Contact) -> Finding:
@@ -262,21 +273,21 @@ def _moduli(found: Contact) -> tuple[Finding, Finding]:
 
 
 def _stiffness(found: Contact) -> Finding:
-    """Return dF/d(indentation) = 2 E* a, which holds for any round contact (G. M. Pharr, W. C. Oliver, F. R. Brotzen,
-    J. Mater. Res. 7, 1992, 613), corrected for a rigid base.
+    """Return dF/d(indentation), 2 E* a on a half-space (G. M. Pharr, W. C. Oliver, F. R. Brotzen, J. Mater. Res. 7,
+    1992, 613), corrected for a base.
     """
     pad = found.body.pad
     known = math.isfinite(found.depth)
     modulus = _moduli(found)[0].value if known else plane_strain_modulus(pad)
     uncertainty = found.body.uncertainty
 
-    def stiffness(a: float, f: float) -> float:
-        return 1.0 / (1.0 / (2.0 * modulus * a) + layer_terms(pad, f, a, found.shape)[0] / f)
+    def rises(a: float, f: float) -> float:
+        return stiffness(pad, modulus, f, a, found.shape)
 
-    value = stiffness(found.radius, found.force)
-    shifted = sum((s * math.log(stiffness(a, f) / value)) ** 2 for a, f, s in found.shifts)
+    value = rises(found.radius, found.force)
+    shifted = sum((s * math.log(rises(a, f) / value)) ** 2 for a, f, s in found.shifts)
     extra = NORMAL * math.sqrt(shifted + uncertainty.modulus**2)
     if found.ends[0] is None or found.ends[1] is None:
         return Finding.unknown("N/m", "the readings do not determine the size of the contact")
-    low, high = (math.hypot(math.log(stiffness(*end) / value), extra) for end in (found.ends[0], found.ends[1]))
+    low, high = (math.hypot(math.log(rises(*end) / value), extra) for end in (found.ends[0], found.ends[1]))
     return Finding(value, value * math.exp(-low), value * math.exp(high), "N/m", "" if known else RIGID)

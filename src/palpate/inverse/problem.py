@@ -24,7 +24,7 @@ from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
 from palpate.sensing.operator import Boundary, Operator, check_surface
 from palpate.sensing.surface import WIDE, check_above, check_depth, check_thickness, surface_of
-from palpate.sensing.uncertainty import STEP, Uncertainty, scale_free, stretched
+from palpate.sensing.uncertainty import Uncertainty, scale_free, step_of, stretched
 
 __all__ = ["Kept", "Problem"]
 
@@ -279,7 +279,8 @@ class Problem:
         for name in ("depth", "thickness"):
             value = getattr(u, name)
             if value:
-                columns.append((readings(self.moved(name, wide=wide)) - plain) / STEP)
+                step = step_of(self.pad, self.planes, name)
+                columns.append((readings(self.moved(name, wide=wide)) - plain) / step)
                 size.append(value)
         if not columns:
             return np.zeros((len(plain), 0)), np.zeros(0)
@@ -287,11 +288,12 @@ class Problem:
 
     def moved(self, name: str, *, wide: bool = False) -> Operator:
         """The operator of a pad whose "depth" or "thickness" is larger by the fraction
-        `palpate.sensing.uncertainty.STEP`.
+        `palpate.sensing.uncertainty.step_of`.
         """
 
         def made() -> Operator:
-            pad, planes = stretched(self.pad, self.planes, **{name: 1.0 + STEP})
+            step = step_of(self.pad, self.planes, name)
+            pad, planes = stretched(self.pad, self.planes, **{name: 1.0 + step})
             surface = self.wide_surface if wide else self.surface
             return Operator(pad, planes, surface, self.boundary, recall=self.recall)
 

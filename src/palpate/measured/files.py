@@ -83,7 +83,7 @@ def _unit(path: Path, name: str, unit: str | None) -> float:
 
 
 def _check_columns(path: Path, names: list[str]) -> list[str]:
-    """Return the columns that are channels; raise an error for unknown ones."""
+    """Return the columns that are channels; raise an error if none is, or a needed column is missing."""
     missing = [n for n in NEEDED if n not in names]
     channels = [n for n in names if is_channel(n)]
     if missing or not channels:

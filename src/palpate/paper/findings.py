@@ -94,7 +94,7 @@ def _physics() -> list[Claim]:
         ),
         Claim(
             "2",
-            "Of the two normal stresses the one along the depth dies out faster with y, and is used for that.",
+            "The normal stress along the depth decays faster with y than the one along the surface; therefore it is used.",
             f"Between y = 20 and 40 it falls like y to the power −{falls[0]:.2f}, the one along the surface −{falls[1]:.2f}.",
         ),
         Claim(
@@ -104,7 +104,7 @@ def _physics() -> list[Claim]:
         ),
         Claim(
             "3",
-            "Even a narrow load is felt broadly, so that the array must be wider than the contact.",
+            "Even a narrow load changes the readings far away, so the array must be wider than the contact.",
             f"Line force: 99 % of the area under |K1| lies within |y| < {widths['stress_zz']:.1f} (stress) and "
             f"{widths['strain_zz']:.0f} (strain).",
         ),
@@ -135,15 +135,15 @@ def _transforms() -> list[Claim]:
     return [
         Claim(
             "3.1",
-            "The DFT of K1 is nearly its Fourier transform, but for strain at 0; the truncated array makes it differ there, and it can be divided by.",
+            "The DFT of K1 nearly equals its Fourier transform, except for strain at k = 0. There the truncation of the array makes it differ from 0, so division is possible.",
             f"Largest difference: stress {differences['stress_zz'].max():.1e}; strain {zero['strain_zz']:.3f} at k = 0 (the transform is 0), "
             f"{differences['strain_zz'][1:].max():.3f} elsewhere.",
             "in part",
         ),
         Claim(
             "4",
-            "Truncation is one of the sources of the error.",
-            f"Without friction it is all of it in double precision: from data that repeat as the DFT has it, division recovers the pressure to {_small(circular)}.",
+            "Truncation of the array is one source of the error.",
+            f"In double precision and without friction it is the only source: from periodic data, division recovers the pressure to {_small(circular)}.",
         ),
     ]
 
@@ -169,14 +169,14 @@ def _accuracy(errors: Sequence[Row], friction: Sequence[Row], truncation: Sequen
     return [
         Claim(
             "3.1, 4",
-            "What is reconstructed is very near what was designed.",
+            "The reconstructed traction is very near the designed one.",
             f"Largest mean absolute error without friction {worst:.2e}, at peaks of 0.12 and 0.31; the linear system: "
             f"{_small(max(float(r['linear system']) for r in errors))}.",
         ),
         Claim(
             "3.2",
             "The even part of the readings gives the half-width M.",
-            f"It does: beyond the contact the even part's pressure is at most {edges[0]:.0e} (stress) and {edges[1]:.0e} (strain) of its peak, "
+            f"Yes: beyond the contact the pressure of the even part is at most {edges[0]:.0e} (stress) and {edges[1]:.0e} (strain) of its peak, "
             f"so any threshold above that gives M = {found[0]} and {found[1]}.",
         ),
         Claim(
@@ -203,7 +203,7 @@ def _accuracy(errors: Sequence[Row], friction: Sequence[Row], truncation: Sequen
             "4",
             "So truncation to 41 sensors costs strain more.",
             f"Cylinder: from stress {t['cylinder', 'stress_zz', 121]:.1e} to {t['cylinder', 'stress_zz', 41]:.1e}, from strain "
-            f"{t['cylinder', 'strain_zz', 121]:.1e} to {t['cylinder', 'strain_zz', 41]:.1e}. At 21 sensors the order turns round: "
+            f"{t['cylinder', 'strain_zz', 121]:.1e} to {t['cylinder', 'strain_zz', 41]:.1e}. With 21 sensors the order is reversed: "
             f"{t['cylinder', 'stress_zz', 21]:.1e} and {t['cylinder', 'strain_zz', 21]:.1e}.",
         ),
     ]
@@ -227,7 +227,7 @@ def _discussion(noise: Sequence[Row], speed: Sequence[Row]) -> list[Claim]:
             "Without noise it is more accurate too.",
             f"Rectangle from stress, relative error {quiet['division']:.0e} against {quiet['Hilgers']:.2f}: a smooth norm blunts its edges. "
             f"Cylinder: {smooth['division']:.0e} against {_small(smooth['Hilgers'])}: where noise is learned, none below 2e-4 of the largest "
-            "reading is believed. Which of his methods was meant is not said.",
+            "reading is believed. The paper does not say which of his methods it used.",
             "yes",
         ),
         Claim(

@@ -211,9 +211,7 @@ def figures() -> list[PaperFigure]:
             x_step=30.0,
             y_step=0.2,
         )
-        extra = (
-            "; at k = 0 it does not vanish as figure 5 does, so that it can be divided by" if what == "strain" else ""
-        )
+        extra = "; unlike figure 5 it is not 0 at k = 0, so division is possible" if what == "strain" else ""
         out.append(PaperFigure(number, f"Discrete Fourier transform of K1 of {what} at z = {DEPTH}{extra}", (panel,)))
     out.append(
         PaperFigure(8, "A cylinder and a rectangle, both rigid, indent the elastic material", sketch=sketches.indenters)

@@ -20,6 +20,8 @@ STEPS = 30
 #: Largest tilt: the pressure changes by a factor exp(12) over a standard deviation of the footprint, so that
 #: practically all of it is at one edge.
 STEEPEST = 12.0
+#: A polygon is convex if no corner lies beyond a side by more than this fraction of its size.
+FLAT = 1e-12
 
 
 def ellipse_points(count: int) -> tuple[Floats, Floats]:
@@ -62,12 +64,12 @@ def strip_points(count: int) -> tuple[Floats, Floats]:
 
 
 def hull_points(vertices: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return points and weights of a uniform pressure on polygons, relative to their middles.
+    """Return points and weights of a uniform pressure on the convex hulls of some places.
 
     Parameters
     ----------
     vertices : array (contact, vertex, 2)
-        In any order; a vertex may be there more than once.
+        Three or more places that do not lie on a line, in any order; a place may be there more than once.
     count : int
         Points along a side of each triangle.
 
@@ -75,10 +77,9 @@ def hull_points(vertices: Floats, count: int) -> tuple[Floats, Floats]:
     -------
     points (contact, point, 2), weights (contact, point)
     """
-    middle = vertices.mean(axis=1, keepdims=True)
-    away = vertices - middle
-    order = np.argsort(np.arctan2(away[..., 1], away[..., 0]), axis=1)
-    ring = np.take_along_axis(vertices, order[..., None], axis=1)
+    ring = _hulls(vertices)
+    corner = (ring != np.roll(ring, 1, axis=1)).any(axis=-1)[..., None]  # once each, however many repeat
+    middle = (ring * corner).sum(axis=1, keepdims=True) / corner.sum(axis=1, keepdims=True)
     after = np.roll(ring, -1, axis=1)
     first, second = ring - middle, after - middle
     areas = 0.5 * np.abs(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
@@ -92,6 +93,25 @@ def hull_points(vertices: Floats, count: int) -> tuple[Floats, Floats]:
     weights = np.repeat((areas / whole)[..., None] / len(s), len(s), axis=-1)
     n = len(vertices)
     return points.reshape(n, -1, 2), weights.reshape(n, -1)
+
+
+def _hulls(vertices: Floats) -> Floats:
+    """Return the corners (contact, corner, 2) of convex hulls in order; the last one repeats where there are fewer."""
+    away = vertices - vertices.mean(axis=1, keepdims=True)
+    order = np.argsort(np.arctan2(away[..., 1], away[..., 0]), axis=1)
+    ring = np.take_along_axis(vertices, order[..., None], axis=1)
+    side, seen = np.roll(ring, -1, axis=1) - ring, ring[:, None] - ring[:, :, None]
+    left = side[:, :, None, 0] * seen[..., 1] - side[:, :, None, 1] * seen[..., 0]
+    # a place inside puts others on the wrong side of the ring
+    inside = np.flatnonzero((left < -FLAT * (away**2).sum(axis=-1).max(axis=1)[:, None, None]).any(axis=(1, 2)))
+    if not len(inside):
+        return ring
+    from scipy.spatial import ConvexHull
+
+    for i in inside:
+        corners = vertices[i, ConvexHull(vertices[i]).vertices]
+        ring[i] = corners[np.minimum(np.arange(ring.shape[1]), len(corners) - 1)]
+    return ring
 
 
 def tilted(points: Floats, weights: Floats, center: Floats) -> tuple[Floats, Floats]:

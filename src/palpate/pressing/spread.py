@@ -3,7 +3,7 @@
 The geometry decides how a load is spread:
 
 - two smooth bodies: Hertz's ellipse (`palpate.solutions.hertz_ellipse`); a cylinder or capsule along its line: Hertz's line contact;
-- flat on flat: the polygon of the simulator's points, or the disc of a cylinder's end, evenly;
+- flat on flat: the convex hull of the simulator's points, or the disc of a cylinder's end, evenly;
 - an edge, a corner or a shape that is not known: a small disc (`Surface.least`).
 
 The centre of pressure is where the line of action of the force meets the surface, so that force and moment are those of the simulator: an ellipse is
@@ -50,8 +50,6 @@ SLIDES = 1.0 - 1e-9
 BLOCK = 64
 #: Candidate numbers of points along a footprint. Each contact uses the smallest for which points lie closer than cells.
 COUNTS = np.array([12, 18, 27, 40, 60])
-#: Number of vertices of a flat polygon; simulators report at most eight points for a pair.
-VERTICES = 8
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class Pressed:
         Net force and moment of the traction, which excludes contacts from the side, pulls, and loads beyond the skin's
         surface.
     missed : array (world,) of int
-        Contacts that are not, or not wholly, in the traction.
+        Number of contacts from the side and of pulls, plus 1 if a part of the load lies beyond the skin's surface.
 
     Examples
     --------
@@ -406,12 +404,13 @@ class _Pairs:
         lying = (number == 1) & known & ~sharp & (length > 0) & (principal[:, 0] == 0) & (principal[:, 1] > 0)
         extent = np.where(lying, length, extent)
         across = np.where(lying[:, None], axes[:, :, 1], across)
-        vertices = np.repeat(place[first][:, None, :2], VERTICES, axis=1)
+        most = int(number[wide].max(initial=1))
+        vertices = np.repeat(place[first][:, None, :2], most, axis=1)
         if wide.any():
             rank = np.zeros(len(group), dtype=np.intp)
             order = np.argsort(group, kind="stable")
             rank[order] = np.arange(len(group)) - np.repeat(np.cumsum(number) - number, number)
-            kept = rank < VERTICES
+            kept = rank < most
             vertices[group[kept], rank[kept]] = place[kept, :2]
         return cls(
             world=np.asarray(contacts.world)[first],

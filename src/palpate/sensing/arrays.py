@@ -14,7 +14,7 @@ from palpate._threads import cached_property
 from palpate.elastic.channels import check_channels
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.grids import AreaGrid, LineGrid, check_count, check_length, pair
+from palpate.sensing.grids import AreaGrid, LineGrid, check_center, check_count, check_length, pair
 from palpate.sensing.limits import check_limits, of_readings
 
 __all__ = ["AreaArray", "Array", "LineArray", "ScatteredArray"]
@@ -375,7 +375,7 @@ class AreaArray(_Common):
         pair("pitch", self.pitch)
         _check_depth(self.depth)
         pair("aperture", self.aperture, zero=True)
-        pair("center", self.center, sign=True)
+        check_center(self.center)
         object.__setattr__(self, "channels", check_channels(self.channels, 2))
         check_noise(self.noise, tuple(self.channels))
         check_length("noise_correlation", self.noise_correlation, zero=True)

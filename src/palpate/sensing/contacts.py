@@ -6,8 +6,9 @@ polynomial through `STENCIL` + 1 of them. The transpose of that interpolation gi
 contact in each cell (as in J. R. Phillips, J. K. White, IEEE Trans. CAD 16, 1997, 1059-1072). The operator of the
 surface serves all taxels farther away than six of its cells. For the others, cells near the contact are refined by a
 factor of four in each step. The finest cells use the mean of the contact: on the surface itself, and under a very wide
-contact at depths less than about a hundredth of its size. With apertures more than twice as wide as deep, the error is
-half a per cent of the largest reading.
+contact at depths less than about a hundredth of its size. With apertures more than twice as wide as deep, cells are a
+sixth of an aperture wide: under contacts wider than an aperture the error is up to 1 % of the largest reading of
+pressure, and 2 % of shear.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ def _free(operator: Operator, plane: int, contact: Contact) -> Floats:
     # Distant taxels use the surface unchanged.
     h = max(surface.spacings)
     spread = _spread(contact, surface)
-    rest = np.ones(len(points), dtype=bool) if spread is None else away < AWAY * h * (1 - 1e-9)
+    rest = array.valid.ravel() & (True if spread is None else away < AWAY * h * (1 - 1e-9))
     if spread is not None and not rest.all():
         out = np.asarray(operator.planes[plane].forward(spread)).reshape(out.shape).copy()
     elif spread is None:
@@ -228,7 +229,8 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
         points = array.points
         if len(some) < 2:  # an array needs two or more
             some = np.unique(np.concatenate([some, points.argmin(axis=0), points.argmax(axis=0)]))
-        return replace(array, positions=np.asarray(array.positions)[some], mask=None, limits=None), some
+        mask = None if array.mask is None else np.asarray(array.mask)[some]
+        return replace(array, positions=np.asarray(array.positions)[some], mask=mask, limits=None), some
     there = wanted.reshape(array.shape)
     ranges = []
     for axis, n in enumerate(array.shape):
@@ -240,10 +242,11 @@ def _part(array: Array, wanted: npt.NDArray[np.bool_]) -> tuple[Array, Index]:
         ranges.append(np.arange(low, high + 1))
     chosen = np.ravel_multi_index(np.meshgrid(*ranges, indexing="ij"), array.shape).ravel()
     centers = [0.5 * float(x[r[0]] + x[r[-1]]) for x, r in zip(array.grid.axes, ranges)]
+    mask = None if array.mask is None else np.asarray(array.mask)[np.ix_(*ranges)]
     if isinstance(array, LineArray):
-        return replace(array, count=len(ranges[0]), center=centers[0], mask=None, limits=None), chosen
+        return replace(array, count=len(ranges[0]), center=centers[0], mask=mask, limits=None), chosen
     area: AreaArray = replace(
-        array, shape=(len(ranges[0]), len(ranges[1])), center=(centers[1], centers[0]), mask=None, limits=None
+        array, shape=(len(ranges[0]), len(ranges[1])), center=(centers[1], centers[0]), mask=mask, limits=None
     )
     return area, chosen
 

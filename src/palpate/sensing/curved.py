@@ -348,8 +348,8 @@ class CurvedGrid(AreaGrid):
         """Convert errors (component sought,) of a force in the axes of a contact to errors (axis of the pad,), at the
         cells of ``traction`` (component, *surface).
 
-        With one component sought, the error is that of the normal. With two, they are errors of the tangents, and the
-        first applies to both, since the axis is not stated.
+        With one component sought, the error is that of the normal. With two, the first is taken for that of both
+        tangents and the second for that of the normal, since the components are not stated.
         """
         errors = np.asarray(errors, dtype=np.float64)
         if len(errors) < 3:

@@ -17,7 +17,17 @@ from palpate.elastic.pad import Floats
 from palpate.elastic.quantities import COMPONENTS
 from palpate.errors import InvalidInput
 
-__all__ = ["AreaGrid", "Grid", "LineGrid", "block_means", "check_count", "check_length", "refined", "repeated"]
+__all__ = [
+    "AreaGrid",
+    "Grid",
+    "LineGrid",
+    "block_means",
+    "check_center",
+    "check_count",
+    "check_length",
+    "refined",
+    "repeated",
+]
 
 
 def check_count(name: str, value: object, minimum: int = 2) -> int:
@@ -48,6 +58,13 @@ def pair(name: str, value: object, *, zero: bool = False, sign: bool = False) ->
         return a, b
     one = check_length(name, value, zero=zero, sign=sign)
     return one, one
+
+
+def check_center(value: object) -> None:
+    """Raise `InvalidInput` unless ``value`` is a place (x, y) [m]."""
+    if not isinstance(value, tuple | list | np.ndarray):
+        raise InvalidInput(f"center must be a place (x, y) in metres; got {value!r}.")
+    pair("center", value, sign=True)
 
 
 class _Flat:
@@ -279,7 +296,7 @@ class AreaGrid(_Flat):
         if max(self.shape) < 2:
             raise InvalidInput("shape must have at least 2 cells; got 1 x 1.")
         pair("spacing", self.spacing)
-        pair("center", self.center, sign=True)
+        check_center(self.center)
 
     @property
     def dimensions(self) -> int:

@@ -81,14 +81,15 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
         if markers:
             reach = max(reach, min(thickness or 0.0, MARKER_MARGIN * pitch))
         margin = math.ceil(reach / spacing - 1e-9)
-        inside = (high - low) / spacing
-        if not isinstance(first, ScatteredArray) and abs(inside - round(inside)) < 1e-6:
-            cells = round(inside)
-        else:
-            cells = math.ceil(inside)
+        middle, cells = 0.5 * (low + high), math.ceil((high - low) / spacing)
+        if not isinstance(first, ScatteredArray):  # whole cells from the taxels of the first plane to those of others
+            own = first.grid.axes[axis]
+            below, above = (math.ceil(far / spacing - 1e-6) for far in (own[0] - low, high - own[-1]))
+            cells = (len(own) - 1) * ratio + below + above
+            middle = 0.5 * float(own[0] + own[-1]) + 0.5 * (above - below) * spacing
         counts.append(cells + 1 + 2 * margin)
         spacings.append(spacing)
-        centers.append(0.5 * (low + high))
+        centers.append(middle)
     if first.dimensions == 1:
         return LineGrid(count=counts[0], spacing=spacings[0], center=centers[0])
     return AreaGrid(shape=(counts[0], counts[1]), spacing=(spacings[0], spacings[1]), center=(centers[1], centers[0]))

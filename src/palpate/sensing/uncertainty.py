@@ -14,7 +14,7 @@ from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.arrays import Array
 from palpate.units import is_number
 
-__all__ = ["EXACT", "GAIN", "GEOMETRY", "MODULUS", "SCALE", "STEP", "Uncertainty", "scale_free", "stretched"]
+__all__ = ["EXACT", "GAIN", "GEOMETRY", "MODULUS", "SCALE", "Uncertainty", "scale_free", "step_of", "stretched"]
 
 #: Relative change used to compute the effect of depth and thickness: a one-sided difference, wrong by a few per cent of
 #: the effect.
@@ -192,6 +192,24 @@ def stretched(
     for plane in planes:
         moved.append(replace(plane, depth=plane.depth * (thickness if _at_base(before, plane) else depth)))
     return pad, tuple(moved)
+
+
+def step_of(pad: Pad, planes: tuple[Array, ...], name: str) -> float:
+    """Relative change of the "depth" or "thickness" with which `stretched` tells its effect: `STEP`, or as much less if
+    taxels would lie below the base.
+
+    Examples
+    --------
+    >>> import palpate as pp
+    >>> from palpate.sensing.uncertainty import step_of
+    >>> pad = pp.BondedLayers([pp.Layer(thickness=2e-3, youngs_modulus=3e5, poissons_ratio=0.5)])
+    >>> array = pp.LineArray(count=5, pitch=1e-3, depth=1.99e-3, channels=["stress_zz"])
+    >>> step_of(pad, (array,), "depth"), step_of(pad, (array,), "thickness")
+    (-0.02, 0.02)
+    """
+    total = pad.thickness
+    deepest = max((a.depth for a in planes if not _at_base(pad, a)), default=0.0)
+    return -STEP if name == "depth" and total is not None and (1.0 + STEP) * deepest > total else STEP
 
 
 def _at_base(pad: Pad, plane: Array) -> bool:

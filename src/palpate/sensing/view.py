@@ -33,7 +33,8 @@ def opencv() -> Any:
 
 
 def grey(image: npt.ArrayLike) -> npt.NDArray[Any]:
-    """A picture as grey levels (row, column): the luminance of a colour picture; depth and type are kept.
+    """A picture as grey levels (row, column): the luminance of a colour picture. The type is kept, but
+    that float64 becomes float32.
 
     Raises
     ------

@@ -168,7 +168,7 @@ class Rest:
         Mean of the frames.
     noise : array (channel,) or None
         Standard deviation of a frame minus the zero, for each channel; None if the frames do not show it (fewer than
-        five, or all equal).
+        five, or all equal in some channel).
     wanders : bool
         Whether the readings drift, or something begins to touch (`moved`).
 

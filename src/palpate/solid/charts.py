@@ -14,7 +14,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.curved import Chart, Frames, SphereChart
 
-__all__ = ["MeshChart", "PlaneChart", "fitted_chart", "surface_area"]
+__all__ = ["MeshChart", "PlaneChart", "depths", "fitted_chart", "surface_area"]
 
 Index = npt.NDArray[np.intp]
 
@@ -110,6 +110,25 @@ class MeshChart:
         """Area of all facets [m^2]."""
         return float(0.5 * np.linalg.norm(self._areas, axis=1).sum())
 
+    def distances(self, points: Floats) -> Floats:
+        """Return the distances [m] of points (n, axis) from the nearest facet."""
+        corners = self._triangles
+        tried = min(TRIED, len(corners))
+        near = cKDTree(corners.mean(axis=1)).query(points, k=tried)[1].reshape(len(points), tried)
+        a, b, c = np.moveaxis(corners[near], 2, 0)
+        p, normal = points[:, None], self._normals[near]
+        found = np.abs(np.einsum("nka,nka->nk", p - a, normal))
+        inside = np.ones(near.shape, dtype=bool)
+        beside = np.full(near.shape, np.inf)
+        for start, stop, third in ((a, b, c), (b, c, a), (c, a, b)):
+            edge, inwards = stop - start, np.cross(normal, stop - start)
+            inwards *= np.sign(np.einsum("nka,nka->nk", third - start, inwards))[..., None]
+            inside &= np.einsum("nka,nka->nk", p - start, inwards) >= 0.0
+            along = np.einsum("nka,nka->nk", p - start, edge) / np.einsum("nka,nka->nk", edge, edge)
+            away = p - start - np.clip(along, 0.0, 1.0)[..., None] * edge
+            beside = np.minimum(beside, np.linalg.norm(away, axis=-1))
+        return np.asarray(np.where(inside, found, beside).min(axis=1))
+
     def frames(self, x: Floats, y: Floats) -> Frames:
         """Return the frames on the facet above or below each point; beside the surface those of the nearest facet,
         with stretch 0.
@@ -172,6 +191,18 @@ def fitted_chart(vertices: Floats, facets: Index, flat: float) -> Chart | None:
             top = (float(middle[0]), float(middle[1]), float(middle[2] - radius))
             return SphereChart(radius=radius, reach=reach, center=top)
     return MeshChart(vertices=vertices, facets=facets)
+
+
+def depths(chart: Chart | None, points: Floats, contact: Floats) -> Floats:
+    """Return how far points (n, axis) lie below the surface that is touched [m], whose vertices are ``contact``."""
+    if chart is None:
+        return points[:, 2]
+    if isinstance(chart, SphereChart):
+        middle = np.array(chart.center) + np.array([0.0, 0.0, chart.radius])
+        return np.asarray(chart.radius - np.linalg.norm(points - middle, axis=1))
+    if isinstance(chart, MeshChart):
+        return chart.distances(points)
+    return np.asarray(cKDTree(contact).query(points)[0])  # of a sheet, whose vertices lie one above another
 
 
 def surface_area(corners: Floats) -> float:

@@ -17,7 +17,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
 from palpate.sensing.curved import Chart, CylinderChart, SphereChart
 from palpate.sensing.grids import check_length
-from palpate.solid.charts import fitted_chart
+from palpate.solid.charts import depths, fitted_chart
 from palpate.solid.shapes import disc, laid_on, rectangle
 
 __all__ = ["FLAT", "LARGEST", "THROUGH", "bend", "box", "check_mesh", "dome", "from_file", "is_flush"]
@@ -230,13 +230,5 @@ def is_flush(pad: Any) -> bool:
     """
     if pad.chart is not None and pad.readings_along == "pad":
         return False
-    corners = pad.vertices[pad.base]
-    slack = 1e-3 * pad.thickness
-    if pad.chart is None:
-        return bool(np.abs(corners[..., 2] - pad.thickness).max() < slack)
-    if isinstance(pad.chart, SphereChart):
-        middle = np.array(pad.chart.center) + np.array([0.0, 0.0, pad.chart.radius])
-        away = np.linalg.norm(pad.vertices[np.unique(pad.base)] - middle, axis=1)
-        return bool(np.abs(away - (pad.chart.radius - pad.thickness)).max() < slack)
-    top = cKDTree(pad.vertices[np.unique(pad.contact)])
-    return bool(np.abs(top.query(pad.vertices[np.unique(pad.base)])[0] - pad.thickness).max() < slack)
+    base, top = (pad.vertices[np.unique(facets)] for facets in (pad.base, pad.contact))
+    return bool(np.abs(depths(pad.chart, base, top) - pad.thickness).max() < 1e-3 * pad.thickness)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from palpate._extras import require as require_library
 from palpate._memory import require
@@ -27,7 +26,7 @@ from palpate.sensing.maps import LinearMap, MatrixMap
 from palpate.sensing.surface import default_surface
 from palpate.sensing.uncertainty import Uncertainty
 from palpate.solid import accuracy, adjoint, files, making
-from palpate.solid.charts import PlaneChart
+from palpate.solid.charts import PlaneChart, depths
 from palpate.solid.making import FLAT, LARGEST
 from palpate.solid.maps import ThroughNodes, mirrored_in
 
@@ -349,9 +348,7 @@ class SolidPad:
     @cached_property
     def _thickness(self) -> float:
         base, top = self.vertices[np.unique(self.base)], self.vertices[np.unique(self.contact)]
-        if self.chart is None:
-            return float(base[:, 2].max())
-        return float(cKDTree(top).query(base)[0].max())
+        return float(depths(self.chart, base, top).max())
 
     @cached_property
     def endless(self) -> BondedLayers:
@@ -424,7 +421,9 @@ class SolidPad:
         return PlaneChart(outline=self.outline) if self.chart is None else self.chart
 
     def response(self, array: Array, surface: Grid) -> LinearMap:
-        """Return the map of an array from traction on the cells of a surface; taxels beside the pad read zero."""
+        """Return the map of an array from traction on the cells of a surface. `InvalidInput` for taxels beside the pad or
+        below its base that the array does not mask.
+        """
         self._check([array])
         if getattr(surface, "chart", None) != self.chart:
             raise InvalidInput(
@@ -575,7 +574,8 @@ class SolidPad:
                 )
             (x0, x1), (y0, y1) = self.outline
             slack = 1.0 - 1e-6  # a taxel on the rim
-            y, x = ((p - m) * slack + m for p, m in zip(array.points.T, (0.5 * (y0 + y1), 0.5 * (x0 + x1))))
+            points = array.points[array.valid.ravel()]
+            y, x = ((p - m) * slack + m for p, m in zip(points.T, (0.5 * (y0 + y1), 0.5 * (x0 + x1))))
             beside = ~(self._surface.frames(x, y).stretch > 0.0)
             if beside.any():
                 raise InvalidInput(

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from palpate.elastic.channels import check_channels
 from palpate.elastic.closed_form import PointTable, RectangleTable, area_fields
 from palpate.elastic.half_space import HalfSpace
-from palpate.elastic.pad import Floats
+from palpate.elastic.pad import Floats, check_below
 from palpate.errors import InvalidInput, Unsupported
 from palpate.solutions._common import check_half_space, finite, positive, slip_ratio, smoothed_modulus
 
@@ -22,6 +22,8 @@ __all__ = ["AreaContact", "flat_punch", "hertz_contact_radius", "hertz_point", "
 
 #: Fractions of a force below this are rounding errors.
 ROUNDING = 1e-15
+#: Steps of a grid differ by less than this fraction: positions in single precision pass.
+UNEVEN = 1e-3
 
 Shape = Literal["load", "patch", "hertz", "punch"]
 
@@ -109,7 +111,9 @@ class AreaContact:
         return np.array([sum(t.force for t in self.terms if t.component == c) for c in "xyz"], dtype=np.float64)
 
     def traction(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Floats:
-        """Surface traction (q_x, q_y, p) [Pa] at positions x, y [m], broadcast: shape (3, ...)."""
+        """Surface traction (q_x, q_y, p) [Pa] at positions x, y [m], broadcast: shape (3, ...); infinite at the edge of
+        a punch.
+        """
         xx, yy = np.broadcast_arrays(
             np.asarray(x, dtype=np.float64) - self.center[0], np.asarray(y, dtype=np.float64) - self.center[1]
         )
@@ -119,16 +123,18 @@ class AreaContact:
         return out
 
     def averages(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Floats:
-        """Mean traction (3, y, x) [Pa] in the cells of a uniform grid with centres ``x`` and ``y`` [m]: exact."""
-        xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-        dx, dy = float(xs[1] - xs[0]), float(ys[1] - ys[0])
-        edges_x = np.append(xs - dx / 2, xs[-1] + dx / 2) - self.center[0]
-        edges_y = np.append(ys - dy / 2, ys[-1] + dy / 2) - self.center[1]
-        out = np.zeros((3, ys.size, xs.size))
+        """Mean traction (3, y, x) [Pa] in the cells of a uniform grid with centres ``x`` and ``y`` [m]: exact.
+
+        Each axis may rise or fall. `InvalidInput` if it has fewer than two centres, or unequal steps.
+        """
+        (edges_x, dx), (edges_y, dy) = _cells("x", x), _cells("y", y)
+        edges_x, edges_y = edges_x - self.center[0], edges_y - self.center[1]
+        out = np.zeros((3, edges_y.size - 1, edges_x.size - 1))
         for t in self.terms:
             share = np.diff(np.diff(_share(t, edges_x[None, :], edges_y[:, None]), axis=0), axis=1)
+            share *= math.copysign(1.0, dx * dy)
             share[share < ROUNDING] = 0.0  # remove rounding errors of differences of 1/4
-            out["xyz".index(t.component)] += t.force * share / (dx * dy)
+            out["xyz".index(t.component)] += t.force * share / abs(dx * dy)
         return out
 
     def fields(
@@ -139,8 +145,12 @@ class AreaContact:
         y: npt.ArrayLike,
         depth: npt.ArrayLike,
     ) -> Floats:
-        """Channels (channel, ...) at positions x, y and ``depth`` [m], broadcast together."""
+        """Channels (channel, ...) at positions x, y and ``depth`` [m], broadcast together.
+
+        `InvalidInput` for a depth above the surface (negative): z grows into the pad.
+        """
         check_half_space(pad)
+        check_below(depth)
         names = check_channels(channels, 2)
         xx, yy, zz = np.broadcast_arrays(
             np.asarray(x, dtype=np.float64) - self.center[0],
@@ -197,6 +207,19 @@ class AreaContact:
         return replace(self, terms=(normal, *shear))
 
 
+def _cells(name: str, centres: npt.ArrayLike) -> tuple[Floats, float]:
+    """Return the edges and the step [m] of cells with these centres; the step is negative if they fall."""
+    places = np.asarray(centres, dtype=np.float64)
+    steps = np.diff(places) if places.ndim == 1 else np.zeros(0)
+    step = float(steps.mean()) if steps.size else math.nan
+    if not (step != 0.0 and np.abs(steps - step).max(initial=0.0) <= UNEVEN * abs(step)):
+        raise InvalidInput(
+            f"{name} must hold the centres of two or more cells of equal width [m]; got shape {places.shape}"
+            f"{f' with steps of {steps.min():g} to {steps.max():g} m' if steps.size else ''}. Use those of an AreaGrid."
+        )
+    return np.append(places - step / 2, places[-1] + step / 2), step
+
+
 def _share(term: _Term, x: Floats, y: Floats) -> Floats:
     """Return the fraction of a term's force on the rectangle between its middle and the corner (x, y); odd in x and in
     y.
@@ -236,7 +259,7 @@ def _density(term: _Term, x: Floats, y: Floats) -> Floats:
     with np.errstate(divide="ignore"):
         if term.shape == "hertz":
             return np.where(inside > 0, 1.5 / (math.pi * a**2) * np.sqrt(np.maximum(inside, 0.0)), 0.0)
-        return np.where(inside > 0, 0.5 / (math.pi * a**2) / np.sqrt(np.maximum(inside, 0.0)), 0.0)
+        return np.where(inside >= 0, 0.5 / (math.pi * a**2) / np.sqrt(np.maximum(inside, 0.0)), 0.0)
 
 
 def _single(shape: Shape, size: tuple[float, float], force: float, component: str) -> AreaContact:

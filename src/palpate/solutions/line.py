@@ -12,7 +12,7 @@ import numpy.typing as npt
 from palpate.elastic.channels import check_channels
 from palpate.elastic.closed_form_line import Shape, line_fields, potentials
 from palpate.elastic.half_space import HalfSpace
-from palpate.elastic.pad import Floats
+from palpate.elastic.pad import Floats, check_below
 from palpate.errors import InvalidInput, Unsupported
 from palpate.solutions._common import check_half_space, finite, positive, slip_ratio, smoothed_modulus
 
@@ -77,14 +77,10 @@ class LineContact:
 
     def traction(self, x: npt.ArrayLike) -> Floats:
         """Surface traction (q_x, p) [Pa] at positions x [m]: shape (2, ...); infinite at the edge of a punch."""
-        zeta = np.asarray(x, dtype=np.float64) - self.center + 0j
-        inside = np.abs(zeta.real) <= self.half_width
-        out = np.zeros((2, *zeta.shape))
+        places = np.asarray(x, dtype=np.float64) - self.center
+        out = np.zeros((2, *places.shape))
         for term in self.terms:
-            if term.shape == "load":
-                raise Unsupported("a line load has no finite traction; use averages(edges) or fields().")
-            value = -potentials(term.shape, term.half_width, zeta)[0].imag / math.pi * term.force
-            out["xz".index(term.component)] += np.where(inside, value, 0.0)
+            out["xz".index(term.component)] += term.force * _density(term, places)
         return out
 
     def averages(self, edges: npt.ArrayLike) -> Floats:
@@ -101,8 +97,10 @@ class LineContact:
         """Channels (channel, ...) at positions ``x`` and ``depth`` [m], broadcast together.
 
         The displacement of a half-plane is defined up to a constant: here u behaves like -(...) ln r far away.
+        `InvalidInput` for a depth above the surface (negative): z grows into the pad.
         """
         check_half_space(pad)
+        check_below(depth)
         names = check_channels(channels, 1)
         xx, zz = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(depth, dtype=np.float64))
         zeta = (xx - self.center) + 1j * zz
@@ -142,6 +140,21 @@ class LineContact:
                 _Term("hertz", stick * self.half_width, -full * stick**2, "x"),
             ),
         )
+
+
+def _density(term: _Term, x: Floats) -> Floats:
+    """Return the traction [Pa] of a unit force per length."""
+    a = term.half_width
+    if term.shape == "load":
+        raise Unsupported("a line load has no finite traction; use averages(edges) or fields().")
+    if term.shape == "strip":
+        return np.where(np.abs(x) <= a, 0.5 / a, 0.0)
+    inside = 1.0 - (x / a) ** 2
+    root = np.sqrt(np.maximum(inside, 0.0))
+    if term.shape == "hertz":
+        return 2.0 / (math.pi * a) * root
+    with np.errstate(divide="ignore"):
+        return np.where(inside >= 0.0, 1.0 / (math.pi * a) / root, 0.0)
 
 
 def _single(shape: Shape, half_width: float, force: float, component: str) -> LineContact:

@@ -18,7 +18,7 @@ intervals that hold 95 % of normal errors, 0.3 % do. A normal force that is not 
 - a note, figures apart, that a clean frame of the same sensor does not have. A note on every frame does not count.
 
 A frame that says "the net force is uncertain", as every frame of some sensors rightly does, has said that it may be off by more than 30 %: it is
-not wrong without a word unless the truth lies far outside its interval.
+not wrong without a warning unless the truth lies far outside its interval.
 
 The last frame of a **recording** (`palpate.bench.trust.recorded`) is answered as a user would have it: from its frames at rest and those before it, by itself,
 tracked, or out of a table. Warnings of the reader of the table count as notes.

@@ -64,6 +64,9 @@ PRODUCTS, ENTRY = 1.6e3, 60.0
 #: The same if contact may slide as a whole. With a matrix it is solved on finer cells, which is more accurate (balls
 #: and blocks that slide on a bonded gel: 0.44 of the clairvoyant filter's error instead of 0.58).
 FEWEST_SLIDING, PRODUCTS_SLIDING = 1200, 5e3
+#: The same of displacement, which decreases so slowly with distance that a solution takes two to four times as many. On 24 x 24 x 3 and 32 x 32 x 3 with
+#: noise of 0.1 % of the largest reading, frames take 2.3 s or 5 s with `PRODUCTS` and 1.0 s or 1.5 s with this; smaller contacts 0.2 s and 0.3 s.
+PRODUCTS_DISPLACEMENT = 5e3
 #: Number of products for a first solution, from which noise and region are estimated. With more than MANY readings its
 #: cost matters, so that products are used from FEWEST_OF_MANY unknowns on.
 PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
@@ -86,7 +89,10 @@ def by_products(
     unknowns = components * len(cells)
     # With so many readings, even the columns of a few cells take long.
     once = once and readings > MANY
-    fewest, products = (FEWEST_SLIDING, PRODUCTS_SLIDING) if slides and not once else (MIN_ITERATIVE_UNKNOWNS, PRODUCTS)
+    displaced = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
+    fewest, products = MIN_ITERATIVE_UNKNOWNS, PRODUCTS_DISPLACEMENT if displaced else PRODUCTS
+    if slides and not once:
+        fewest, products = FEWEST_SLIDING, PRODUCTS_SLIDING
     if readings <= FEW_READINGS or unknowns < (FEWEST_OF_MANY if once else fewest) or not can_be_applied(operator):
         return False
     box = box_of(cells, operator.surface.shape)

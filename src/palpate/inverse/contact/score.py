@@ -81,8 +81,8 @@ def simplest_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 
 def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
-    """Explanations without nuisances, and those whose nuisances reduce the residual compared with contact alone.
-    Other explanations gain only by smoothing the contact.
+    """Explanations without nuisances, and those whose nuisances leave no larger residual than contact alone, but for
+    what one nuisance costs. Other explanations gain only by smoothing the contact.
 
     All are credible if the contact loads the edge or fits most readings freely, because its residual is then small in
     any case.
@@ -90,7 +90,9 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
     rules, rough = policy.explanations, simplest_of(tried, policy).rough
     if rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained):
         return list(tried)
-    return [h for h in tried if not h.present.any() or h.rough.left <= rough.left]
+    return [
+        h for h in tried if not h.present.any() or gain_of(h.rough.free, h.rough.left, rough.left) < rules.per_nuisance
+    ]
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:

@@ -57,11 +57,11 @@ def _in_turn(
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
     near: Floats | None = None
-    step = 0.0
+    noise, step = search.first_noise, 0.0
     for turn in range(rules.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
-        found = rough(estimator, clean, observed, search.total, columns[:, present], search.first_noise, near, beat)
-        near = found.traction
+        found = rough(estimator, clean, observed, search.total, columns[:, present], noise, near, beat)
+        near, noise = found.traction, found.left
         if best is not None:
             # The first sizes are guesses from the outermost taxels: fitted sizes may gain slightly less, so allow for that.
             if found.gain < best.gain - (0.0 if few or turn > 1 else estimator.policy.detection.evidence):

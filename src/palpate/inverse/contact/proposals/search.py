@@ -83,4 +83,4 @@ class Search:
     def hopeless(self) -> Sequence[int]:
         """Signs of contact that no offset can make the best; valid once push and pull were tried."""
         estimator = self.estimator
-        return hopeless_signs(self.tried, estimator.policy) if estimator.large and not estimator.far else []
+        return hopeless_signs(self.tried, estimator.policy) if estimator.large else []
