@@ -419,6 +419,27 @@ def test_a_still_that_moves_is_refused(tmp_path: Path) -> None:
             open_pictures(tmp_path / name)
 
 
+def test_a_stack_in_a_folder_is_not_read_as_its_first_picture(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    (tmp_path / "frames").mkdir()
+    tifffile.imwrite(tmp_path / "frames" / "0.tif", RAMP)
+    tifffile.imwrite(tmp_path / "frames" / "1.tif", np.stack([RAMP] * 3), photometric="minisblack")
+    with open_pictures(tmp_path / "frames") as pictures:
+        read = list(pictures)
+    assert [p.image is None for p in read] == [False, True]
+    assert "1.tif holds 3 pictures" in read[1].fault
+
+
+def test_a_colour_picture_is_no_stack_of_its_rows(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    colour = np.stack([RAMP] * 3, axis=-1)
+    for name, values, count in (("one.tif", colour, 1), ("two.tif", np.stack([colour] * 2), 2)):
+        tifffile.imwrite(tmp_path / name, values, photometric="rgb")
+        with open_pictures(tmp_path / name) as pictures:
+            assert len(list(pictures)) == pictures.count == count
+            assert pictures.notes == []
+
+
 def test_pictures_on_their_side_say_which_size_to_write() -> None:
     from palpate.camera.displacements import view_of
     from palpate.recordings.camerasection import CameraSettings

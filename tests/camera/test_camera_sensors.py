@@ -158,6 +158,27 @@ def test_a_known_force_sets_the_modulus(tmp_path: Path) -> None:
     assert "NOT explain" not in str(found)
 
 
+def test_a_view_leaves_the_rest_of_the_camera_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures at rest and motion of the stage are those of the skin.toml, as in `follow`."""
+    path = guess(tmp_path)
+    text = path.read_text().replace("reference = 3", "reference = 7")
+    path.write_text(text.replace("stage = false", "stage = true "))
+    settings = read_camera(path)
+    assert settings is not None
+    assert (settings.reference, settings.stage) == (7, True)
+    taken: list[tuple[int, bool]] = []
+
+    def stopped(reading: Displacements, *_: object) -> None:
+        taken.append((reading.reference, reading.stage))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("palpate.camera.weighing._filmed", stopped)
+    for view in (None, SCENE.view):
+        with pytest.raises(KeyboardInterrupt):
+            weigh([SCENE.picture()] * 8, path, 1.0, view=view)
+    assert taken == [(7, True)] * 2
+
+
 @pytest.mark.long
 def test_presses_that_do_not_fit_say_so(tmp_path: Path) -> None:
     found = weigh([press(1.0), press(1.5, 2e-3)], guess(tmp_path), [1.0, 6.0])

@@ -132,6 +132,20 @@ def test_a_ball_of_another_size_has_its_depth_and_force(gel: Gel, model: SlopeMo
 
 
 @pytest.mark.long
+def test_a_gel_at_rest_is_given_in_blocks(gel: Gel, model: SlopeModel) -> None:
+    """The picture itself showed no contact; pixels that are saturated in it tell nothing."""
+    rng = np.random.default_rng(9)
+    rest, picture = gel.picture(rng=rng), gel.picture([Ball(3e-3, 1.2e-3, 2e-3, -1e-3)], rng=rng)
+    for wrong in (rest, rest.astype(np.float64), rest[:60] / 255.0):
+        with pytest.raises(InvalidInput, match=r"Give rest=model\.prepared"):
+            model.relief(picture, rest=wrong)
+    blocks = model.prepared(rest)[0]
+    assert model.relief(picture, rest=blocks).touching
+    blocks[40:80, 60:110] = 1.0
+    assert not model.relief(picture, rest=blocks).known[40:80, 60:110].any()
+
+
+@pytest.mark.long
 def test_nothing_touches(gel: Gel, model: SlopeModel, skin: pp.Skin) -> None:
     rng = np.random.default_rng(10)
     quiet = [gel.picture(rng=rng) for _ in range(2)] + [gel.picture(rng=rng, dust=6)]

@@ -232,3 +232,13 @@ def test_a_periodic_gel_is_weighed_as_such() -> None:
     frames = frames + 1e-7 * np.random.default_rng(0).standard_normal(frames.shape)
     held = Recording(readings=frames, channels=array.channels, time=np.arange(9.0))
     assert weigh(held, made, 2.0).factor == pytest.approx(1.0, rel=0.05)
+
+
+def test_an_exact_modulus_is_known_better_than_presses_tell() -> None:
+    exact = pp.Skin(
+        gel(SAID), skin(SAID).planes[0], surface=skin(SAID).surface, uncertainty=pp.Uncertainty(youngs_modulus=0.0)
+    )
+    found = weigh(recording(STEP), exact, 1.5)
+    assert found.before == 0.0
+    assert not found.better
+    assert weigh(recording(STEP), skin(SAID), 1.5).before == np.inf

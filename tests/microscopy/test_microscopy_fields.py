@@ -381,3 +381,98 @@ def test_published_fields_are_read() -> None:
     piv = read_field(PUBLISHED / "piv_particles.dat", pixel=1e-6)
     assert piv.std is not None
     assert (piv.shape, piv.start, piv.step) == ((24, 24), (305.0, 401.0), 4.0)
+
+
+def test_errors_of_missing_vectors_are_no_noise_of_the_others(tmp_path: Path) -> None:
+    u, std = np.zeros((2, 20, 30)), np.full((2, 20, 30), 2e-9)
+    u[:, 3, 4], std[:, 3, 4] = np.nan, 1e-5  # as programs mark a vector
+    field = Field(displacement=u, std=std, start=(3.5, 3.5), step=8.0, pixel=PIXEL)
+    assert field.noise == pytest.approx(2e-9)
+    u[:, 3, 4] = 0.5e-6
+    marked = Field(displacement=u, std=std, start=(3.5, 3.5), step=8.0, pixel=PIXEL)
+    assert marked.without_outliers().noise == pytest.approx(2e-9)
+    # a table whose flag leaves vectors out, with an error of 99 px
+    lines = ["x [px],y [px],u [px],v [px],ex [px],ey [px],flags"]
+    lines += [f"{8 * (k % 6)},{8 * (k // 6)},0.1,{0.01 * k},{(e := 99 if k == 7 else 0.02)},{e},{int(k == 7)}" for k in range(36)]  # fmt: skip
+    (tmp_path / "flags.csv").write_text("\n".join(lines) + "\n")
+    assert read_field(tmp_path / "flags.csv", pixel=PIXEL).noise == pytest.approx(0.02 * PIXEL)
+
+
+def test_infinite_errors_are_refused() -> None:
+    u, std = np.zeros((2, 20, 30)), np.full((2, 20, 30), 2e-9)
+    std[0, 3, 4] = np.inf
+    with pytest.raises(InvalidInput, match="no negative or infinite values"):
+        Field(displacement=u, std=std, start=(3.5, 3.5), step=8.0, pixel=PIXEL)
+
+
+def test_a_name_is_not_ignored_where_there_is_nothing_to_pick(tmp_path: Path) -> None:
+    np.save(tmp_path / "one.npy", np.random.default_rng(0).standard_normal((2, 20, 30)))
+    with pytest.raises(InvalidInput, match="holds one field: leave out name='3'"):
+        read_field(tmp_path / "one.npy", pixel=PIXEL, unit="px", step=8, name="3")
+    tifffile = pytest.importorskip("tifffile")
+    tifffile.imwrite(tmp_path / "one.tif", np.random.default_rng(0).standard_normal((2, 20, 30)).astype(np.float32))
+    with pytest.raises(InvalidInput, match="holds one field: leave out name"):
+        read_field(tmp_path / "one.tif", pixel=PIXEL, unit="px", step=8, name="3")
+
+
+@pytest.mark.parametrize("shape", [(100,), (100, 1), (20, 20, 3)])
+def test_components_that_are_no_matrices_need_positions(shape: tuple[int, ...], tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "list.mat", {"u": np.ones(shape), "v": np.ones(shape)})
+    with pytest.raises(InvalidInput, match="and no positions"):
+        read_field(tmp_path / "list.mat", pixel=PIXEL, unit="px", step=8)
+
+
+def test_a_marker_moves_with_a_v_that_grows_upwards(pair: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    """Rows grow downwards and v upwards: the moved marker lies at y - v."""
+    for name, sign in (("down", 1), ("up", -1)):
+        (tmp_path / f"{name}.csv").write_text(table((pair[0], sign * pair[1]), mark=","))
+    down = read_field(tmp_path / "down.csv", pixel=PIXEL, follow=True)
+    up = read_field(tmp_path / "up.csv", pixel=PIXEL, follow=True, v_up=True)
+    np.testing.assert_allclose(up.displacement, down.displacement, atol=1e-12)
+    assert up.start == pytest.approx(down.start)
+
+
+def test_errors_and_depth_have_the_units_of_their_columns(tmp_path: Path) -> None:
+    """Depth and errors in nanometres beside displacements in pixels are no pixels."""
+    for errors, title in (("5,5,250", "ex [nm],ey [nm],w [nm]"), ("0.05,0.05,2.5", "ex [px],ey [px],w")):
+        lines = [f"x [px],y [px],u [px],v [px],{title}"]
+        lines += [f"{8 * (k % 6)},{8 * (k // 6)},{0.1 * (k % 5)},{0.02 * (k % 3)},{errors}" for k in range(36)]
+        (tmp_path / "units.csv").write_text("\n".join(lines) + "\n")
+        field = read_field(tmp_path / "units.csv", pixel=PIXEL)
+        assert field.noise == pytest.approx(5e-9, rel=1e-9)
+        np.testing.assert_allclose(field.normal, 250e-9)
+    (tmp_path / "units.csv").write_text((tmp_path / "units.csv").read_text().replace("ey [px]", "ey [nm]"))
+    with pytest.raises(InvalidInput, match="ex in px and ey in nm: export both in one unit"):
+        read_field(tmp_path / "units.csv", pixel=PIXEL)
+
+
+def test_attributes_state_the_units_of_errors_and_depth(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    rng = np.random.default_rng(0)
+    with h5py.File(tmp_path / "field.h5", "w") as file:
+        for name, unit, value in (("u", "px", 1.0), ("v", "px", 1.0), ("w", "um", 0.25), ("ex", "nm", 5), ("ey", "nm", 5)):  # fmt: skip
+            file[name] = value + 0.01 * (name in "uv") * rng.standard_normal((20, 30))
+            file[name].attrs["units"] = unit
+    field = read_field(tmp_path / "field.h5", pixel=PIXEL, step=8)
+    assert field.noise == pytest.approx(5e-9, rel=1e-9)
+    np.testing.assert_allclose(field.normal, 250e-9)
+
+
+@pytest.mark.parametrize("suffix", ["", "_filtered"])
+def test_vectors_that_pivlab_interpolated_are_left_out_of_its_mat_files(suffix: str, tmp_path: Path) -> None:
+    """Its tables mark them so too: both files of one field are read alike."""
+    rng = np.random.default_rng(0)
+    u, v = 0.3 * rng.standard_normal((2, 20, 30))
+    kind = np.ones((20, 30))
+    kind[3, 4], kind[5, 6] = 0, 2
+    x, y = np.meshgrid(8.0 * np.arange(30), 8.0 * np.arange(20))
+    names = {f"u{suffix}": u, f"v{suffix}": v, f"typevector{suffix}": kind}
+    scipy.io.savemat(tmp_path / "field.mat", {"x": x, "y": y, **names})
+    lines = ["x [px],y [px],u [px],v [px],Vector type [-]"]
+    lines += [",".join(f"{n:.9g}" for n in row) for row in zip(*(np.ravel(p) for p in (x, y, u, v, kind)))]
+    (tmp_path / "field.txt").write_text("\n".join(lines) + "\n")
+    found = read_field(tmp_path / "field.mat", pixel=PIXEL, unit="px")
+    told = read_field(tmp_path / "field.txt", pixel=PIXEL)
+    assert found.left_out == told.left_out == 2
+    np.testing.assert_allclose(found.displacement, told.displacement, rtol=1e-6)
+    assert f"2 of 600 vectors are left out: typevector{suffix} marks them" in found.notes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -67,3 +68,23 @@ def test_a_film_of_three_displacements_has_normal_forces(normal: str, tmp_path: 
         assert float(row["normal_peak_low"]) > 0
     else:
         assert float(row["normal_peak_high"]) < 0
+
+
+def test_a_film_is_not_resumed_with_other_inputs(tmp_path: Path) -> None:
+    """Cells given as labels, and a picture of a folder that was written anew, are another film."""
+    pad = pp.HalfSpace(youngs_modulus=8e3, poissons_ratio=0.48)
+    np.save(tmp_path / "one.npy", np.random.default_rng(0).standard_normal((2, 20, 30)))
+    np.save(tmp_path / "areas.npy", np.ones((200, 300), dtype=np.uint8))
+    fields = {"frames": [tmp_path / "one.npy"], "pad": pad, "pixel": 1e-7, "unit": "px", "step": 10}
+    areas = tmp_path / "areas.npy"
+    assert Film(**fields, cells=areas).key() != Film(**fields, labels=areas).key()
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for name in ("pictures/a.pgm", "pictures/b.pgm", "rest.pgm"):
+        (tmp_path / name).write_bytes(b"P5 64 64 255\n" + np.random.default_rng(1).bytes(64 * 64))
+    film = Film(frames=[folder], rest=tmp_path / "rest.pgm", pad=pad, pixel=1e-7)
+    before, then = film.key(), folder.stat().st_mtime
+    (folder / "b.pgm").write_bytes(b"P5 64 64 255\n" + np.random.default_rng(2).bytes(64 * 64))
+    os.utime(folder / "b.pgm", (then + 10.0, then + 10.0))
+    os.utime(folder, (then, then))  # a folder does not change when a file in it is written anew
+    assert film.key() != before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,3 +113,12 @@ def test_deflections_that_cannot_be_are_refused():
     with pytest.raises(InvalidInput, match="noise"):
         pillar_forces(np.zeros((1, 2)), np.zeros((1, 2)), post, noise=-1.0)
     assert any("bend by more" in n for n in pillar_forces(np.zeros((1, 2)), np.array([[2e-6, 0.0]]), post).notes)
+
+
+def test_errors_of_deflections_have_the_unit_of_their_columns(tmp_path: Path) -> None:
+    path = tmp_path / "posts.csv"
+    for errors, title in (("5,5", "ex [nm],ey [nm]"), ("0.005,0.005", "ex,ey")):
+        path.write_text(f"x [um],y [um],dx [um],dy [um],{title}\n0,0,0.1,0,{errors}\n4,0,-0.25,0.03,{errors}\n")
+        std = read_pillars(path)[2]
+        assert std is not None
+        np.testing.assert_allclose(std, 5e-9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from palpate.errors import InvalidInput
 from palpate.microscopy import Field, cell_forces, sheet_tension
 from palpate.microscopy.sheet import Loads, Sheet, sheet_of
 from palpate.microscopy.sheetmesh import Shape, elements_of, triangles
+from palpate.microscopy.tension import _cells
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -255,3 +257,13 @@ def test_a_sheet_of_few_vectors_is_refused():
     forces = cell_forces(field, GEL, mask=mask, method="tikhonov", draws=8)
     with pytest.raises(InvalidInput, match="covers 4 vectors"):
         sheet_tension(forces)
+
+
+def test_labels_that_overlap_have_their_whole_area() -> None:
+    points = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
+    whole, part = np.zeros((2, 20, 20), dtype=bool)
+    whole[2:18, 2:18], part[5:9, 5:9] = True, True
+    tension = np.random.default_rng(0).standard_normal((9, 3, 400))
+    for masks in ({"whole": whole, "part": part}, {"part": part, "whole": whole}):
+        cells, _ = _cells(masks, SimpleNamespace(pixel=1.0), points, np.ones(400), tension, 0.0)
+        assert {cell.label: cell.area for cell in cells} == {"whole": 256.0, "part": 16.0}

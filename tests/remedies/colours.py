@@ -116,6 +116,12 @@ REMEDIES = [
         120,
         room="camera.colour.model",
     ),
+    value(
+        "Give rest=model.prepared(picture)[0]",
+        lambda rest: model().relief(pictures()[1], rest=rest()),
+        lambda: pictures()[0],
+        lambda: model().prepared(pictures()[0])[0],
+    ),
     told(
         "nothing says how pixels become metres",
         f"calibrate {BALL} --skin plain.toml --out c.toml",

@@ -271,6 +271,14 @@ REMEDIES = [
         ("t.csv", TABLE),
         given=lambda: laid(t_csv=lines()),
     ),
+    field(
+        "and no positions: a field without positions is a matrix",
+        lambda: (mat("list.mat", u=U.reshape(-1, 1), v=V.reshape(-1, 1)), read_field("list.mat", **HOW)),
+        lambda: (
+            mat("list.mat", **dict(zip("xyuv", (column[:, None] for column in listed().T)))),
+            read_field("list.mat", pixel=0.1e-6, unit="px"),
+        )[1],
+    ),
     field('give unit="px", or "m", "um"', (PAIR, {"unit": None}), PAIR),
     field(
         "holds infinite displacements; mark vectors that are missing as NaN",

@@ -67,13 +67,13 @@ class Flow(Followed):
         Between places [pixels]. A window is a little wider, and averages finer detail.
     region : Region, optional
         The part of the picture that shows the gel.
-    positions : array (n, 2)
-        , optional
+    positions : array (n, 2), optional
         Places [pixels] in place of a whole grid.
 
     Attributes
     ----------
-    positions : array (n, 2) Places at rest [pixels], without those lacking texture.
+    positions : array (n, 2)
+        Places at rest [pixels], without those lacking texture.
 
     Raises
     ------

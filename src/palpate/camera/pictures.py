@@ -280,9 +280,16 @@ def _read(paths: list[Path]) -> Iterator[tuple[None, Image | None, str]]:
     for path in paths:
         # not imread: it prints on stderr, and does not open every name on Windows
         try:
-            _check_still(path)
+            several = _check_still(path)
         except InvalidInput as error:
             yield None, None, str(error).rstrip(".")
+            continue
+        if several:
+            yield (
+                None,
+                None,
+                f"{path.name} holds {several} pictures, of which one alone would be read: give this stack by itself",
+            )
             continue
         data = np.fromfile(path, dtype=np.uint8)
         if _moves(data[:SNIFFED].tobytes()):
@@ -310,13 +317,15 @@ def _moves(head: bytes) -> bool:
     return head[:4] == b"\x89PNG" and b"acTL" in head[: head.find(b"IDAT")]
 
 
-def _check_still(path: Path) -> None:
-    """Raise an error for a single-picture file that is, or unpacks to, more than a picture can be."""
+def _check_still(path: Path) -> int:
+    """Raise an error for a single-picture file that is, or unpacks to, more than a picture can be. Return the number of
+    pictures in a TIFF file of several, else 0.
+    """
     check_size(path.stat().st_size, path.name)
     if path.suffix.lower() not in STACKS:
         with path.open("rb") as file:
             check_size(size_claimed(file.read(1 << 16)), path.name)
-        return
+        return 0
     try:
         import tifffile
     except ImportError as error:
@@ -324,10 +333,13 @@ def _check_still(path: Path) -> None:
     try:
         with tifffile.TiffFile(path) as file, path.open("rb") as raw:
             check_page(raw, file.pages[0], path.name)
+            # smaller pages are previews
+            whole = sum(page.shape == file.pages[0].shape for page in file.pages)
+            return whole if whole > 1 else 0
     except InvalidInput:
         raise
     except (tifffile.TiffFileError, OSError, ValueError, IndexError, TypeError, AttributeError):
-        return  # errors appear when it is unpacked
+        return 0  # errors appear when it is unpacked
 
 
 def _stack(path: Path, rate: float | None) -> Pictures:

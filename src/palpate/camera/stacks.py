@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import lzma
+import math
 import re
 import zlib
 from pathlib import Path
@@ -135,7 +136,10 @@ def size_claimed(head: bytes) -> int:
 
 def pages_claimed(file: Any) -> int:
     """Number of pictures according to the header of a file, for a stack whose end is missing."""
-    shaped = [int(m["shape"][0]) for m in file.shaped_metadata or () if len(m.get("shape", ())) > 2]
+    size = max(int(file.pages[0].size), 1)  # of one picture, with its colours
+    shaped = [
+        math.prod(map(int, m["shape"])) // size for m in file.shaped_metadata or () if len(m.get("shape", ())) > 2
+    ]
     return max([0, int((file.imagej_metadata or {}).get("images", 0)), *shaped])
 
 

@@ -71,7 +71,7 @@ class Weighed:
     fit : array (press,)
         Misfit probability of each press: `Touch.fit`.
     before : float
-        Relative standard deviation of the skin's modulus; infinite if that is "unknown".
+        Relative standard deviation of the skin's modulus, 0 if it is exact; infinite if the skin states none.
     """
 
     youngs_modulus: float
@@ -234,10 +234,12 @@ def _weighed(
             settings = camera_of(skin, view)
             lies: Any = settings if view is None else view
             texture = settings.texture if settings else None
-            with Displacements(source, lies, rate=rate, reference=reference, texture=texture) as readings:
+            rest = settings.reference if reference is None and settings else reference
+            stage = settings.stage if settings else None
+            with Displacements(source, lies, rate=rate, reference=rest, stage=stage, texture=texture) as readings:
                 full = gel_skin(skin, readings.positions)
                 modulus = _modulus(full)
-                before = full.uncertainty.youngs_modulus or math.inf
+                before = _stated(full)
                 full = _without_modulus(full)
                 press = _filmed(readings, full, settings.distance if settings else None, options)
                 found = _ratio(press, force)
@@ -277,6 +279,12 @@ def _modulus(skin: Skin) -> float:
     raise Unsupported(
         f"the modulus of a {type(pad).__name__} cannot be weighed: describe a half-space or bonded layers without creep."
     )
+
+
+def _stated(skin: Skin) -> float:
+    """Relative standard deviation of the modulus that the skin states; infinite if it states none."""
+    known = skin.uncertainty.youngs_modulus
+    return math.inf if known is None else known
 
 
 def _without_modulus(skin: Skin) -> Skin:
@@ -362,7 +370,7 @@ def _recorded(source: Any, skin: Skin | Path, reference: int | None, options: di
         raise InvalidInput(
             f"{name}: the gel moves in the first {rest} frames, which are taken to show it at rest: give the number that do with reference= (--baseline)."
         )
-    before = full.uncertainty.youngs_modulus or math.inf
+    before = _stated(full)
     full = _without_modulus(full)
     cut = list(np.cumsum([len(plane.channels) for plane in full.planes])[:-1])
 

@@ -158,8 +158,13 @@ def sampled(
         out[:rows, :columns] = np.repeat(np.repeat(coarse.left_out, ratio, axis=0), ratio, axis=1)
         note = f"{field.shape[1]} x {field.shape[0]} vectors are more than the traction needs: means of {ratio} x {ratio} of them are solved"
         shifted = [replace(s, places=s.places + first) for s in coarse.samples]
+        of_mean = 1.0 / ratio if noise is not None or field.std is None else math.sqrt(_of_mean(ratio, field))
         return replace(
-            coarse, samples=shifted, noise=coarse.noise * ratio, left_out=out & field.valid, notes=(note, *coarse.notes)
+            coarse,
+            samples=shifted,
+            noise=coarse.noise / of_mean,
+            left_out=out & field.valid,
+            notes=(note, *coarse.notes),
         )
     pitch, window, shape = field.pitch, field.aperture, field.shape
     least = max(LEAST, LEAST_PITCHES * pitch)

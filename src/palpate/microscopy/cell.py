@@ -35,6 +35,8 @@ __all__ = ["CellForces", "Quantity", "cell_forces"]
 METHODS = ("adhesions", "tikhonov")
 #: Half-width of a 95 % interval in standard deviations.
 SIDE = 1.96
+#: Energies, which are proportional to the squared displacement.
+ENERGIES = {"strain_energy", "energy_outside", "strain_energy_normal"}
 #: Sizes, whose intervals end at zero.
 NOT_NEGATIVE = {"force_inside", "force_outside", "background", "traction_rms", "traction_peak"}
 
@@ -157,6 +159,8 @@ class CellForces:
     response: Response | None = None
     done: Any = None
     known: Any = None
+    #: notes that hold for every cell in the field of view
+    common_notes: tuple[str, ...] = ()
 
     @property
     def normal(self) -> tuple[Floats, Floats] | None:
@@ -168,13 +172,25 @@ class CellForces:
         return normal.traction, np.hypot(np.std(normal.draws, axis=0, ddof=1), common * normal.traction)
 
     def within(self, mask: Any, *, size: tuple[int, int] | None = None) -> CellForces:
-        """Return the same traction with the numbers of another cell in the field of view."""
+        """Return the same traction with the numbers of another cell in the field of view.
+
+        ``size``: columns and rows of the picture that the mask belongs to; default: those of `picture`, if any. With
+        "adhesions", traction outside the mask of `cell_forces` was taken as unlikely.
+        """
         corners = read_mask(mask, pixel=self.field.pixel)
+        if size is None and self.picture is not None:
+            size = (int(np.shape(self.picture)[1]), int(np.shape(self.picture)[0]))
         inside = on_grid(corners, self.field, size=size)
         numbers, principal = _numbers(self.done, self.field, inside, True, self.known)
-        notes = doubts(numbers, principal, self.field, inside, True, self.done)
+        notes = (*self.common_notes, *doubts(numbers, principal, self.field, inside, True, self.done))
         return replace(
-            self, inside=inside, masked=True, mask=corners, quantities=numbers, principal=principal, notes=tuple(notes)
+            self,
+            inside=inside,
+            masked=True,
+            mask=corners,
+            quantities=numbers,
+            principal=principal,
+            notes=tuple(dict.fromkeys(notes)),
         )
 
     def __getitem__(self, name: str) -> Quantity:
@@ -281,7 +297,7 @@ def cell_forces(
     drift : bool
         Also fit a shift of the whole picture (default); False if it cannot move.
     uncertainty : Uncertainty, optional
-        Uncertainty of modulus and scale: they enter every number and the map's standard deviation (default: 10 % and 2 %). Thickness, depth and gains
+        Uncertainty of modulus and scale: they enter every number and the map's standard deviation (default: 15 % and 2 %). Thickness, depth and gains
         do not, and a note says so.
     draws : int
         Samples of the posterior for the errors.
@@ -385,11 +401,12 @@ def cell_forces(
             if beside
             else []
         ),
-        *doubts(numbers, principal, field, inside, corners is not None, estimate),
     ]
+    common_notes = tuple(notes)
+    notes += doubts(numbers, principal, field, inside, corners is not None, estimate)
     return CellForces(
         whole_field, pad, estimate.traction, np.hypot(np.std(estimate.draws, axis=0, ddof=1), estimate.touch._scale_std * estimate.traction), estimate.draws, inside, corners is not None, numbers, principal,
-        estimate.touch, tuple(dict.fromkeys(notes)), corners, picture, estimate.samples, estimate.response, estimate, pad_uncertainty,
+        estimate.touch, tuple(dict.fromkeys(notes)), corners, picture, estimate.samples, estimate.response, estimate, pad_uncertainty, common_notes,
     )  # fmt: skip
 
 
@@ -454,9 +471,7 @@ def _numbers(
     quantities = {}
     for key, (label, unit, values, expected, sized, why) in entries.items():
         # traction is proportional to modulus and displacement, the energy to modulus and squared displacement
-        common = math.hypot(
-            pad_uncertainty.modulus, (2.0 if key.startswith("strain_energy") else 1.0) * pad_uncertainty.scale
-        )
+        common = math.hypot(pad_uncertainty.modulus, (2.0 if key in ENERGIES else 1.0) * pad_uncertainty.scale)
         if sampled and key not in unsampled:
             value, std, ends = read(key, values, common, scores)
             quantities[key] = Quantity(label, unit, value, std, expected, why, ends)
@@ -473,7 +488,8 @@ def _numbers(
         quantities[key] = replace(quantities[key], ends=(max(low, 0.0), high))
     if masked:
         quantities["area"] = Quantity("area of the cell", "m^2", float(inside.sum() * cell), 0.0)
-    symmetric = -0.5 * (moments[..., 0] + moments[..., 0].T)
+    first_moments = moments.mean(axis=-1) if sampled else moments[..., 0]
+    symmetric = -0.5 * (first_moments + first_moments.T)
     sizes, vectors = np.linalg.eigh(symmetric)
     return quantities, (float(sizes[1]), float(sizes[0]), float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))))
 

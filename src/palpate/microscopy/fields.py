@@ -45,7 +45,7 @@ class Field:
     pixel : float
         Metres in a pixel.
     std : array (2, row, column), optional
-        Standard deviation of each [m]; NaN if unknown.
+        Standard deviation of each [m]; NaN if unknown, and where the vector is missing.
     drift : (float, float), optional
         Subtracted shift along x and y [m].
     aperture : float
@@ -119,9 +119,9 @@ class Field:
         object.__setattr__(self, "displacement", u)
         if self.std is not None:
             std = as_double(self.std)
-            if std.shape != u.shape or (std[:, there] < 0).any():
+            if std.shape != u.shape or (std[:, there] < 0).any() or np.isinf(std[:, there]).any():
                 raise InvalidInput(
-                    f"std must have the shape of the displacements, {u.shape}, and no negative values; got {std.shape}."
+                    f"std must have the shape of the displacements, {u.shape}, and no negative or infinite values; got {std.shape}."
                 )
             none = there & (std == 0).any(axis=0)
             if none.any():
@@ -133,7 +133,8 @@ class Field:
                         f"{int(none.sum())} of {int(there.sum())} vectors state an error of zero: it is taken as not known",
                     ),
                 )
-            object.__setattr__(self, "std", np.where(none, np.nan, std))
+            # programs write any number where a vector is missing
+            object.__setattr__(self, "std", np.where(none | ~there, np.nan, std))
         if self.normal is not None:
             w = as_double(self.normal)
             if w.shape != u.shape[1:] or np.isinf(w).any():

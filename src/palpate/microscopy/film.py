@@ -144,11 +144,7 @@ class Film:
 
     def key(self) -> str:
         """Return a hash of everything that results depend on, so that a film is not resumed with other settings."""
-        stamps = [
-            (str(f), os.path.getsize(f), os.path.getmtime(f))
-            for f in (*self.frames, self.rest, self.cells, self.labels)
-            if f is not None
-        ]
+        stamps = [_stamps(f) for f in (*self.frames, self.rest, self.cells, self.labels)]
         said = (stamps, repr(self.pad), self.pixel, self.window, self.step, self.unit, self.depth, self.noise, self.method, repr(self.uncertainty), self.drift, self.up, self.v_up, self.start, self.name, self.channel, self.normal, self.monolayer)  # fmt: skip
         return hashlib.sha256(repr(said).encode()).hexdigest()
 
@@ -304,8 +300,17 @@ def _columns(key: str, q: Quantity) -> dict[str, str]:
 
 
 def _stamp(file: str | Path) -> tuple[str, float]:
-    """Return the name of a file and the time of its last change."""
-    return str(file), os.path.getmtime(file)
+    """Return the name of a file or folder, and the time of the last change in it."""
+    return str(file), max((when for _, _, when in _stamps(file)), default=0.0)
+
+
+def _stamps(path: str | Path | None) -> list[tuple[str, int, float]]:
+    """Return name, size and time of the last change of a file, or of each file of a folder."""
+    if path is None:
+        return []
+    found = Path(path)
+    files = sorted(f for f in found.iterdir() if f.is_file()) if found.is_dir() else [found]
+    return [(str(f), os.path.getsize(f), os.path.getmtime(f)) for f in files]
 
 
 @functools.lru_cache(maxsize=3)

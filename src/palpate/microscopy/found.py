@@ -10,7 +10,7 @@ import numpy as np
 from palpate.errors import InvalidInput
 from palpate.microscopy.names import BOTH_STDS, OUT_OF_PLANE, POSITIONS, STDS, VECTORS, which
 
-__all__ = ["Found", "beside", "chosen", "list_names", "normal_beside", "stacked_pair"]
+__all__ = ["Found", "beside", "check_unnamed", "chosen", "list_names", "normal_beside", "stacked_pair"]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -24,12 +24,15 @@ class Found:
     x: Any = None
     y: Any = None
     std: tuple[Any, Any] | None = None
-    #: displacement out of the plane, with the shape and unit of u
+    #: displacement out of the plane, with the shape of u
     w: Any = None
     bad: Any = None
     unit: str | None = None
     place: str | None = None
     pixel: float | None = None
+    #: units of ``std`` and ``w``, if they are not that of u
+    std_unit: str | None = None
+    w_unit: str | None = None
     #: whether the file comes from a program that always writes pixels
     pixels: bool = False
     notes: list[str] = field(default_factory=list)
@@ -133,6 +136,12 @@ def chosen(path: Any, candidates: dict[str, Any], name: str | None, what: str = 
             f'(--name "{next(iter(candidates))}").'
         )
     return next(iter(candidates.values()))
+
+
+def check_unnamed(path: Any, name: str | None) -> None:
+    """Raise an error for a name of a field in a file that holds a single one without a name."""
+    if name is not None:
+        raise InvalidInput(f"{path}: holds one field: leave out name={name!r} (--name).")
 
 
 def _rank(key: str) -> int:

@@ -188,7 +188,7 @@ def _of_regions(path: Path, size: tuple[int, int] | None) -> dict[str, npt.NDArr
 
 
 def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] | None = None) -> list[LabelForce]:
-    """Return the force in each label's area, with its error: the sum of the traction over the area.
+    """Return the force in each label's area, with its error: the sum of the traction over the area. Areas may overlap.
 
     Parameters
     ----------
@@ -223,21 +223,18 @@ def forces_of_labels(forces: CellForces, labels: Any, *, size: tuple[int, int] |
     x, y = _parts(columns), _parts(rows)
     at = [np.rint(s + field.step * p).astype(int) for s, p in zip(field.start, (x, y))]
     inside = [(p >= 0) & (p < n) for p, n in zip(at, one.shape[::-1])]
-    number = np.zeros((len(y), len(x)), dtype=int)
-    for i, mask in enumerate(masks.values(), start=1):
+    parts = []  # of each label, the indices of its parts of squares: regions may overlap
+    for mask in masks.values():
         there = mask[np.clip(at[1], 0, mask.shape[0] - 1)[:, None], np.clip(at[0], 0, mask.shape[1] - 1)[None, :]]
-        number[there & inside[1][:, None] & inside[0][None, :]] = i
+        parts.append(np.flatnonzero(there & inside[1][:, None] & inside[0][None, :]))
     side = field.pitch / SUBDIVISIONS
-    sums = (
-        np.stack([_sums(t, number, len(masks)) for t in _tractions(forces, field.pitch * x, field.pitch * y, side)])
-        * side**2
-    )
+    sums = np.stack([_sums(t, parts) for t in _tractions(forces, field.pitch * x, field.pitch * y, side)]) * side**2
     out = []
-    for i, (label, mask) in enumerate(masks.items(), start=1):
-        area = float((number == i).sum()) * side**2
+    for i, (label, mask) in enumerate(masks.items()):
+        area = len(parts[i]) * side**2
         if not area:
             continue
-        each = sums[:, :, i - 1]
+        each = sums[:, :, i]
         hidden = _hidden(forces, mask, area, each)
         (fx, sx, _), (fy, sy, _) = (read("force", each[:, c], forces.touch._scale_std) for c in (0, 1))
         along = np.array([fx, fy]) / max(math.hypot(fx, fy), 1e-300)
@@ -303,8 +300,9 @@ def _tractions(forces: CellForces, x: Floats, y: Floats, side: float) -> Any:
             yield np.repeat(np.repeat(draw, SUBDIVISIONS, axis=1), SUBDIVISIONS, axis=2)
 
 
-def _sums(traction: Floats, number: npt.NDArray[Any], count: int) -> Floats:
-    return np.stack([np.bincount(number.ravel(), t.ravel(), count + 1)[1:] for t in traction])
+def _sums(traction: Floats, parts: list[npt.NDArray[np.intp]]) -> Floats:
+    """Sums (2, label) of a traction (2, y, x) over the flat indices of each label."""
+    return np.stack([[float(t.ravel()[part].sum()) for part in parts] for t in traction])
 
 
 def write_labels_table(rows: list[dict[str, Any]], path: str | Path) -> None:

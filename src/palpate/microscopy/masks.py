@@ -287,8 +287,9 @@ def on_grid(
 ) -> Bools:
     """Return which vectors of a field lie in a mask (row, column); ``size``: columns and rows of the picture.
 
-    A mask that is a picture must have the size of the microscope's picture, or of the grid of vectors. A vector is
-    inside if more than half of its square (side: one step) is.
+    A mask that is a picture must have the size of the microscope's picture or, without ``size``, that of the grid of
+    vectors. A vector is inside if at least half of its square (side: one step) is in the picture's mask, or if its
+    place lies in the outline.
 
     Raises
     ------

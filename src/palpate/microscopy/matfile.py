@@ -14,7 +14,17 @@ from palpate._extras import require
 from palpate.camera.stacks import check_size
 from palpate.errors import InvalidInput
 from palpate.microscopy.found import Found, beside, chosen, normal_beside
-from palpate.microscopy.names import POSITIONS, UNIT_NAMES, VECTORS, unit_of, units_of, which
+from palpate.microscopy.names import (
+    BOTH_STDS,
+    OUT_OF_PLANE,
+    POSITIONS,
+    STDS,
+    UNIT_NAMES,
+    VECTORS,
+    unit_of,
+    units_of,
+    which,
+)
 from palpate.recordings.damage import DAMAGE, DAMAGE_OF_PACKED
 from palpate.units import UNITS
 
@@ -47,7 +57,7 @@ def _all(path: Path, tree: dict[str, Any]) -> dict[str, Found]:
         # use units of the whole file if the struct of the field states none
         place, unit, pixel = _stated(tree)
         found.place, found.unit, found.pixel = found.place or place, found.unit or unit, found.pixel or pixel
-        for key in ("place", "unit"):
+        for key in ("place", "unit", "std_unit", "w_unit"):
             said = getattr(found, key)
             if said is not None and said != "px" and said not in UNITS["length"] and "/" not in said:
                 found.notes.append(f"{path.name} says {said!r} of its units, which is no length: it is not used")
@@ -183,6 +193,18 @@ def _stated(tree: dict[str, Any]) -> tuple[str | None, str | None, float | None]
     return place, unit, pixel if 0 < pixel < 1 else None
 
 
+def _left_out(parts: dict[str, Any], pair: tuple[str, str], shape: tuple[int, ...], notes: list[str]) -> Any:
+    """Vectors that PIVlab's typevector marks as masked (0) or interpolated (2), as in its tables; None without one."""
+    name = f"typevector{pair[0].removeprefix('u')}"
+    types = parts.get(name)
+    if not _numbers(types) or types.shape != shape:
+        return None
+    marked = np.asarray(types != 1)
+    if marked.any():
+        notes.append(f"{int(marked.sum())} of {marked.size} vectors are left out: {name} marks them")
+    return marked
+
+
 def _numbers(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size > 1
 
@@ -210,14 +232,21 @@ def _fields(tree: Any, where: str) -> Iterator[tuple[str, Found]]:
             if places is not None:
                 extra |= dict(zip("xy", places))
             extra |= {"std": std, "notes": said}
+            extra["bad"] = _left_out(parts, pair, a.shape, said)
             extra["w"] = normal_beside({n: p for n, p in parts.items() if _numbers(p)}, a.shape)
             extra["place"], extra["unit"], extra["pixel"] = _stated(tree)
-            for key, by in (("unit", lower[pair[0]]), *(("place", lower[n]) for n, _ in which(lower, POSITIONS))):
+            stds = [n for n, _ in which(lower, STDS)] or [n for n in BOTH_STDS if n in lower]
+            for key, by in (
+                ("unit", lower[pair[0]]),
+                *(("place", lower[n]) for n, _ in which(lower, POSITIONS)),
+                *(("std_unit", lower[n]) for n in stds[:1]),
+                *(("w_unit", lower[n]) for n in [n for n in OUT_OF_PLANE if n in lower][:1]),
+            ):
                 if _words(tree.get(f"{by} {UNIT_NAMES[0]}")):
                     extra[key] = unit_of(tree[f"{by} {UNIT_NAMES[0]}"])
             name = prefix + f"{lower[pair[0]]}, {prefix}{lower[pair[1]]}" + (f"({i + 1})" if len(together) > 1 else "")
             flat = (
-                {k: v.ravel() if k in "xyw" and v is not None else v for k, v in extra.items()}
+                {k: v.ravel() if k in ("x", "y", "w", "bad") and v is not None else v for k, v in extra.items()}
                 | {"std": None if std is None else (std[0].ravel(), std[1].ravel())}
                 if min(a.shape) == 1
                 else extra

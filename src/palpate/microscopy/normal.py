@@ -29,7 +29,8 @@ CHANNELS = ("displacement_x", "displacement_y", "displacement_z")
 class Normal:
     """Normal traction [Pa], positive where it pulls the gel up: ``traction`` (row, column) and ``draws`` (draw, row,
     column). ``work`` and ``work_of_draws`` [J] are the energies that it adds to those of the tangential traction on
-    each vector's square. ``sideways`` (2, row, column) [m] is the displacement along the surface that it causes.
+    each vector's square. ``sideways`` (2, row, column) [m] is the displacement along the surface that it causes in the
+    field, at the depth of the beads.
     """
 
     NUMBERS: ClassVar[tuple[str, ...]] = ("net_force_z", "force_normal", "normal_peak", "strain_energy_normal")
@@ -95,12 +96,17 @@ def normal_of(
         raise RuntimeError("the linear method has errors of its own")
     samples = errors.draws(draws, np.random.default_rng(seed))[0]
     grid: Any = skin.surface
-    top = AreaArray(shape=grid.shape, pitch=grid.spacings[0], depth=0.0, channels=CHANNELS, center=grid.center)
-    whole = Skin(pad, top, surface=grid)
+    everywhere: Any = {"shape": grid.shape, "pitch": grid.spacings[0], "channels": CHANNELS, "center": grid.center}
+    whole = Skin(pad, AreaArray(**everywhere, depth=0.0), surface=grid)
+    beads = Skin(pad, AreaArray(**everywhere, depth=depth, aperture=field.aperture), surface=grid)
     view: Any = (slice(None), *(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, field.shape)))
     cell = field.pitch**2
-    tractions, works, sideways = [], [], None
-    for t in (np.asarray(touch.values), *samples):
+    estimate = np.asarray(touch.values)
+    pushes = np.zeros_like(estimate)
+    pushes[2] = estimate[2]
+    sideways = np.asarray(beads.sense(pushes))[view][:2]
+    tractions, works = [], []
+    for t in (estimate, *samples):
         alone = np.zeros_like(t)
         alone[2] = t[2]
         moved = np.asarray(whole.sense(alone))[view]
@@ -109,8 +115,9 @@ def normal_of(
         tractions.append(-mine[2])
         # half of its own work, plus the work of the shear on the displacement it causes: the two energies do not simply add
         works.append(cell * (0.5 * mine[2] * moved[2] + mine[0] * moved[0] + mine[1] * moved[1]))
-        sideways = moved[:2] if sideways is None else sideways
-    return Normal(tractions[0], np.stack(tractions[1:]), works[0], np.stack(works[1:]), np.asarray(sideways))
+    # without drift, the mean of the displacement is measured too
+    sideways = sideways - (sideways.mean(axis=(1, 2), keepdims=True) if drift else 0.0)
+    return Normal(tractions[0], np.stack(tractions[1:]), works[0], np.stack(works[1:]), sideways)
 
 
 def without_sideways(field: Field, normal: Normal) -> Field:

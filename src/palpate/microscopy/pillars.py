@@ -136,8 +136,8 @@ class PillarForces:
         [m]; NaN where a post has none.
     forces, std : array (n, 2)
         By the cell on the post [N], along x and y; and standard deviations, of deflection and stiffness together.
-    noise : float
-        Standard deviation of a deflection [m]; 0: not known.
+    noise : array (n, 2)
+        Standard deviation of each deflection [m]; 0: not known.
     quantities : dict of str to Quantity
         stiffness, mean_force, largest_force, sum_of_forces, net_force_x, net_force_y, strain_energy.
     notes : tuple of str
@@ -189,7 +189,8 @@ def read_pillars(
     ----------
     path : path
     unit, position_unit : str, optional
-        Of deflections and positions ("px", "um", "nm"), where the header does not say it (``dx [um]``); that of positions is that of deflections by default.
+        Of deflections and positions ("px", "um", "nm"), where the header does not say it (``dx [um]``); ``unit`` holds for positions too, unless the header or
+        ``position_unit`` says another.
     pixel : float, optional
         Metres in a pixel, where something is in pixels.
 
@@ -214,6 +215,7 @@ def read_pillars(
     for quantity, unit_in_file, own_unit in (
         ("deflections", table.unit, unit),
         ("positions", table.place, position_unit or (None if table.place else unit)),
+        ("standard deviations", table.std_unit, None if table.std_unit else table.unit or unit),
     ):
         if unit_in_file is not None and own_unit is not None and unit_in_file != own_unit:
             raise InvalidInput(
@@ -239,7 +241,7 @@ def read_pillars(
             )
     good = np.ones(len(table.u), dtype=bool) if table.bad is None else ~np.asarray(table.bad)
     deflections = np.where(good[:, None], factors[0] * np.stack([table.u, table.v], axis=1), np.nan)
-    std = None if table.std is None else factors[0] * np.stack(table.std, axis=1)
+    std = None if table.std is None else factors[2] * np.stack(table.std, axis=1)
     return factors[1] * np.stack([table.x, table.y], axis=1), deflections, std
 
 

@@ -11,8 +11,19 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.microscopy.found import Found, beside, chosen, normal_beside
-from palpate.microscopy.names import FLAGS, FRAMES, POSITIONS, VECTORS, plain, unit_in, which
+from palpate.microscopy.found import Found, beside, check_unnamed, chosen, normal_beside
+from palpate.microscopy.names import (
+    BOTH_STDS,
+    FLAGS,
+    FRAMES,
+    OUT_OF_PLANE,
+    POSITIONS,
+    STDS,
+    VECTORS,
+    plain,
+    unit_in,
+    which,
+)
 from palpate.recordings.textlines import text_of, warn_of_a_cut
 
 __all__ = ["frames_of_text", "is_number", "read_matrix", "read_piv_text", "split"]
@@ -99,8 +110,7 @@ def _frame(path: Path, names: list[str], values: Floats, name: str | None) -> Fl
     """Return the rows of one frame, if a column states the frame."""
     column = next((k for k, n in enumerate(names) if plain(n) in FRAMES), None)
     if column is None:
-        if name is not None:
-            raise InvalidInput(f"{path}: holds one field: leave out name={name!r} (--name).")
+        check_unnamed(path, name)
         return values
     each = {f"{number:g}": values[values[:, column] == number] for number in np.unique(values[:, column])}
     return np.asarray(chosen(path, each, name, "frames"))
@@ -141,8 +151,9 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
     at = {n: short.index(n) for n in short}
     (u, v), (x, y) = vectors[0], places[0]
     found = Found(u=values[:, at[u]], v=values[:, at[v]], x=values[:, at[x]], y=values[:, at[y]])
-    said = [(unit_in(names[at[a]]), unit_in(names[at[b]])) for a, b in ((x, y), (u, v))]
-    for (first, second), both in zip(said, ((x, y), (u, v))):
+    pairs = [(x, y), (u, v), *which(short, STDS)[:1]]
+    said = [(unit_in(names[at[a]]), unit_in(names[at[b]])) for a, b in pairs]
+    for (first, second), both in zip(said, pairs):
         if first != second:
             raise InvalidInput(
                 f"{path}: {both[0]} in {first or 'no unit'} and {both[1]} in {second or 'no unit'}: export both in one unit."
@@ -152,6 +163,9 @@ def read_piv_text(path: Path, name: str | None = None) -> Found:
     _, found.std, said_of = beside({n: values[:, k] for n, k in at.items()}, (len(values),))
     found.notes += said_of
     found.w = normal_beside({n: values[:, k] for n, k in at.items()}, (len(values),))
+    alone = [unit_in(names[at[n]]) for n in BOTH_STDS if n in at]
+    found.std_unit = said[2][0] if len(said) > 2 else next(iter(alone), None)
+    found.w_unit = next((unit_in(names[at[n]]) for n in OUT_OF_PLANE if n in at), None)
     bad = np.zeros(len(values), dtype=bool)
     for flag in FLAGS:
         if flag not in at:

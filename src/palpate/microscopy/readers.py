@@ -16,7 +16,7 @@ from palpate.camera.stacks import check_page, check_size
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, PalpateError
 from palpate.microscopy.fields import EVEN, Field
-from palpate.microscopy.found import Found, beside, chosen, normal_beside, stacked_pair
+from palpate.microscopy.found import Found, beside, check_unnamed, chosen, normal_beside, stacked_pair
 from palpate.microscopy.matfile import read_mat
 from palpate.microscopy.names import UNIT_NAMES, VECTORS, units_of, which
 from palpate.microscopy.pivtext import read_matrix, read_piv_text
@@ -62,7 +62,8 @@ def read_field(
     pixel : float
         Metres in a pixel of the picture.
     unit : "px", "m", "mm", "um" or "nm", optional
-        Of the displacements. Tables of PIV programs are in pixels unless they state a unit; matrices state none.
+        Of the displacements. Tables of PIV programs are in pixels unless they state a unit; matrices state none. Columns of standard deviations and of w have
+        the unit in their header, or else that of the displacements.
     step : float, optional
         Pixels between vectors, for matrices without positions.
     start : (float, float), optional
@@ -159,6 +160,7 @@ def _npy(path: Path, name: str | None) -> Found:
     values = _array(path)
     if values.ndim == 4 and 2 in (values.shape[1], values.shape[-1]):  # frame by frame
         return stacked_pair(path, chosen(path, {str(k): each for k, each in enumerate(values)}, name, "frames"))
+    check_unnamed(path, name)
     return stacked_pair(path, values)
 
 
@@ -261,6 +263,7 @@ def _floats(path: Path) -> bool:
 
 
 def _tiff(path: Path, name: str | None) -> Found:
+    check_unnamed(path, name)
     pages = _pages(path)
     if any(p.dtype.kind != "f" for p in pages):
         raise InvalidInput(
@@ -389,11 +392,14 @@ def _field(
         u[contents.bad] = v[contents.bad] = np.nan
     out = []
     if w is not None:
+        w = w * _ratio(path, "displacements out of the plane", contents.w_unit, factor, pixel)
         out = [np.where(np.isnan(u), np.nan, -w if normal == "down" else w)]
         notes.append(
             f"the displacement out of the plane is taken to point {'out of' if normal == 'up' else 'into'} the gel where it is positive (normal=, --normal)"
         )
     std: Any = None if contents.std is None else np.stack([np.asarray(s, dtype=np.float64) for s in contents.std])
+    if std is not None:
+        std = std * _ratio(path, "standard deviations", contents.std_unit, factor, pixel)
     if follow and contents.x is None:
         raise InvalidInput(f"{path}: follow moves positions, and this file has none: leave it out.")
     if contents.x is not None:
@@ -401,7 +407,9 @@ def _field(
             raise InvalidInput(f"{path}: has positions of its own: leave out step and start.")
         x, y = (np.array(p, dtype=np.float64) * reach for p in (contents.x, contents.y))
         if follow:
-            x, y = x + np.nan_to_num(u) * (factor / pixel), y + np.nan_to_num(v) * (factor / pixel)
+            # y grows against v where v alone grows upwards
+            along_y = -v if v_up else v
+            x, y = x + np.nan_to_num(u) * (factor / pixel), y + np.nan_to_num(along_y) * (factor / pixel)
         if up:
             if size is None:
                 notes.append(TURNED)
@@ -410,6 +418,10 @@ def _field(
         values, std, start, step = _placed(np.stack([u, v, *out]), std, x, y, notes)
     else:
         values = np.stack([u, -v if up or v_up else v, *out])
+        if values.ndim != 3:
+            raise InvalidInput(
+                f"{path}: its vectors have the shape {u.shape}, and no positions: a field without positions is a matrix (row, column) of each component. Save positions x and y too, or two matrices."
+            )
         step, start = _grid(values.shape[1:], path, step, start, size, notes)
     if not (up or v_up):
         notes.append(
@@ -441,6 +453,12 @@ def _unit(path: Path, quantity: str, unit_in_file: str | None, unit: str | None,
             f"{path} says that {quantity} are in {unit_in_file}, and {option}={unit!r} was given: leave out {option} (--{option.replace('_', '-')})."
         )
     return unit or unit_in_file
+
+
+def _ratio(path: Path, quantity: str, unit_in_file: str | None, factor: float, pixel: float) -> float:
+    """Return the unit of a quantity that the file states, relative to the unit of the displacements (``factor`` [m])."""
+    unit = _unit(path, quantity, unit_in_file, None, "unit")
+    return 1.0 if unit is None else (pixel if unit == "px" else UNITS["length"][unit]) / factor
 
 
 def _grid(

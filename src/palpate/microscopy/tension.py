@@ -503,11 +503,10 @@ def _cells(
         number[mask] = k
     at = np.rint(points / field.pixel).astype(int)
     good = (at >= 0).all(axis=1) & (at[:, 0] < shape[1]) & (at[:, 1] < shape[0])
-    of = np.zeros(len(points), dtype=int)
-    of[good] = number[at[good, 1], at[good, 0]]
     cells = []
-    for k, name in enumerate(names, start=1):
-        in_it = of == k
+    for name, mask in masks.items():
+        in_it = np.zeros(len(points), dtype=bool)  # labels may overlap
+        in_it[good] = mask[at[good, 1], at[good, 0]]
         if not in_it.any():
             continue
         area = float(weight[in_it].sum())

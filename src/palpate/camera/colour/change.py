@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
-__all__ = ["change_of", "changed_places", "dark_spots", "reduced", "step_of"]
+__all__ = ["change_of", "changed_places", "dark_spots", "reduced", "saturated_or_black", "step_of"]
 
 #: Number of columns to which pictures are reduced by averaging blocks: slopes of contacts of a millimetre need no more,
 #: and averaging reduces noise.
@@ -59,8 +59,13 @@ def reduced(image: npt.ArrayLike, step: int, name: str = "picture") -> tuple[Flo
         )
     rows, columns = (n // step * step for n in part.shape[:2])
     blocks = part[:rows, :columns].reshape(rows // step, step, columns // step, step, 3)
-    lost = np.asarray(((blocks > BRIGHT) | (blocks < BLACK)).any(axis=(1, 3, 4)))
+    lost = np.asarray(saturated_or_black(blocks).any(axis=(1, 3)))
     return np.asarray(blocks.mean(axis=(1, 3))), lost
+
+
+def saturated_or_black(image: Floats) -> npt.NDArray[np.bool_]:
+    """Mask (*place,) of pixels or blocks (*place, 3) from 0 to 1 in which a colour is saturated or black."""
+    return np.asarray(((image > BRIGHT) | (image < BLACK)).any(axis=-1))
 
 
 def change_of(image: Floats, rest: Floats) -> Floats:

@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.camera.colour.change import change_of, changed_places, dark_spots, reduced, step_of
+from palpate.camera.colour.change import (
+    change_of,
+    changed_places,
+    dark_spots,
+    reduced,
+    saturated_or_black,
+    step_of,
+)
 from palpate.camera.colour.integration import integrate
 from palpate.camera.colour.response import STEPS, Response, bases, solve_slopes
 from palpate.elastic.pad import Floats
@@ -65,8 +72,8 @@ class Relief:
     noise : float
         Standard deviation of the depth where nothing touches [m], from this picture.
     errors : array (cause, row, column)
-        Common error of the depth [m], one standard deviation each: due to each press of the calibration, and to slopes that are hidden or steeper
-        than the learnt ones.
+        Common error of the depth [m], one standard deviation each: due to each press of the calibration, to the gain of all slopes, and to slopes that
+        are hidden or steeper than the learnt ones. One cause of zero if no colour changed.
     touching : bool
         Whether anything exceeds the noise.
     said : tuple of str
@@ -111,8 +118,9 @@ class SlopeModel:
     slope_error, depth_error : float
         Root mean square error inside the contact of presses that were left out: of the slope, and of depth [m].
     table : tuple
-        For each press: its name, contact radius [m], gain, error of slope and of depth [m], whether it was left out.
-    said : tuple of str Notes.
+        For each press: its name, contact radius [m], gain, error of slope and of depth [m], by the model learnt without it.
+    said : tuple of str
+        Notes.
     """
 
     response: Response
@@ -186,7 +194,8 @@ class SlopeModel:
         Raises
         ------
         InvalidInput
-            A grey picture, one of another size, of another gel or light, or one of which nothing is to be seen.
+            A grey picture, one of another size, of another gel or light, or one of which nothing is to be seen; ``rest``
+            that is no picture in blocks.
 
         Examples
         --------
@@ -196,10 +205,10 @@ class SlopeModel:
         >>> # model = learn_slopes("presses/", view, ball_diameter=8e-3)
         >>> # relief = model.relief(picture)
         """
-        still = self.rest if rest is None else rest
+        still = self.rest if rest is None else self._still(rest)
         values, lost = self.prepared(image, name)
         places, base = self._grid()
-        lost = lost | dark_spots(values) | dark_spots(still)
+        lost = lost | dark_spots(values) | dark_spots(still) | saturated_or_black(still)
         if lost.mean() > 0.9:
             raise InvalidInput(
                 f"{name}: {100 * float(lost.mean()):.0f} % of the picture is saturated, black or covered: lower exposure or light until the brightest channel stays below 250 of 255."
@@ -265,6 +274,15 @@ class SlopeModel:
                 f"no contact: colours changed, and no depth above {1e6 * CLEAR * noise:.1f} um stands out: dirt, or a light that moved",
             )
         return Relief(depth, std, used, places, known, contact, window >= 1.0, noise, errors, touching, tuple(said))
+
+    def _still(self, rest: npt.ArrayLike) -> Floats:
+        """A picture at rest in blocks; `InvalidInput` for anything else, such as the picture itself."""
+        still = np.asarray(rest)
+        if still.shape != self.rest.shape or still.dtype.kind != "f" or not (still.min() >= 0.0 and still.max() <= 1.0):
+            raise InvalidInput(
+                f"rest must be a picture in blocks, {self.rest.shape} from 0 to 1; got {still.dtype} of shape {still.shape}. Give rest=model.prepared(picture)[0]."
+            )
+        return still
 
     def _notes_of(
         self,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.screening import Ceilings, ceilings, silent
+from palpate.inverse.contact.screening import Ceilings, ceilings, silent, stuck
 from palpate.sensing.limits import at_ends
 
 __all__ = ["Observed", "ends_of_range", "observe"]
@@ -47,6 +47,8 @@ def observe(estimator: Prepared, readings: Sequence[Floats]) -> Observed:
     if not policy.parts.screening:
         return Observed(data, data, alive, alive.copy(), ends)
     alive &= ~silent(data, noise.index, estimator.pairs, policy)
+    if ends is not None:
+        alive &= ~stuck(as_read(estimator, data), noise.index, estimator.pairs, ends, policy)
     plain = Observed(data, data, alive, alive, ends)
     found = estimator.start.screened(data, alive & ~plain.limited, estimator.shifts[:, : estimator.usual])
     usable = alive & ~found.broken
@@ -60,5 +62,9 @@ def ends_of_range(estimator: Prepared, readings: Sequence[Floats], data: Floats)
     given = None
     if estimator.given_ends is not None:
         given = at_ends(estimator.readings.flat(readings), estimator.given_ends)
-    raw = data if estimator.zero is None else data + estimator.zero
-    return ceilings(raw, estimator.noise.index, estimator.pairs, estimator.policy, given)
+    return ceilings(as_read(estimator, data), estimator.noise.index, estimator.pairs, estimator.policy, given)
+
+
+def as_read(estimator: Prepared, data: Floats) -> Floats:
+    """Readings with their zero."""
+    return data if estimator.zero is None else data + estimator.zero

@@ -36,6 +36,7 @@ __all__ = [
     "screened",
     "shallow",
     "silent",
+    "stuck",
 ]
 
 Flags = npt.NDArray[np.bool_]
@@ -135,6 +136,41 @@ def silent(
     # A channel in which most readings are zero has a dead band, not dead taxels.
     often = np.bincount(index, zero) > 0.5 * np.bincount(index)
     return out & ~often[index]
+
+
+def stuck(
+    data: Floats,
+    index: npt.NDArray[np.intp],
+    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    ends: Ceilings,
+    policy: Policy,
+) -> Flags:
+    """Blocks of neighbours that read exactly the same, neither zero nor saturated: noise would have moved them.
+
+    If a part p of the other pairs of neighbours is equal, e equal pairs of one block have the log odds e log(1/p), less
+    the log of the number of readings. Rounded channels and channels without noise have equal neighbours anyway.
+    """
+    import scipy.sparse
+    import scipy.sparse.csgraph
+
+    n, out = len(data), np.zeros(len(data), dtype=bool)
+    limited = ends.upper | ends.lower | (ends.step > 0.0) | (data == 0.0)
+    i, j = (side[~limited[pairs[0]] & ~limited[pairs[1]]] for side in pairs)
+    same = data[i] == data[j]
+    if not same.any():
+        return out
+    graph = scipy.sparse.coo_array((np.ones(int(same.sum())), (i[same], j[same])), shape=(n, n))
+    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    edges = np.bincount(label[i[same]], minlength=count)
+    others = (1.0 + same.sum() - edges) / (2.0 + len(same) - edges)
+    part = np.bincount(label) / np.bincount(index)[index[np.unique(label, return_index=True)[1]]]
+    found = (edges * np.log(1.0 / others) - math.log(n) > policy.detection.evidence) & (part <= policy.screening.most)
+    out = found[label]
+    for channel in np.unique(index[out]):
+        values = data[index == channel]
+        if _symmetric(values, float(np.abs(values).max()), policy):
+            out &= index != channel
+    return out
 
 
 def loaded(
