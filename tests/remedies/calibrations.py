@@ -280,7 +280,7 @@ REMEDIES = [
         1e6,
         0.0,
     ),
-    value("a weight must say how much stood there and when", weighed, "200 g", "200 g, 2.5 s to 3.5 s"),
+    value("a weight needs its mass or force, and the times", weighed, "200 g", "200 g, 2.5 s to 3.5 s"),
     value("ends at {} s, not after", weighed, "200 g, 3.5 s to 2.5 s", "200 g, 2.5 s to 3.5 s"),
     value(
         "must not be negative; write 0 g",

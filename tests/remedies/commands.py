@@ -189,13 +189,13 @@ def gaps(*at: int) -> Any:
 REMEDIES = [
     # palpate convert
     row(
-        "name one of them",
+        "give one of these options too",
         "convert r.nc out.npz --channels stress_zz",
         "convert r.nc out.npz",
         right=frames(2, "out.npz"),
         room="cli.convert",
     ),
-    row("besides them take only --grid and --force", f"{CONVERT} --pixel 1mm", CONVERT, right=frames(2)),
+    row("only --grid and --force can be given", f"{CONVERT} --pixel 1mm", CONVERT, right=frames(2)),
     row(
         "that says what the columns of {} are: give --map",
         "convert t.csv out.nc --skin skin.toml",
@@ -204,7 +204,11 @@ REMEDIES = [
     ),
     bag("--columns describes a table; --topic", f"{TOPIC} --columns x,y", TOPIC),
     bag("use --scale for the numbers of a --topic", f"{TOPIC} --reading-unit kPa", TOPIC),
-    bag("describe the messages of a --topic: name it", TOPIC.replace("--topic /skin --channels stress_zz", ""), TOPIC),
+    bag(
+        "describe the messages of a topic: give --topic too",
+        TOPIC.replace("--topic /skin --channels stress_zz", ""),
+        TOPIC,
+    ),
     bag("give either --topic or a --skin", f"{TOPIC} --skin stream.toml", TOPIC),
     bag(
         "has no section [stream] that says where the readings are", STREAM.replace("stream.toml", "plain.toml"), STREAM
