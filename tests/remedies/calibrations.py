@@ -175,7 +175,7 @@ REMEDIES = [
         FORCES,
     ),
     Remedy(
-        "weights have times they stood",
+        "weights have times, but the presses have none",
         lambda: given(presses=np.asarray(filmed().readings), weights=["200 g, 2.5 s to 3.5 s"]),
         lambda: given(
             presses=np.asarray(filmed().readings), weights=["200 g, 2.5 s to 3.5 s"], time=np.asarray(filmed().time)
@@ -242,7 +242,7 @@ REMEDIES = [
         room="calibrate.calibration",
     ),
     value(
-        "is an option of the elastic model, which the presses that calibrated this skin reject",
+        "is an option of the elastic model, which does not fit the calibration presses",
         lambda v: rejected().reconstruct(pressed(), **v),
         {"friction": 0.5},
         {},

@@ -422,7 +422,7 @@ REMEDIES = [
     bag("must be one number or several with commas", TOPIC.replace("1000", "1kPa"), TOPIC, room="cli.options"),
     bag("--shape must be rows x columns", f"{TOPIC} --shape 2", f"{TOPIC} --shape 2x2", room="cli.options"),
     row(
-        "Leave out positions_file, and the recording's own positions are taken",
+        "Leave out positions_file to use the recording's own positions",
         f"reconstruct m.nc --skin placed.toml {FAST} --out out.nc",
         f"reconstruct m.nc --skin free.toml {FAST} --out out.nc",
         given=lambda: marked(),
@@ -457,7 +457,7 @@ REMEDIES = [
     live("no such folder", "live --demo --record-to new", "live --demo --record-to there", slow=True),
     live("Give --record another name", "live --demo --record there.nc", "live --demo --record out.nc", slow=True),
     live(
-        "leave --token out to have one made",
+        "leave --token out to get a random one",
         "live --demo --host 0.0.0.0 --token ''",
         "live --demo --host 0.0.0.0",
         slow=True,
