@@ -132,7 +132,7 @@ def _refuse_foreign(x: Any, what: str) -> None:
     if hasattr(x, "unit") and hasattr(x, "to_value"):  # astropy
         raise InvalidInput(f"{what} carry a unit as {kind}: pass their SI values, e.g. x.to_value('Pa').")
     if hasattr(x, "iloc") or hasattr(x, "collect_schema"):  # pandas, polars
-        raise InvalidInput(f"{what} came as a table ({kind}): pass x.to_numpy() in the shape that is asked for.")
+        raise InvalidInput(f"{what} came as a table ({kind}): pass x.to_numpy(), reshaped to the expected shape.")
     if hasattr(
         x, "data_vars"
     ):  # check this before laziness: such an object can also be computed, but that would not help
@@ -154,8 +154,8 @@ def _real_numpy(x: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
             "c": "take x.real if the imaginary part is nothing but rounding",
             "O": "take x.astype(float) if its entries are numbers",
             "V": "take one field, x['name']",
-            "U": "take x.astype(float) if the text is numbers",
-            "S": "take x.astype(float) if the text is numbers",
+            "U": "take x.astype(float) if the text contains numbers",
+            "S": "take x.astype(float) if the text contains numbers",
         }.get(kind, "pass numbers in SI units")
         raise InvalidInput(f"{what} must be real numbers; got dtype {x.dtype}: {remedy}.")
     elif x.dtype.itemsize not in (4, 8):  # half and extended precision

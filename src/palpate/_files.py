@@ -16,8 +16,7 @@ TEXT = 1 << 26
 
 
 def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Path:
-    """Return the path if it is an existing ordinary file of at most ``most`` bytes; ``what`` names the expected kind
-    of file in errors.
+    """Return the path if it is an existing ordinary file of at most ``most`` bytes; ``what`` names the expected kind of file for error messages.
 
     Raises
     ------
@@ -45,15 +44,13 @@ def ordinary(path: str | Path, *, most: float = math.inf, what: str = "") -> Pat
         raise InvalidInput(f"{found} is a pipe or a device, not a file. Write what it gives to a file, and give that.")
     if known.st_size > most:
         raise InvalidInput(
-            f"{found} holds {gigabytes(known.st_size)}, and {what} no more than {gigabytes(most)}: it is another file."
+            f"{found} has {gigabytes(known.st_size)}, but {what} has at most {gigabytes(most)}: this must be another file."
         )
     return found
 
 
 def small_text(path: str | Path, what: str) -> str:
-    """Return the text of a small file; raise `InvalidInput` if it is not text. ``what`` names the expected kind of
-    file in errors.
-    """
+    """Return the text of a small file; raise `InvalidInput` if it is not text. ``what`` names the expected kind of file for error messages."""
     found = ordinary(path, most=TEXT, what=what)
     try:
         return found.read_text(encoding="utf-8-sig")

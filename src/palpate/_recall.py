@@ -89,7 +89,7 @@ class Recall:
 
 
 def write(path: str, entries: Mapping[str, Arrays], about: Mapping[str, str]) -> None:
-    """Write a file; ``about`` are texts or digests that `read` returns."""
+    """Write a file; ``about`` (texts or digests) goes into its header, which `read` returns."""
     header = {"format": FORMAT, "about": dict(about), "entries": {key: len(parts) for key, parts in entries.items()}}
     text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     arrays: dict[str, Any] = {f"{key}.{i}": part for key, parts in entries.items() for i, part in enumerate(parts)}
@@ -103,7 +103,7 @@ def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall
     Raises
     ------
     InvalidInput
-        There is no such file, it is no file of this kind, or it is damaged.
+        The file does not exist, is of another kind, or is damaged.
     """
     path = Path(path)
     if not path.is_file():
@@ -131,7 +131,7 @@ def read(path: str | Path, check: Callable[[Mapping[str, str]], None]) -> Recall
         raise
     except (OSError, ValueError, KeyError, TypeError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         raise InvalidInput(
-            f"{path} is damaged or no file of a prepared skin ({error}). Prepare the skin again and save it (Skin.prepare, "
+            f"{path} is damaged, or is not a file of a prepared skin ({error}). Prepare the skin again and save it (Skin.prepare, "
             "Skin.save_prepared)."
         ) from error
     return Recall(entries)

@@ -1,7 +1,7 @@
 """Control the threads of libraries for linear algebra.
 
 They use all cores for every product, even for matrices so small that the threads mainly wait for each other. If other
-programs run, they wait for long (a frame of a 4 x 4 array took seven times the processor time on two busy cores).
+programs run, the threads wait long (a frame of a 4 x 4 array took seven times the processor time on two busy cores).
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ WIDEST = 4
 
 
 class cached_property(functools.cached_property[Value]):
-    """A property that is computed once for each object. Two threads may both compute it, with the same result.
+    """A property that is computed once for each object and then stored. Two threads may both compute it, with the same result.
 
-    The one of functools has a lock for all objects of a class (Python 3.11): threads wait for each other, and a child
+    `functools.cached_property` has a lock for all objects of a class (Python 3.11): threads wait for each other, and a child
     process that is forked while a thread holds the lock waits for ever.
     """
 

@@ -1,6 +1,4 @@
-"""Two-dimensional real transforms of NumPy arrays with zero padding before and cropping after: padded rows and cropped parts cost nothing.
-
-By ducc0 if it is installed (the extra "fast"; GPL-2.0-or-later, which is why it is not required), which takes 0.7 of the time in single precision and half in
+"""Two-dimensional real transforms of NumPy arrays with zero padding before and cropping after: padded rows and cropped parts cost nothing. They use ducc0 if it is installed (the extra "fast"; GPL-2.0-or-later, which is why it is not required), which takes 0.7 of the time in single precision and half in
 double (docs/_generated/transforms.md), and by `scipy.fft` elsewhere. Both are the same to rounding.
 """
 

@@ -41,7 +41,7 @@ class EdgeError:
     press, drag : array (n,)
         Relative error of the layer's readings when the ball presses, and when it drags across the side.
     force : array (n,) or None
-        Net normal force found with the endless layer over the true one, of sensors that feel stress.
+        Net normal force computed with the infinite layer, over the true one; for stress sensors only.
     kind : str
         "stress": sensors at the base; "displacement": markers on the surface. Others are somewhere between.
 
@@ -138,7 +138,7 @@ def solid_lines(pad: Pad, size: tuple[float, float] | None) -> str:
     Raises
     ------
     InvalidInput
-        A pad that is no single layer.
+        A pad that is not a single layer.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def solid_lines(pad: Pad, size: tuple[float, float] | None) -> str:
 
 
 def plot_edges(found: EdgeError, axes: Axes) -> None:
-    """Draw the error of the endless layer against the distance from the side."""
+    """Draw the error of the infinite layer against the distance from the side."""
     from palpate._plot import INK
 
     x = 1e3 * found.distance
@@ -185,5 +185,5 @@ def plot_edges(found: EdgeError, axes: Axes) -> None:
     axes.set_ylim(0.0, None)
     axes.set_xlabel("from the side of the gel [mm]")
     axes.set_ylabel("readings off [%]")
-    axes.set_title("taken for endless, near a side", fontsize=10)
+    axes.set_title("assumed infinite, near a side", fontsize=10)
     axes.legend(frameon=False, fontsize=8)

@@ -30,7 +30,7 @@ class PalpateError(ValueError):
 
 
 class InvalidInput(PalpateError):
-    """A value, a file or an array that cannot be meant: wrong shape, wrong unit, NaN, out of range."""
+    """An invalid value, file or array: wrong shape, wrong unit, NaN, or out of range."""
 
 
 class NotObservable(PalpateError):
@@ -38,7 +38,7 @@ class NotObservable(PalpateError):
 
 
 class Unsupported(PalpateError):
-    """A combination of options that this method cannot serve; the message names one that can."""
+    """A combination of options that this method does not support; the message names one that does."""
 
 
 class UncheckedInput(UserWarning):

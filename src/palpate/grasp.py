@@ -51,15 +51,15 @@ REPEATED = 0.1
 PRESSURE_BLUR, SHEAR_BLUR = 0.23, 0.5
 #: Error of the shear that is predicted from the estimated pressure, as a fraction of its largest value.
 TEMPLATE = 0.05
-#: The same error for the ratio of net forces: the difference between the drag that a tracker estimated and the true one
+#: Error of the ratio of net forces: the difference between the drag that a tracker estimated and the true one
 #: at slip, on balls of 8 to 25 mm with frictions of 0.25 to 1.1.
 DRAGGED = 0.03
 #: Weight of the previous frames in the running estimate.
 MEMORY = 0.7
-#: The same weight for the evidence from the distribution of shear, and the number of frames as which the memory counts.
+#: Weight of the previous frames in the evidence from the distribution of shear, and the number of frames as which this memory counts.
 #: A memory is needed because the noise of a single frame raises false alarms.
 SHAPE_MEMORY, COUNTS = 0.85, 2.5
-#: The same number if the readings themselves were compared, whose noise is independent from frame to frame (0.85 makes
+#: The number of frames as which the memory counts if the readings themselves are compared, whose noise is independent from frame to frame (0.85 makes
 #: a memory of about twelve frames, but the noise of the zero stays).
 COUNTS_OF_READINGS = 5.0
 #: An alarm is raised at probability RAISE and withdrawn below CLEAR.
@@ -93,7 +93,7 @@ class Event:
     --------
     >>> from palpate.grasp import Event
     >>> print(Event("incipient slip", True, 1.25, 0.97, 0.8, 0.75))
-    1.250 s  incipient slip began: 0.8 of the friction limit, sure to 97 %
+    1.250 s  incipient slip began: 0.8 of the friction limit, probability 97 %
     """
 
     kind: str
@@ -108,7 +108,7 @@ class Event:
         if self.kind in ("contact", "unexplained") or not self.began:
             return text
         unit = {"excess pressure": " Pa", "excess force": " N", "pull": " N"}.get(self.kind, " of the friction limit")
-        return f"{text}: {plain_number(self.value, 3)}{unit}, sure to {100 * self.probability:.0f} %"
+        return f"{text}: {plain_number(self.value, 3)}{unit}, probability {100 * self.probability:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -134,14 +134,14 @@ class GraspState:
 
 
 class GraspMonitor:
-    """Watches the touches of a stream, one after another.
+    """Processes the touches of a stream one by one, and reports events: contact, slip, excess pressure or force.
 
     Parameters
     ----------
     friction : float, optional
         Coefficient mu. Without it, it is inferred from the shape of the shear and learned from slips.
     incipient : float
-        Part of the friction limit at which slip is announced (0.75: a Hertz contact then sticks over 0.63 of its radius).
+        Fraction of the friction limit from which incipient slip is reported (0.75: a Hertz contact then sticks over 0.63 of its radius).
     max_pressure, max_force : float, optional
         Limits of peak pressure [Pa] and normal force [N].
     callback : callable, optional
@@ -150,7 +150,7 @@ class GraspMonitor:
     Attributes
     ----------
     events : list of Event
-        All so far (the last 10,000).
+        The last 10,000 events.
 
     Raises
     ------
@@ -216,13 +216,12 @@ class GraspMonitor:
         self.state: GraspState | None = None
 
     def update(self, touch: Touch) -> list[Event]:
-        """Process one touch (without batch axes) and return the events that began or ended: each needs three consecutive explained frames. An
-        unexplained frame (status "unexplained", or a fit below 0.01) begins and ends only the event "unexplained".
+        """Process one touch (without batch axes) and return the events that began or ended: each needs three consecutive explained frames. An unexplained frame (status "unexplained", or a fit below 0.01) can begin or end only the event "unexplained".
 
         Raises
         ------
         InvalidInput
-            A batch, or a touch whose pressure was not sought.
+            A batch, or a touch without pressure.
 
         Examples
         --------
@@ -233,7 +232,7 @@ class GraspMonitor:
         >>> monitor = pp.GraspMonitor(friction=0.5, max_pressure=800.0)
         >>> events = [str(event) for _ in range(3) for event in monitor.update(touch)]  # one frame alone is no event
         >>> events
-        ['2.000 s  contact began', '2.000 s  excess pressure began: 1000 Pa, sure to 100 %']
+        ['2.000 s  contact began', '2.000 s  excess pressure began: 1000 Pa, probability 100 %']
 
         >>> round(monitor.state.utilisation, 3)  # Q / (mu P)
         0.2
@@ -500,7 +499,7 @@ def _twist(touch: Touch, values: Floats) -> tuple[float, float]:
 
 
 def _chance_of_pull(touch: Touch) -> float:
-    """Return the probability that the net force pulls, for a touch whose estimated net force does."""
+    """Return the probability that the true net force pulls, for a touch with an estimated net force that pulls."""
     if not touch.has_intervals:
         return 1.0
     low, high = touch.interval(0.6827, "force")

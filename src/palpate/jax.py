@@ -1,8 +1,9 @@
 """A skin as functions of JAX: readings of a traction and traction of readings, with gradients.
 
-`prepare` makes a pytree of a skin; `sense` and `reconstruct` are pure functions of it, batched, under ``jit``, ``vmap`` and ``grad``. Other parameters are
-passed as a mapping of "modulus", "depth", "gains" and "noise", and have gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the
-constrained minimum is that of `palpate.inverse.constrained`, found on the processor by a callback, and its gradients follow from the implicit function theorem.
+`prepare` makes a pytree of a skin; `sense` and `reconstruct` are pure functions of it, batched, under ``jit``,
+``vmap`` and ``grad``. Other parameters are passed as a mapping of "modulus", "depth", "gains" and "noise", and have gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the
+constrained minimum is that of `palpate.inverse.constrained`, found on the processor by a callback, and its gradients
+follow from the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def prepare(
     Parameters
     ----------
     skin : Skin
-        Planes of one shape, no creep.
+        Its planes have one shape, and its pad does not creep.
     parameter : float, optional
         Weight of the penalty, as in `palpate.Tikhonov`; ``skin.reconstruct(readings, method="tikhonov").parameter`` gives a good one. Without one
         there is no inverse, and `sense` accepts all components.
@@ -165,14 +166,14 @@ def sense(model: Model, traction: Any, parameters: Mapping[str, Any] | None = No
     traction : array
     parameters : mapping, optional
         "modulus" and "depth": numbers relative to the skin's (1 is as described; NaN comes back where depth leaves its range); "gains" and "noise": one for each
-        reading (channel, *array) or channel. Numbers of their own for each frame: ``jax.vmap``.
+        reading (channel, *array) or channel. For a different value in each frame: ``jax.vmap``.
     normal : array, optional
         Standard normal numbers of the readings' shape, times the noise.
 
     Raises
     ------
     InvalidInput
-        Another shape, another kind of number, a parameter that there is not.
+        An array of the wrong shape or type, or an unknown parameter.
     Unsupported
         Parameters while JAX computes in single precision; a depth for a model without a range.
 
@@ -196,7 +197,7 @@ def sense(model: Model, traction: Any, parameters: Mapping[str, Any] | None = No
 def reconstruct(model: Model, readings: Any, parameters: Mapping[str, Any] | None = None) -> jax.Array:
     """Traction (*batch, component, *surface) [Pa] of readings (*batch, channel, *array).
 
-    The rest as for `sense`. The constrained minimum is exact to 1e-9 in double precision; what was not found to that is NaN.
+    The rest as for `sense`. The constrained minimum is exact to 1e-9 in double precision; a frame that does not reach this is NaN.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Touch in LeRobot's datasets (version 3.0): tactile columns beside cameras and joints, one row a video frame.
 
-A sensor called NAME has columns ``observation.tactile.NAME.`` readings (channel, *array), traction (component, *surface), std (the same), wrench (force and
-moment), slip_margin and time. Numbers keep their precision, and what is written is what is read. LeRobot's own loader opens the files; Parquet by pyarrow.
+A sensor called NAME has columns ``observation.tactile.NAME.`` readings (channel, *array), traction (component,
+*surface), std (the same), wrench (force and moment), slip_margin and time. Numbers are written and read without loss of precision. LeRobot's own loader opens the files; Parquet by pyarrow.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def tactile_columns(
     Parameters
     ----------
     touch : Touch
-        With one batch axis, the frames.
+        Has one batch axis, which is that of the frames.
     name : str
         Name of the sensor.
     readings : array (frame, channel, *array), optional
@@ -127,13 +127,13 @@ def tactile_columns(
     Returns
     -------
     mapping of column name to array
-        readings as they came; traction and std [Pa], (frame, component, *surface); wrench, forces then moments, in the axes of the touch; slip_margin; time [s],
-        double precision (LeRobot's own timestamp is single).
+        readings unchanged; traction and std [Pa], (frame, component, *surface); wrench, forces then moments, in the
+        axes of the touch; slip_margin; time [s], double precision (LeRobot's own timestamp is single).
 
     Raises
     ------
     InvalidInput
-        A touch without frames, or readings of another number of frames.
+        A touch without frames, or readings with a different number of frames.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def write_dataset(path: str | Path, episodes: Sequence[Episode], *, fps: int, ro
     Raises
     ------
     InvalidInput
-        No episodes, episodes with different columns, a rate that is no positive whole number, a folder that is there.
+        No episodes, episodes with different columns, a rate that is not a positive whole number, or a folder that exists.
     Unsupported
         pyarrow is not installed.
 
@@ -264,9 +264,9 @@ def read_dataset(path: str | Path) -> Dataset:
     Raises
     ------
     InvalidInput
-        No dataset there.
+        The folder holds no dataset.
     Unsupported
-        Another version, or pyarrow is not installed.
+        The dataset has another version, or pyarrow is not installed.
     """
     require("LeRobot's datasets", "pyarrow")
     import pyarrow.parquet as parquet
@@ -295,14 +295,14 @@ def read_dataset(path: str | Path) -> Dataset:
 
 
 def add_columns(source: str | Path, target: str | Path, columns: Sequence[Mapping[str, npt.ArrayLike]]) -> Path:
-    """Copy a dataset, videos and all, with more columns: one mapping for each episode, of arrays (frame, ...).
+    """Copy a dataset, including its videos, and add columns: one mapping for each episode, of arrays (frame, ...).
 
     Existing columns of the same name are replaced; everything else is copied as it is.
 
     Raises
     ------
     InvalidInput
-        Another number of episodes or frames, or a target that is there.
+        A different number of episodes or frames, or a target that exists.
     """
     require("LeRobot's datasets", "pyarrow")
     import pyarrow.parquet as parquet

@@ -45,7 +45,7 @@ class Taxels:
     InvalidInput
         A geom or a site that the model does not have.
     Unsupported
-        MuJoCo is not installed; a line's skin, a periodic surface, or a pad that creeps.
+        MuJoCo is not installed; a skin in line contact, a periodic surface, or a pad that creeps.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Taxels:
         self._geoms = [self._named(mujoco.mjtObj.mjOBJ_GEOM, "geom", name) for name in names]
         self._site = self._named(mujoco.mjtObj.mjOBJ_SITE, "site", site)
         if not names:
-            raise InvalidInput("geom names no geom: pass the name of the geom that the skin lies on.")
+            raise InvalidInput("geom is empty: pass the name of the geom that the skin lies on.")
 
     def _named(self, kind: Any, word: str, name: str) -> int:
         found = int(self._mujoco.mj_name2id(self.model, kind, name))
@@ -155,7 +155,7 @@ class Taxels:
                 pad, other = pairs[i] if first[i] else pairs[i][::-1]
                 frame = data.contact.frame[i].reshape(3, 3)
                 self._mujoco.mj_contactForce(self.model, data, int(i), result)
-                # MuJoCo's force acts on the second geom
+                # in MuJoCo, the contact force acts on the second geom
                 sign = -1.0 if first[i] else 1.0
                 place = data.contact.pos[i]
                 bodies = [self._local(data, int(g), place) for g in (pad, other)]

@@ -1,4 +1,4 @@
-"""The effect of a pad on a touch on its way to the sensors, and the error of assuming a half-space."""
+"""How a pad blurs a touch before it reaches the sensors, and the error of assuming a half-space."""
 
 from __future__ import annotations
 
@@ -116,11 +116,11 @@ class ExpectedForce:
         said = f"normal force +-{100 * self.normal:.0f} %, across +-{100 * self.shear:.0f} % (95 %)"
         if self.shear - self.exact[1] < 0.05:
             return said
-        return f"{said}; were pad and modulus exact, +-{100 * self.exact[0]:.0f} % and +-{100 * self.exact[1]:.0f} %"
+        return f"{said}; if pad and modulus were exact, +-{100 * self.exact[0]:.0f} % and +-{100 * self.exact[1]:.0f} %"
 
 
 def expected_force(skin: Skin) -> ExpectedForce | None:
-    """Sense a ball that slides in the middle and return the widths of the intervals of its force; None unless all components are sought.
+    """Simulate a ball that slides on the middle of the array, and return the widths of the intervals of its force; None unless the skin estimates all components.
 
     Noise is 1 % of each channel's largest reading. The stated uncertainty counts.
 
@@ -288,8 +288,7 @@ def table_lines(pad: Measured) -> list[str]:
         out.append(f"dead                       {dead} of {len(t.working)} taxels")
     for name, noise, error, held in zip(t.channels, fit.noise, fit.error, fit.held_out):
         out.append(
-            f"{name:26s} noise {plain_number(float(noise), 2)} {channel_unit(name)}; off by {100 * error:.2g} % of the readings between the places; presses left out are "
-            f"foretold {100 * held:.2g} % off, noise and all"
+            f"{name:26s} noise {plain_number(float(noise), 2)} {channel_unit(name)}; off by {100 * error:.2g} % of the readings between the places; presses left out are predicted {100 * held:.2g} % off, including noise"
         )
     return out
 

@@ -29,7 +29,7 @@ __all__ = ["Frame", "Stage", "demonstration", "handling", "stream"]
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a story: the state at its end, which is reached linearly in time from the previous stage.
+    """A stage of a simulated stream. It states the force and motion at its end; they change linearly in time from the previous stage.
 
     Parameters
     ----------
@@ -65,10 +65,10 @@ class Stage:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a stream, with its truth.
+    """One frame of a simulated stream, with the true traction.
 
-    ``readings`` (channel, *array), or a list with one per plane; ``traction`` (component, *surface) [Pa]; ``stick``: radius of the part that sticks over that of
-    the contact (1: all, 0: it slides); NaN without contact.
+    ``readings`` (channel, *array), or a list with one per plane; ``traction`` (component, *surface) [Pa]; ``stick``:
+    radius of the part that sticks over that of the contact (1: all, 0: it slides); NaN without contact.
     """
 
     time: float
@@ -84,9 +84,9 @@ class Frame:
 
 
 def handling(force: float, reach: float = 2e-3) -> list[Stage]:
-    """Rest, press, roll, twist, shear until it slides, lift: a story with everything in it, some 6 s long.
+    """Return the stages rest, press, roll, twist, shear until it slides, and lift: a sequence of about 6 s.
 
-    ``force`` at its largest [N or N/m]; ``reach`` [m] how far the contact rolls and slides.
+    ``force`` is the largest normal force [N or N/m]; ``reach`` [m] is the distance that the contact rolls and slides.
     """
     return [
         Stage("rest", 0.5, 0.0),
@@ -109,8 +109,7 @@ DEMONSTRATED = 0.6
 def demonstration() -> tuple[Skin, Callable[[], Iterator[tuple[float, Floats]]]]:
     """Return the skin of a robot's fingertip, and a source of (time [s], readings) that repeats the demonstration.
 
-    16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source plays the story of
-    `handling` once, with noise of its own.
+    16 x 16 taxels of shear and normal stress, 1.2 mm apart, 2 mm under silicone; 1 % noise; friction `DEMONSTRATED`. Each source plays the stages of `handling` once, with different noise.
     """
     pad = HalfSpace(youngs_modulus=2.0e5, poissons_ratio=0.48)
     array = AreaArray(shape=(16, 16), pitch=1.2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
@@ -138,7 +137,7 @@ def stream(
     start: tuple[float, float] = (0.0, 0.0),
     rng: np.random.Generator | None = None,
 ) -> Iterator[Frame]:
-    """Yield the frames of a story.
+    """Yield the frames of consecutive stages.
 
     Parameters
     ----------

@@ -82,12 +82,13 @@ class Skin(SkinProperties):
     nuisance : "auto" or sequence of str
         Nuisances of the readings: "offset" (of each channel; of displacement, a shift of the image), "ramp" (a
         linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation if a frame is evidence for them, ramps if
-        the fit is still poor, offsets of a row, column, half or quarter of up to 400 taxels, and in the intervals the shifts and tilts of displacements that contact may hide; () for none.
+        the fit is still poor, offsets of a row, column, half or quarter of up to 400 taxels, and in the intervals the
+        shifts and tilts of displacements that contact may hide; () for none.
 
     Raises
     ------
     InvalidInput
-        No pad, no array, lines among areas, or a depth below a rigid base.
+        No pad, no array, line arrays together with area arrays, or a depth below a rigid base.
 
     Examples
     --------
@@ -240,7 +241,8 @@ class Skin(SkinProperties):
         InvalidInput
             No frames, or frames of another shape.
         Unsupported
-            Planes of different shapes: their frames do not fit one array. Take the zero from the readings yourself, and state the noise of each array.
+            Planes of different shapes: their frames do not fit one array. Take the zero from the readings yourself,
+            and state the noise of each array.
 
         Examples
         --------
@@ -260,9 +262,7 @@ class Skin(SkinProperties):
         return out
 
     def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
-        """A skin with other taxels on the same surface, so that results stay comparable. The components sought follow from the whole array, also
-        if taxels fail.
-        """
+        """A skin with other taxels on the same surface, so that results stay comparable. The components to estimate are those of the whole array, even if taxels are left out."""
         out = Skin(
             pad,
             planes,
@@ -285,7 +285,7 @@ class Skin(SkinProperties):
         Raises
         ------
         InvalidInput
-            A line's contact on an area, or the other way round.
+            A line contact on an area array, or an area contact on a line array.
 
         Examples
         --------
@@ -319,7 +319,8 @@ class Skin(SkinProperties):
         Raises
         ------
         InvalidInput
-            A traction of another shape or not finite; times that are missing where the pad creeps; ``rng`` for an array without noise; a contact of the other kind.
+            A traction of another shape or not finite; times that are missing where the pad creeps; ``rng`` for an
+            array without noise; a contact of the other kind.
         Unsupported
             Times where the pad does not creep; a concentrated load on taxels at depth 0.
 
@@ -343,7 +344,7 @@ class Skin(SkinProperties):
 
     @property
     def _layout(self) -> Layout:
-        """How readings are checked and ordered."""
+        """The layout of the readings, by which they are checked and ordered."""
         return Layout(self._planes, self._elastic)
 
     # -- inverse -------------------------------------------------------------------------------------------------------
@@ -380,7 +381,8 @@ class Skin(SkinProperties):
         friction : float, optional
             Coefficient of friction, for methods with the option ``friction``: |shear| <= friction * pressure in every cell.
         noise : float or sequence of float, optional
-            Standard deviation of the noise in the unit of the channel, one for all channels or one each (of all planes in turn), instead of the array's.
+            Standard deviation of the noise in the unit of the channel, one for all channels or one each (of all planes
+            in turn), instead of the array's.
         zero : array (frame, channel, *array), optional
             Frames at rest, or one. Their mean is subtracted from the readings; five or more also give the noise (`at_rest`).
         rng : numpy Generator
@@ -389,8 +391,8 @@ class Skin(SkinProperties):
             Time of each frame [s] of readings (frame, channel, *array); labels the result. Needed for a pad that creeps (`Viscoelastic`), to subtract
             the creep.
         **options
-            Options of the method, as its class documents them: ``draws`` of `Adaptive`, ``order``, ``rule`` and ``parameter`` of `Tikhonov`, ``length``
-            of `Hilgers`, ``spectrum`` of `Wiener`, and so on. None is the method's default.
+            Options of the method, as its class documents them: ``draws`` of `Adaptive`, ``order``, ``rule`` and
+            ``parameter`` of `Tikhonov`, ``length`` of `Hilgers`, ``spectrum`` of `Wiener`, and so on. None is the method's default.
 
         Returns
         -------
@@ -403,7 +405,8 @@ class Skin(SkinProperties):
         NotObservable
             Components that do not affect these channels, or that they cannot separate.
         Unsupported
-            An option that the method does not take, a layout that it cannot serve, or a batch that memory cannot hold; the message says what can.
+            An option that the method does not take, a layout that it does not support, or a batch that does not fit
+            into memory; the message names an alternative.
 
         Examples
         --------
@@ -550,7 +553,7 @@ class Skin(SkinProperties):
     def prepare(
         self, *, method: str | Method | None = None, components: Sequence[str] | None = None, **options: Any
     ) -> None:
-        """Do now what the first `reconstruct` with the same method, components and options would do: refuse, or compute what all frames share.
+        """Compute now what all frames share, which the first `reconstruct` with the same method, components and options would otherwise compute. Unsuitable options raise the same errors.
 
         Raises
         ------
@@ -656,7 +659,9 @@ class Skin(SkinProperties):
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         rest = given_rest(zero, baseline, self._planes)
         skin = self._noisy(noise, rest)
-        known = skin._calibration  # without elastic model it alone tells the force, whatever its tracker seeks
+        known = (
+            skin._calibration
+        )  # without an elastic model, the calibration alone gives the force, whatever components the tracker estimates
         everything = components is None and known is not None and not known.elastic
         names = skin.surface.components if everything else skin._names(components)
         check_sought(names, skin.boundary)

@@ -11,7 +11,7 @@ class Status(enum.IntEnum):
     """The outcome of one frame.
 
     A member is a small whole number, so that a batch keeps its statuses in an integer array and a file in a variable with CF flags.
-    ``label`` is its name in files and packets, ``meaning`` a sentence, ``remedy`` what to do (or ""), and ``known`` is False if the frame has no
+    ``label`` is its name in files and packets, ``meaning`` explains it in a sentence, ``remedy`` says what to do (or is ""), and ``known`` is False if the frame has no
     numbers: traction and all that follows from it are then NaN.
 
     Examples

@@ -1,8 +1,9 @@
 """A skin as layers of PyTorch: readings of a traction and traction of readings, with gradients.
 
-Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. Other parameters (modulus,
-depth, gains, noise) is passed to each call and has gradients too. Numbers and formulas are those of `palpate.inverse.differentiable`; the constrained minimum is
-that of `palpate.inverse.constrained`, and its gradients follow from the implicit function theorem.
+Both are `torch.nn.Module`, batched, for float32 and float64, under `torch.func.vmap` and `torch.compile`. Other
+parameters (modulus, depth, gains, noise) are passed to each call and have gradients too. Numbers and formulas are
+those of `palpate.inverse.differentiable`; the constrained minimum is that of `palpate.inverse.constrained`, and its
+gradients follow from the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ class _Pulled(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Any:
         raise Unsupported(
-            "the constrained inverse has first derivatives alone: use constrained=False where second ones are needed."
+            "the constrained inverse has only first derivatives: use constrained=False if you need second ones."
         )
 
     @staticmethod
@@ -217,7 +218,7 @@ class Sense(_Layer):
     Parameters
     ----------
     skin : Skin
-        Planes of one shape, no creep.
+        Its planes have one shape, and its pad does not creep.
     depth_range : float
         Largest difference of ``depth`` from 1, at most 0.5; 0 (default) if it is not varied.
 
@@ -251,8 +252,9 @@ class Sense(_Layer):
     ) -> Tensor:
         """Readings (*batch, channel, *array) of a traction (*batch, component, *surface) [Pa].
 
-        ``modulus`` and ``depth`` are numbers relative to the skin's (1 is as described), ``gains`` and ``noise`` one for each reading (channel, *array) or channel;
-        ``normal`` standard normal numbers of the readings' shape, times the noise. Numbers of their own for each frame: `torch.func.vmap`.
+        ``modulus`` and ``depth`` are numbers relative to the skin's (1 is as described), ``gains`` and ``noise`` one
+        for each reading (channel, *array) or channel; ``normal`` standard normal numbers of the readings' shape, times
+        the noise. For a different value in each frame: `torch.func.vmap`.
         """
         _checked(traction, "traction")
         given = self._parameters_of({"modulus": modulus, "depth": depth, "gains": gains, "noise": noise}, traction)
@@ -282,7 +284,7 @@ class Reconstruct(_Layer):
     friction : float, optional
         |shear| <= friction * pressure in every cell.
     constrained : bool
-        Whether pressure is kept from pulling (default).
+        Whether pressure can only push (default).
     components : sequence of str, optional
         Components to estimate. Default: `palpate.Skin.components`.
     depth_range : float
@@ -290,8 +292,8 @@ class Reconstruct(_Layer):
 
     Notes
     -----
-    The constrained minimum is found on the processor, frame by frame, to 1e-9; what was not found to that is NaN. Gradients are those on the face of
-    the cone that the minimum lies on; second derivatives there are none.
+    The constrained minimum is found on the processor, frame by frame, to 1e-9; a frame that does not reach this is
+    NaN. Gradients hold on the face of the cone on which the minimum lies. There are no second derivatives.
 
     Examples
     --------

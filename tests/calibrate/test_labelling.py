@@ -113,7 +113,7 @@ def test_a_second_calibration_without_rest_keeps_the_zero() -> None:
     old, new = first.calibration, second.calibration
     assert old is not None
     assert new is not None
-    assert any("the zero of the calibration serves" in s for s in new.said)
+    assert any("the zero of the calibration is used" in s for s in new.said)
     np.testing.assert_array_equal(new.zero, old.zero)
     np.testing.assert_array_equal(new.zero_std, old.zero_std)
     assert newtons(new, 3.0) == pytest.approx(3.0, rel=0.05)

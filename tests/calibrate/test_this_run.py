@@ -166,7 +166,7 @@ def test_one_weight_and_the_zero_of_the_calibration(skin: pp.Skin) -> None:
         press, time=time, weights=[f"{known[k]} N, {k - 0.4} s to {k + 0.4} s" for k in range(3)], this_run=True
     )
     assert today.calibration is not None
-    assert any("the zero of the calibration serves" in s for s in today.calibration.said)
+    assert any("the zero of the calibration is used" in s for s in today.calibration.said)
     touch = today.reconstruct(press[3:] - offset)
     assert np.abs(np.asarray(touch.force)[:, 2] / known[3:] - 1.0).mean() < 0.15
 

@@ -239,8 +239,8 @@ def told(std: float) -> Weighed:
         (2.28e4, "300 kPa +- 7.6 %", 'youngs_modulus = "300 kPa +- 7.6 %"'),
         (2.28e5, "300 kPa +- 76 %", 'youngs_modulus = "300 kPa +- 76 %"'),
         (2.99e5, "300 kPa +- 100 %", 'youngs_modulus = "300 kPa +- 99 %"'),
-        (1.27e6, "300 kPa +- 4.2 times as much", "nothing: these presses do not tell the modulus."),
-        (float("inf"), "300 kPa (uncertainty not known)", "nothing: these presses do not tell the modulus."),
+        (1.27e6, "300 kPa +- 4.2 times as much", "nothing: these presses do not determine the modulus."),
+        (float("inf"), "300 kPa (uncertainty not known)", "nothing: these presses do not determine the modulus."),
     ],
 )
 def test_a_modulus_that_presses_do_not_tell_is_not_written(

@@ -117,7 +117,7 @@ def test_what_readings_do_not_tell_is_infinite() -> None:
     few = pp.AreaArray(shape=(2, 2), pitch=4e-3, depth=2e-3, channels=["stress_zz"], noise=100.0)
     found = pp.Skin(SOFT, few).design()
     assert np.isinf(found.bound.force[0])
-    assert any("do not fix" in note for note in found.notes())
+    assert any("do not determine" in note for note in found.notes())
 
 
 def test_finer_waves_need_less_depth_until_the_pitch_ends_them() -> None:
@@ -137,7 +137,7 @@ def test_two_in_plane_displacements_tell_no_wave_of_pressure_by_itself() -> None
     assert found.components == ("x", "y", "z")
     assert found.wavenumber["z"][0] == 0.0
     assert math.isfinite(found.bound.force[2])  # a compact press is told
-    assert any("known only as far as contact is compact" in note for note in found.notes())
+    assert any("only from the assumption that contact is compact" in note for note in found.notes())
 
 
 def test_the_point_spread_is_that_of_wieners_filter_on_the_operator() -> None:
@@ -232,7 +232,7 @@ def test_a_scattered_array_and_a_regular_one_agree() -> None:
 
 def test_a_sweep_ranks_and_says_where_a_goal_ends() -> None:
     found = sweep(pp.Skin(SOFT, taxels(noise=2e3)), depth=[1e-3, 2e-3, 6e-3], goals={"pair": 3.5e-3})
-    assert found.notes() == ["Deeper than 2 mm a pair 3.5 mm apart cannot be told apart at this noise."]
+    assert found.notes() == ["Deeper than 2 mm a pair 3.5 mm apart cannot be resolved at this noise."]
     assert found.meets().tolist() == [True, True, False]
     assert found.ranked("noticed").points[0] == {"depth": 1e-3}
     assert found.dataset().sizes == {"design": 3}
@@ -405,7 +405,7 @@ def test_the_command_ranks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[
     table, picture = tmp_path / "designs.csv", tmp_path / "designs.png"
     app(["design", str(path), "--out", str(table), "--plot", str(picture)], standalone_mode=False)
     said = capsys.readouterr().out
-    assert "Deeper than 2 mm a pair 3.5 mm apart cannot be told apart at this noise." in said
+    assert "Deeper than 2 mm a pair 3.5 mm apart cannot be resolved at this noise." in said
     assert table.read_text().startswith("depth,force,")
     assert picture.stat().st_size > 5000
     with pytest.raises(pp.InvalidInput, match="exists"):

@@ -454,4 +454,4 @@ def test_a_part_of_the_map_has_no_force_along_what_was_not_sought() -> None:
         assert part.force[2].known
         for name, force in zip("xy", part.force[:2]):
             assert not force.known
-            assert f"force along {name} was not sought" in force.reason
+            assert f"force along {name} was not estimated" in force.reason

@@ -159,7 +159,7 @@ def test_two_senders_never_mix() -> None:
     assert wire.counts == {"frames": 200, "sessions": 1, "busy": 200}
     # said, not two hundred times
     assert [t for t in wire.said if "busy" in t] == [
-        f"sender {THERE} refused (busy): {HERE} is being served, and one sender at a time is; let each send from one socket"
+        f"sender {THERE} refused (busy): one sender is accepted at a time, now {HERE}; each sender must use a single socket"
     ]
     # the first ends; the other is served
     wire.now += 1.0

@@ -178,7 +178,7 @@ def test_a_second_connection_is_told_why_it_is_not_served(kind: str) -> None:
         wait(lambda: listener.counts["frames"] >= sent + 1)
         assert listener.counts["busy"] >= 2
         assert listener.counts["sessions"] == 1
-        assert any("busy" in text and "one sender at a time" in text for text in listener.events)
+        assert any("busy" in text and "one sender is accepted at a time" in text for text in listener.events)
 
 
 def test_two_bytes_and_silence_do_not_keep_the_successor_out() -> None:

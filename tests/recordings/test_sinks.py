@@ -512,6 +512,6 @@ def test_rerun_says_when_the_stream_is_not_whole(monkeypatch: pytest.MonkeyPatch
 
     stream = Stream()
     monkeypatch.setitem(sys.modules, "rerun", SimpleNamespace(RecordingStream=lambda _: stream))
-    with pytest.raises(pp.InvalidInput, match="the viewer: Rerun could not be given the whole stream"):
+    with pytest.raises(pp.InvalidInput, match="the viewer: Rerun did not receive the whole stream"):
         RerunSink().close()
     assert stream.ended

@@ -326,7 +326,7 @@ def test_a_command_that_is_stopped_goes_on(number: int, folder: Path, plain: Any
     if number == signal.SIGINT:
         assert started.returncode == 130
         assert said.splitlines()[-1] == "error: stopped"
-        assert "t.zarr.partial keeps what is done: --resume goes on with it." in said
+        assert "t.zarr.partial keeps the finished frames: --resume continues from there." in said
     for _ in range(100):  # the workers see that the first process is gone
         try:
             os.killpg(started.pid, 0)

@@ -462,7 +462,7 @@ def test_what_the_command_line_refuses(tmp_path: Path) -> None:
             "--map",
             said,
         ): "lies 3 mm from where the positions_file",
-        ("convert", "table.csv", "new.nc", "--map", said, "--pixel", "1 mm"): "besides them take only --grid",
+        ("convert", "table.csv", "new.nc", "--map", said, "--pixel", "1 mm"): "only --grid and --force can be given",
         ("convert", "table.csv", "new.nc", "--skin", "gel.toml"): "no section [columns]",
         ("track", "table.csv", "--skin", "gel.toml", "--map", said, "--out", "t.txt"): "a result is written as .nc",
         ("live", "--demo", "--map", said): "--map describes a RECORDING",

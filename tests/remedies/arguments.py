@@ -106,7 +106,7 @@ REMEDIES = [
     # arrays as they come
     solve("{} must be real numbers; got dtype {}.", PRESS + 0j, PRESS, room="_arrays"),
     solve("must be numbers in a rectangular array", [[1.0, 2.0], [1.0]], PRESS.tolist()),
-    solve("pass x.to_numpy() in the shape that is asked for", frame, lambda: frame().to_numpy()),
+    solve("pass x.to_numpy(), reshaped to the expected shape", frame, lambda: frame().to_numpy()),
     solve("pass x.compute()", lazy, lambda: lazy().compute()),
     solve("must be an array (NumPy, PyTorch or any array-API kind)", {"stress": PRESS}, PRESS),
     solve("readings are empty", PRESS[None][:0], PRESS[None], room="sensing.readings"),

@@ -175,7 +175,7 @@ REMEDIES = [
         FORCES,
     ),
     Remedy(
-        "weights say when they stood",
+        "weights have times, but the presses have none",
         lambda: given(presses=np.asarray(filmed().readings), weights=["200 g, 2.5 s to 3.5 s"]),
         lambda: given(
             presses=np.asarray(filmed().readings), weights=["200 g, 2.5 s to 3.5 s"], time=np.asarray(filmed().time)
@@ -242,7 +242,7 @@ REMEDIES = [
         room="calibrate.calibration",
     ),
     value(
-        "belongs to the elastic model, which the presses that calibrated this skin reject",
+        "is an option of the elastic model, which does not fit the calibration presses",
         lambda v: rejected().reconstruct(pressed(), **v),
         {"friction": 0.5},
         {},
@@ -280,7 +280,7 @@ REMEDIES = [
         1e6,
         0.0,
     ),
-    value("a weight must say how much stood there and when", weighed, "200 g", "200 g, 2.5 s to 3.5 s"),
+    value("a weight needs its mass or force, and the times", weighed, "200 g", "200 g, 2.5 s to 3.5 s"),
     value("ends at {} s, not after", weighed, "200 g, 3.5 s to 2.5 s", "200 g, 2.5 s to 3.5 s"),
     value(
         "must not be negative; write 0 g",
@@ -366,6 +366,6 @@ REMEDIES = [
     run(
         f"presses.nc {KNOWN.replace('=Fz', '=half*other')}",
         f"presses.nc {KNOWN.replace('=Fz', '=0.5*other')}",
-        'is no number; write such as "fz=',
+        'is not a number; write it as in "fz=',
     ),
 ]

@@ -189,13 +189,13 @@ def gaps(*at: int) -> Any:
 REMEDIES = [
     # palpate convert
     row(
-        "name one of them",
+        "give one of these options too",
         "convert r.nc out.npz --channels stress_zz",
         "convert r.nc out.npz",
         right=frames(2, "out.npz"),
         room="cli.convert",
     ),
-    row("besides them take only --grid and --force", f"{CONVERT} --pixel 1mm", CONVERT, right=frames(2)),
+    row("only --grid and --force can be given", f"{CONVERT} --pixel 1mm", CONVERT, right=frames(2)),
     row(
         "that says what the columns of {} are: give --map",
         "convert t.csv out.nc --skin skin.toml",
@@ -204,7 +204,11 @@ REMEDIES = [
     ),
     bag("--columns describes a table; --topic", f"{TOPIC} --columns x,y", TOPIC),
     bag("use --scale for the numbers of a --topic", f"{TOPIC} --reading-unit kPa", TOPIC),
-    bag("describe the messages of a --topic: name it", TOPIC.replace("--topic /skin --channels stress_zz", ""), TOPIC),
+    bag(
+        "describe the messages of a topic: give --topic too",
+        TOPIC.replace("--topic /skin --channels stress_zz", ""),
+        TOPIC,
+    ),
     bag("give either --topic or a --skin", f"{TOPIC} --skin stream.toml", TOPIC),
     bag(
         "has no section [stream] that says where the readings are", STREAM.replace("stream.toml", "plain.toml"), STREAM
@@ -418,7 +422,7 @@ REMEDIES = [
     bag("must be one number or several with commas", TOPIC.replace("1000", "1kPa"), TOPIC, room="cli.options"),
     bag("--shape must be rows x columns", f"{TOPIC} --shape 2", f"{TOPIC} --shape 2x2", room="cli.options"),
     row(
-        "Leave out positions_file, and the recording's own positions are taken",
+        "Leave out positions_file to use the recording's own positions",
         f"reconstruct m.nc --skin placed.toml {FAST} --out out.nc",
         f"reconstruct m.nc --skin free.toml {FAST} --out out.nc",
         given=lambda: marked(),
@@ -453,7 +457,7 @@ REMEDIES = [
     live("no such folder", "live --demo --record-to new", "live --demo --record-to there", slow=True),
     live("Give --record another name", "live --demo --record there.nc", "live --demo --record out.nc", slow=True),
     live(
-        "leave --token out to have one made",
+        "leave --token out to get a random one",
         "live --demo --host 0.0.0.0 --token ''",
         "live --demo --host 0.0.0.0",
         slow=True,

@@ -124,7 +124,7 @@ REMEDIES = [
         given=two_files,
     ),
     Remedy(
-        "the files press differently, or have other goals",
+        "the files have different presses or goals",
         command("design design.toml other.toml --out designs.csv"),
         command("design design.toml alike.toml --out designs.csv"),
         given=two_files,

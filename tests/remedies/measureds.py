@@ -191,8 +191,8 @@ REMEDIES = [
     Remedy("exists, and may hold what was measured; give another name", lambda: (whole().save("a.nc"), whole().save("a.nc")), lambda: whole().save("b.nc"), room="measured.pad"),
     # sides
     value("a box is made of one layer on a rigid base", lambda p: solid_lines(p, None), pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.5), pp.BondedLayers([pp.Layer(thickness=2e-3, youngs_modulus=2e5, poissons_ratio=0.48)])),
-    Remedy("--size is of a layer that ends; a pad that was measured", lambda: told(MEASURED, *SIZE), lambda: told(MEASURED)),
-    Remedy("--size is of one layer on a rigid base", lambda: told(HALF_SPACE, *SIZE), lambda: told(LAYER, *SIZE)),
+    Remedy("--size is for a computed layer; the table of a measured pad", lambda: told(MEASURED, *SIZE), lambda: told(MEASURED)),
+    Remedy("--size is for one layer on a rigid base", lambda: told(HALF_SPACE, *SIZE), lambda: told(LAYER, *SIZE)),
     value("--size must be length and width such as", lambda s: told(LAYER, "--size", s), "20 mm", "20 mm x 20 mm"),
     value("--size must be two lengths above 0", lambda s: told(LAYER, "--size", s), "0 mm x 2 mm", "2 mm x 2 mm"),
 ]  # fmt: skip

@@ -210,7 +210,7 @@ REMEDIES = [
         right=bool,
     ),
     # the page
-    value("give a token that they must bring", served, "", "secret"),
+    value("give a token, which they must send", served, "", "secret"),
     value("start with --record-to FOLDER", lambda how: page(**how)._path(), {}, {"folder": "."}),
     value("recordings were begun in the last minute; wait a little", begun, 1.0, 61.0),
     # messages of ROS

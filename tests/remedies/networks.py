@@ -29,7 +29,7 @@ def curvature(constrained: bool) -> Any:
 
 
 REMEDIES = [
-    value("the constrained inverse has first derivatives alone", curvature, True, False),
+    value("the constrained inverse has only first derivatives", curvature, True, False),
     value(
         "must be a tensor of float32 or float64",
         lambda v: Sense(SKIN)(v),

@@ -319,7 +319,7 @@ NOTES = [
     ),
     # recordings
     Note(
-        "{} keeps what is done: --resume goes on with it.",
+        "{} keeps the finished frames: --resume continues from there.",
         lambda: stopped(resume=False),
         lambda: stopped(resume=True),
         touch_of_zarr,

@@ -80,5 +80,5 @@ REMEDIES = [
     value("least must be a positive number of metres", lambda v: Surface(SKIN, least=v), -1e-3, 1e-3),
     value("contacts.world goes from", lambda n: Surface(SKIN).press(contacts(world=[2]), worlds=n), 1, 3),
     value("the model has no {} {}. It has", taxels, "gel", "pad"),
-    value("geom names no geom", taxels, [], ["pad"]),
+    value("geom is empty", taxels, [], ["pad"]),
 ]

@@ -385,7 +385,7 @@ REMEDIES = [
         lambda: (prepared(), SKIN.load_prepared("s.prepared")),
     ),
     Remedy(
-        "is damaged or no file of a prepared skin",
+        "is damaged, or is not a file of a prepared skin",
         lambda: (laid(s_prepared="x"), SKIN.load_prepared("s.prepared")),
         lambda: (prepared(), SKIN.load_prepared("s.prepared")),
     ),

@@ -126,7 +126,7 @@ def _restated(skin: Any, pad: Any, planes: Sequence[Any], known: dict[str, float
     )  # fmt: skip
     out._given = out._problem.fixed = skin._given
     out._problem.zeroed = problem.zeroed
-    # positions of the whole array, at the fitted depth
+    # the array at the positions of all taxels, missing ones included, and at the fitted depth
     out._whole = (
         [replace(w, depth=p.depth) for w, p in zip(skin._whole, planes, strict=True)] if same_places else out._planes
     )

@@ -52,7 +52,7 @@ __all__ = ["calibrate", "flat_readings", "unflat"]
 ENDS = 0.15
 #: Frames with less than this fraction of the largest force are at rest.
 REST_FRACTION = 0.005
-#: Frames below this force are at rest if there are at least FEWEST_AT_REST and if their readings scatter by less than
+#: Frames below this force are at rest if there are at least FEWEST_AT_REST of them and their readings scatter by less than
 #: ALIKE_AT_REST times the root mean square of all readings.
 FEWEST_AT_REST, ALIKE_AT_REST = 3, 0.1
 #: Default number of labels in a calibration: more take longer and add little (docs/_generated/calibrate.md).
@@ -61,8 +61,8 @@ SEED = 41
 #: Note if all labels come from one recording.
 ONE_RECORDING_NOTE = f"all labels are of one recording: that its gains differ from the next one's by {100 * RUN:.0f} % is assumed. Calibrate with a second recording, made on another day, to learn it, or label one press on each day (--this-run)"
 #: Sentences of a calibration without a frame at rest.
-NO_REST = "no frame is labelled as at rest: readings are taken as zero where nothing touches. If they are not, give baseline=, or a frame with the force 0"
-STORED_ZERO = "no frame is labelled as at rest: the zero of the calibration serves. Give baseline=, or a frame with the force 0, if the zero has drifted"
+NO_REST = "no frame is labelled as at rest: the readings are assumed to be zero without contact. If they are not, give baseline=, or a frame with the force 0"
+STORED_ZERO = "no frame is labelled as at rest: the zero of the calibration is used. Give baseline=, or a frame with the force 0, if the zero has drifted"
 #: Squares of numbers above this, and inverses of numbers below its inverse, would leave double precision (at 1e154).
 LARGEST = 1e100
 #: Largest number of rest frames that are stored, and the noise that is assumed without rest frames, as a fraction of
@@ -110,29 +110,29 @@ def calibrate(
     Parameters
     ----------
     skin : Skin
-        With pad and array. Its numbers may be guesses: they only give the prior of the maps.
+        With pad and array, which may be guesses: they only give the prior of the maps.
     presses : Recording, array (frame, channel, *array), or a list of them
         Readings in the sensor's own unit, of which each recording is a run.
     reference : array (frame,) or (frame, 3), or mapping of str to array
         Normal force Fz, or Fx, Fy, Fz [N]; or some of "fx", "fy", "fz" [N], "x", "y" [m] for the place of the press, and "ball_radius" [m] for a
-        ball. NaN if unknown. For a list of presses a
-        list. With ``reference_time`` on a clock of its own.
+        ball. NaN if unknown. For a list of presses, give a list. If it has a different clock, give ``reference_time`` too.
     reference_time : array (sample,), optional
         Times of the reference [s]; the delay between the clocks is found (`find_delay`).
     weights : sequence of str or Weight
         Weights on the pad with their times, such as "200 g, 12 s to 20 s"; "0 g, ..." for rest.
     time : array (frame,), optional
-        Times of an array of presses [s]; without them each frame is a separate press. For a list of presses a list, None for a Recording.
+        Times of an array of presses [s]; without them each frame is a separate press. For a list of presses, give a list, with None for a Recording.
     baseline : int, optional
-        Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, else none.
+        Frames at the start of each run without contact, whose mean is the zero. Default: the frames with zero force, if there are any.
     labels : int
         Largest number of frames to use.
     before : SkinCalibration, optional
         An earlier calibration of the same skin to start from: its labels are kept, and a note says whether the sensor
         has aged.
     this_run : bool
-        The frames to come are of the same run as these presses. The calibration ``before`` stays as it is, and the presses tell how this run
-        differs from it (`palpate.calibrate.run`): one press determines most of the gain. For another run start from ``before`` anew.
+        The frames to come are of the same run as these presses. The calibration ``before`` stays as it is, and the
+        presses determine how this run differs from it (`palpate.calibrate.run`): one press determines most of the
+        gain. For another run, start again from ``before``.
     constants : sequence of str
         Constants of the pad to find from balls pressed straight into it, some of "youngs_modulus", "thickness", "depth", "gain", "pixel_scale", "unit"; see `PadConstants`.
     pad_models : sequence of str, optional
@@ -141,7 +141,8 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        No labelled frame, labels of another length, clocks that do not match, or labels without any force; ``this_run`` without a calibration.
+        No labelled frame, labels whose number differs from that of the frames, clocks that do not match, or labels
+        without any force; ``this_run`` without a calibration.
 
     Examples
     --------
@@ -239,7 +240,7 @@ def calibrate(
 
 
 def _times_of(time: Any, count: int) -> list[Any]:
-    """Return the times of each of so many runs; None where none are given."""
+    """Return the times of each of ``count`` runs; None for a run without times."""
     if time is None:
         return [None] * count
     listed = isinstance(time, list | tuple)
@@ -305,7 +306,7 @@ def _columns(reference: Any) -> dict[str, Floats]:
 
 
 def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> dict[str, Floats]:
-    """Return the labels of each frame of a run: NaN without a label; "std" is the error of the label, if stated."""
+    """Return the labels of each frame of a run. Frames without a label have NaN; "std" is the standard deviation of the label, if stated."""
     count = len(run.flat)
     out: dict[str, Floats] = {}
     if reference is not None:
@@ -335,7 +336,7 @@ def _labels(run: Run, reference: Any, reference_time: Any, said: list[str]) -> d
             out = _without_stuck(out, run.flat, said)
     if not out or not any(np.isfinite(v).any() for k, v in out.items() if k in FORCES):
         raise InvalidInput(
-            'no force is known of any frame: give reference= (a force sensor), or weights=["200 g, 12 s to 20 s"]. Shapes and places alone tell no newtons.'
+            'no force is known of any frame: give reference= (a force sensor), or weights=["200 g, 12 s to 20 s"]. Shapes and places alone do not give newtons.'
         )
     return out
 
@@ -348,7 +349,7 @@ def _without_stuck(known: dict[str, Floats], flat: Floats, said: list[str]) -> d
         if stuck.any():
             out[name] = np.where(stuck, math.nan, known[name])
             said.append(
-                f"{name} is exactly {plain_number(value, 4)} N in {int(stuck.sum())} samples while the readings differ: taken for a force sensor without a reading or at the end of its range, and left out"
+                f"{name} is exactly {plain_number(value, 4)} N in {int(stuck.sum())} samples while the readings differ: left out, because a force sensor reads so if it has no measurement or is at the end of its range"
             )
     return out
 
@@ -360,12 +361,10 @@ def _weighed(
     averaged because they share the error of the weight.
     """
     if run.time is None:
-        raise InvalidInput(
-            "weights say when they stood, and the presses have no times: give a Recording, or time= with the frames."
-        )
+        raise InvalidInput("weights have times, but the presses have none: give a Recording, or time= with the frames.")
     if reference is not None:
         raise InvalidInput(
-            "give weights= or reference= for a run, not both; others go into a second calibration, with again=True."
+            "give weights= or reference= for a run, not both; add the others in a second calibration, with again=True."
         )
     frames, rest = [], []
     complete = np.asarray(np.isfinite(run.flat).all(axis=1))
@@ -452,8 +451,7 @@ def unflat(planes: Sequence[Any], flat: Floats) -> Floats:
 
 
 def find_rest(known: Mapping[str, Floats], flat: Floats) -> npt.NDArray[np.bool_]:
-    """Return the frames without contact: those with zero force, or three or more with almost no force and similar
-    readings.
+    """Return the frames without contact: those with zero force, or those with almost no force if at least three of them have similar readings.
 
     A frame with a small force along one axis is not at rest if the force along another is large. Without normal force
     there is no shear, whether it is known or not.
@@ -513,7 +511,7 @@ def _rest_readings(
     runs: list[Run], flats: list[Floats], known: list[dict[str, Floats]], pressed: Floats, baseline: int
 ) -> Floats:
     """Return the frames at rest, the first ``baseline`` of each run among them, minus their zero (frame, channel,
-    *array); their scatter is the noise. With fewer than five such frames, return noise of an assumed size.
+    *array); their scatter is the noise. With fewer than five such frames, return random numbers with an assumed standard deviation.
     """
     found = []
     for run, flat, one in zip(runs, flats, known):

@@ -28,11 +28,13 @@ from palpate.touch.fields import CalibratedForce, ErrorParts
 __all__ = ["FORCE_ONLY_NOTE", "SkinCalibration"]
 
 #: Note of a touch whose pad model was rejected or not checked.
-FORCE_ONLY_NOTE = "net force by calibration; no pressure map follows, because the presses that calibrated this skin did not confirm the elastic model"
+FORCE_ONLY_NOTE = (
+    "net force by calibration, without a pressure map, because the calibration presses do not fit the elastic model"
+)
 #: Components of the force and coordinates of the centre, with the names that reference files use.
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
 #: Note for readings from which the zero of the calibration was subtracted.
-OPEN = "the zero of the calibration serves: its scatter and the drift seen while calibrating are in the interval, drift since then is not. Take a fresh zero where nothing touches (baseline=, --baseline)"
+OPEN = "the zero of the calibration is used: the intervals include its scatter and the drift during the calibration, but no later drift. Take a new zero without contact (baseline=, --baseline)"
 #: A note says that a new zero differs from that of the calibration if the difference exceeds this fraction of the
 #: largest labelled value (a convention) and two of its standard deviations.
 STANDING = 0.1
@@ -76,7 +78,8 @@ class SkinCalibration:
     zero : array (channel, *array) or None
         Readings at rest of the last recording, in the sensor's own unit; None without frames at rest.
     zero_std : array (channel, *array) or None
-        Standard deviation of one frame at rest about it, of the zeros of several recordings from each other, and the drift from the start to the end of each.
+        Standard deviation of one frame at rest about it, of the zeros of several recordings from each other, and the
+        drift from the start to the end of each.
     open_zero : bool
         Whether ``zero`` was taken from the readings, instead of a zero of their own day: its error is then in every interval.
     """
@@ -149,7 +152,7 @@ class SkinCalibration:
         if not len(seen):
             return None
         what = " and ".join(f"{FORCES[i]} = {plain_number(float(off[0, i]), 2)} N" for i in seen)
-        return f"the zero differs from that of the calibration as a press of {what} would: drift since then, or something lay on the pad while the zero was taken. Take it anew with nothing on the pad, or leave baseline (--baseline) out to use that of the calibration"
+        return f"the zero differs from that of the calibration as much as a press of {what} changes it: it has drifted, or something lay on the pad while the zero was taken. Take a new zero with nothing on the pad, or leave baseline (--baseline) out to use that of the calibration"
 
     def opened(self) -> SkinCalibration:
         """Return the calibration for readings minus its own zero; the intervals then include the error of that zero."""
@@ -205,7 +208,7 @@ class SkinCalibration:
         notes: tuple[str, ...] = (() if self.elastic else (FORCE_ONLY_NOTE,)) + ((OPEN,) if self.open_zero else ())
         if max(m.unlike(rows) for m in self.maps.values()) > UNLIKE:
             notes += (
-                "readings are unlike those of any labelled press (larger, or of another place): the force there is a guess, see its interval; calibrate with presses there",
+                "readings differ from those of all labelled presses (larger, or at another place): the force is extrapolated and its interval is wide; calibrate with such presses",
             )
         center, center_std = (None, None) if place is None else (v.reshape(*batch, 2) for v in place)
         force, std = value.reshape(*batch, 3), std.reshape(*batch, 3)
@@ -273,7 +276,7 @@ class SkinCalibration:
             named.append("friction")
         if named and not self.elastic:
             raise NotObservable(
-                f"{', '.join(named)} belongs to the elastic model, which the presses that calibrated this skin reject: no pressure map follows. Leave it out."
+                f"{', '.join(named)} is an option of the elastic model, which does not fit the calibration presses: there is no pressure map. Leave it out."
             )
 
     def __str__(self) -> str:
@@ -285,7 +288,7 @@ class SkinCalibration:
             )
         if self.table:
             lines.append(
-                "normal force   on presses that were left out: mean error, R^2, share of 95 % intervals that hold it"
+                "normal force on presses that were left out: mean error, R^2, share of true values inside the 95 % intervals"
             )
             for name, error, r2, coverage in self.table:
                 share = "" if math.isnan(coverage) else f", {coverage:.2f}"

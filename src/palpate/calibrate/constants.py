@@ -1,7 +1,7 @@
 """Estimate the posterior of a pad's constants from balls pressed straight into it with known forces, and compare pad
 models.
 
-A press is a Hertz pressure with unknown position and radius. Both are fitted together with the constants and
+A press is a Hertz pressure with unknown position and radius. These unknowns are fitted together with the constants and
 integrated out (Laplace's approximation in the logarithms of all positive numbers). The fields of an axisymmetric
 pressure are Hankel transforms of the pad's response, computed on one table of radii.
 """
@@ -31,11 +31,11 @@ __all__ = ["CONSTANTS", "REJECTED", "PadConstants", "fit_constants", "labelled_c
 #: Constants that can be fitted, with the prior standard deviation of their logarithm: modulus guessed within a factor
 #: of 3, lengths known to 20 %, gains to 5 %, any unit.
 CONSTANTS = {"youngs_modulus": 1.1, "thickness": 0.2, "depth": 0.2, "gain": 0.05, "pixel_scale": 0.2, "unit": 5.0}
-#: What is not fitted, and where it is stated instead.
+#: Constants that are not fitted, and where to state them instead.
 STATED = {
     "poissons_ratio": "state it with the pad (poissons_ratio in skin.toml; 0.48 to 0.5 for rubber).",
     "creep": 'state it with the pad (prony = [[0.2, "0.5 s"]] under [pad]).',
-    "temperature": "take a fresh zero before each recording (baseline=, --baseline), and calibrate again when it has changed (again=True, --again).",
+    "temperature": "take a new zero before each recording (baseline=, --baseline), and calibrate again when it has changed (again=True, --again).",
 }
 #: Mean and standard deviation of the log of the ratio of moduli, of the lower layer or base to the upper layer.
 RATIO = {"stack": (0.0, 1.5), "soft base": (math.log(0.1), 1.0)}
@@ -158,7 +158,7 @@ class PadConstants:
                 low, high = (plain_number(float(value * math.exp(s * 1.96 * std)), 3) for s in (-1, 1))
                 lines.append(f"  {name:<16}{plain_number(float(value), 3)}{unit} ({low} to {high})")
             else:
-                lines.append(f"  {name:<16}the presses do not tell it")
+                lines.append(f"  {name:<16}the presses do not determine it")
         gains = [i for i, n in enumerate(self.names) if n.startswith("gain")]
         if gains:
             worst = plain_number(100.0 * float(self.std[gains].max()), 2)
@@ -557,7 +557,7 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
     """Return sentences on the constants that the data do not determine, and on the press that would determine each."""
     if found.misfit > REJECTED:
         return [
-            f"no pad model that was asked explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"
+            f"none of the requested pad models explains the presses: residuals are {plain_number(found.misfit, 3)} times the noise, so the constants are not given"
         ]
     said = []
     correlation = found.covariance / np.outer(found.std, found.std)
@@ -566,18 +566,20 @@ def _words(found: PadConstants, fit: _Fit) -> list[str]:
             why = ""
             if name == "youngs_modulus" and all(c.startswith("stress") for c in fit.channels):
                 why = ": stress under a given load does not depend on it unless the ball's radius is known"
-            said.append(f"the presses do not tell {name}{why}. The press that would tell most: {fit.next_press(i)}")
+            said.append(
+                f"the presses do not determine {name}{why}. The most informative next press: {fit.next_press(i)}"
+            )
         for j in range(i):
             if abs(correlation[i, j]) > 0.9:
                 said.append(
-                    f"{found.names[j]} and {name} are told together only (correlation {correlation[i, j]:.2f}): either known better would tell the other"
+                    f"{found.names[j]} and {name} are determined only in combination (correlation {correlation[i, j]:.2f}): measure one of them to determine the other"
                 )
     if len(found.evidence) > 1:
         best = found.best_model
         order = sorted(found.evidence, key=lambda m: -found.evidence[m])
         lead = found.evidence[order[0]] - found.evidence[order[1]]
         said.append(
-            f"the presses cannot tell {order[0]} from {order[1]} (odds {plain_number(math.exp(lead), 2)} to 1)"
+            f"the presses cannot distinguish {order[0]} from {order[1]} (odds {plain_number(math.exp(lead), 2)} to 1)"
             if best is None
             else f"pad model: {best}; next is {order[1]}, e^{plain_number(lead, 3)} times less likely"
         )

@@ -1,4 +1,4 @@
-"""Findings from labelled presses in addition to the map: silent taxels, hysteresis, ageing, and the next press to make."""
+"""Report what labelled presses show besides the map: silent taxels, hysteresis, ageing, and the next press to make."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def table_of(one: ForceMap) -> tuple[tuple[str, float, float, float], ...]:
 
 
 def silent_readings(skin: Any, data: Labelled) -> list[str]:
-    """Return sentences on readings that hardly change while others do."""
+    """Return sentences on readings that hardly change while other readings do."""
     if len(data.flat) < ENOUGH or data.flat.shape[1] < 3:
         return []
     size = np.sqrt((data.flat**2).mean(axis=0))
@@ -69,7 +69,7 @@ def silent_readings(skin: Any, data: Labelled) -> list[str]:
         return []
     listed = ", ".join(names[i] for i in silent[:4]) + (f" and {len(silent) - 4} more" if len(silent) > 4 else "")
     return [
-        f"{listed}: no more than {100 * SILENT:.0f} % of the usual reading. Broken, or never pressed: press there once"
+        f"{listed}: no more than {100 * SILENT:.0f} % of the usual reading. They are broken, or were never pressed: press above them once"
     ]
 
 
@@ -99,7 +99,7 @@ def hysteresis(one: ForceMap) -> list[str]:
     if abs(apart) < DIFFERS * scatter or abs(apart) < LAG * size:
         return []
     return [
-        f"the pad lags: the same readings mean {plain_number(abs(apart), 2)} N {'more' if apart > 0 else 'less'} while the load grows than while it falls. Intervals hold it"
+        f"the pad has hysteresis: the same readings mean {plain_number(abs(apart), 2)} N {'more' if apart > 0 else 'less'} while the load grows than while it falls. The intervals include this"
     ]
 
 
@@ -125,10 +125,10 @@ def ageing(before: SkinCalibration, data: Labelled) -> list[str]:
     chance = float(2.0 * scipy.stats.t.sf(abs(ratio - 1.0) / sure, before.maps[name].freedom))
     if chance < AGED:
         return [
-            f"the sensor has aged: forces are now {plain_number(ratio, 3)} times what the calibration before says (probability of chance {chance:.2g}). Old labels are kept and weighed like new ones: calibrate without before= to drop them"
+            f"the sensor has aged: forces are now {plain_number(ratio, 3)} times those of the previous calibration (probability of chance {chance:.2g}). Old labels are kept with the same weight as new ones: calibrate without before= to drop them"
         ]
     return [
-        f"no ageing is seen: forces are {plain_number(ratio, 3)} +- {plain_number(sure, 2)} times what the calibration before says"
+        f"no sign of ageing: forces are {plain_number(ratio, 3)} +- {plain_number(sure, 2)} times those of the previous calibration"
     ]
 
 
@@ -157,5 +157,5 @@ def best_press(skin: Any, one: ForceMap) -> list[str]:
     sheared = float(np.hypot(*drawn.force[worst, :2].T).mean() / drawn.force[worst, 2].mean())
     usual = float(np.hypot(*drawn.force[:, :2].T).mean() / drawn.force[:, 2].mean())
     where = "near the edge" if float(np.median(away[worst])) > 0.6 else "near the middle"
-    words = f"the press that would tell most: {where}, with a {'small' if small else 'large'} ball"
+    words = f"the most informative next press: {where}, with a {'small' if small else 'large'} ball"
     return [words + (", while you push sideways" if sheared > 1.5 * usual else "")]

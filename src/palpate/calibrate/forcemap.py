@@ -21,10 +21,10 @@ __all__ = ["ForceMap"]
 MAX_LABELS = 500
 #: A model has the weight (mean square of its left-out errors)^(-n/2), its likelihood if the variance of errors is not
 #: known. For n, this power of the number of labels: labels of one recording are not independent evidence. The models'
-#: own standard deviations play no part: they are least sure about presses unlike the rest.
+#: own standard deviations play no part: they are largest for presses that differ from the others.
 TEMPER = 0.5
-#: The prior that errors are as large as the models predict counts as PRIOR_PRESSES. LARGEST: largest squared error, in
-#: variances, that one label contributes.
+#: The prior that errors are as large as the models predict counts as PRIOR_PRESSES. LARGEST: limit on the squared
+#: error of one label, in units of its variance.
 PRIOR_PRESSES, LARGEST = 4.0, 25.0
 #: Prior standard deviation of gains between runs, used until labels of several runs show it, and the number of runs as
 #: which it counts. Presses at the same places differed by 3 and 11 % between two streams of four barometers, and by 2
@@ -114,7 +114,7 @@ class ForceMap:
         noise, shared = (
             np.asarray(self.inflation**2 * sum(w * n[i] for w, n in zip(self.weights, noises))) for i in (0, 1)
         )
-        # use the typical value for readings of this size: a component that is 0 by chance is not known better for that
+        # use the typical value for readings of this size: a component that is 0 by chance is not more accurate
         novel = self.novelty(readings) * p.unit * scaled.size
         local = np.sqrt(np.maximum(self.inflation**2 * square - noise - shared, 0.0) + novel**2)
         return FrameErrors(
@@ -164,7 +164,7 @@ class ForceMap:
 
     @property
     def runs(self) -> float:
-        """Return the number of runs that tell the spread of gains; the prior counts as `RUNS_OF_PRIOR`."""
+        """Return the number of runs that show the spread of gains; the prior counts as `RUNS_OF_PRIOR`."""
         return RUNS_OF_PRIOR + len(self.members[0].run_gains)
 
     @property
@@ -246,7 +246,7 @@ class ForceMap:
     def from_arrays(cls, held: Mapping[str, Any]) -> ForceMap:
         """Return the map that `arrays` describes."""
         log = held["log"]
-        # older files have fewer models and hyperparameters, in the same order; they knew no bend
+        # older files have fewer models and hyperparameters, in the same order, and no bend
         if log.ndim != 2 or not 1 <= len(log) <= len(MEMBERS) or not len(NAMES) - 1 <= log.shape[1] <= len(NAMES):
             raise ValueError(f"holds {log.shape} hyperparameters for {(len(MEMBERS), len(NAMES))}")
         log = np.pad(log, ((0, 0), (0, len(NAMES) - log.shape[1])), constant_values=NO_TERM)
@@ -274,7 +274,7 @@ def distance(labels: Scaled, frames: Scaled) -> Floats:
     """
     strong = labels.size > STRONG * float(labels.size.max())
     cosine = (frames.direction @ labels.direction[strong].T).max(axis=1)
-    # the direction of faint readings is that of their noise
+    # small readings have the direction of their noise
     away = np.minimum(frames.size / (STRONG * labels.size.max()), 1.0) * np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0))
     return np.hypot(beyond(labels, frames), away)
 

@@ -68,7 +68,9 @@ class Weight:
         example = '"200 g, 12 s to 20 s"'
         match = re.fullmatch(r"\s*([^,]+?)\s*,\s*(.+?)\s+to\s+(.+?)\s*", text) if isinstance(text, str) else None
         if match is None:
-            raise InvalidInput(f"a weight must say how much stood there and when, such as {example}; got {text!r}.")
+            raise InvalidInput(
+                f"a weight needs its mass or force, and the times when it stood on the pad, such as {example}; got {text!r}."
+            )
         mass = re.fullmatch(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(\S+)", match[1])
         if mass is not None and mass[2] in MASSES:
             try:
@@ -149,8 +151,8 @@ def stuck_labels(force: Floats, flat: Floats) -> tuple[npt.NDArray[np.bool_], fl
     all, and repeats while the readings (frame, reading) vary as in other frames.
 
     A force sensor repeats one value if it has no measurement (-1, 999) or is at the end of its range; such frames have
-    no label. Frames at rest are not taken for stuck, because their readings do not vary; nor are weights entered by
-    hand, of which every value repeats.
+    no label. Frames at rest do not count as stuck, because their readings do not vary. Weights entered by hand do not
+    either, because each of their values repeats.
 
     Examples
     --------
@@ -221,7 +223,7 @@ def weights_of(given: Sequence[Weight | str]) -> list[Weight]:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Frames of which something is known.
+    """Frames with a known force, place or ball radius.
 
     ``flat`` are the readings minus the zero of their run (label, reading), ``planes`` the same by channel and taxel
     (label, channel, *array). ``known`` has force, place and ball radius of each frame, NaN where unknown.

@@ -10,7 +10,7 @@ With z the readings over their scale, r = |z| and u = z/r, the covariance of the
                         any map that grows as a power q of the readings: q = 1 where pad and contact are linear,
                         and where the contact grows with the load force and readings have different powers
     a4 exp(-|z - z'|^2 / 2 l^2)
-                        what no term above describes
+                        the rest, which no term above describes
     a5 (z . z')^2       quadratic maps
     a6                  a zero that is not exact
 
@@ -59,8 +59,7 @@ SPREAD = np.array([p[1] for p in PRIORS.values()])
 AT = {name: i for i, name in enumerate(NAMES)}
 #: Terms of the covariance that a model may lack.
 TERMS = ("physics", "linear", "growing", "free", "quadratic", "zero")
-#: Models of the average, each given by the terms that it lacks; "lag" means errors that are correlated in time. Either the
-#: bend of the maps or the growing term describes growth that is not linear. Files keep this order: add new models at the
+#: Models of the average, each given by the terms that it lacks; "lag" means errors that are correlated in time. Nonlinear growth is described either by the bend of the maps or by the growing term, not by both. Files keep this order: add new models at the
 #: end.
 MEMBERS: tuple[tuple[str, ...], ...] = (
     ("growing", "free", "quadratic"),

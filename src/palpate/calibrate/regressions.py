@@ -1,4 +1,4 @@
-"""Plain regressions on the same labels, for comparison: linear and quadratic ridge, Gaussian process without physics."""
+"""Regressions on the labels of a calibration, without a pad model, for comparison with it: linear and quadratic ridge, Gaussian process without physics."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ The value of a frame with the readings z (z = r u, size r and direction u) in a 
     b^2 + s^2               noise of each frame, and errors that frames of one press share
 
 Without labels of the run its diagonal gives the interval. Labels of the run condition it (kriging of the errors of the map): one press
-determines most of the gain, and of the error of the map at places like its own.
+determines most of the gain, and of the error of the map near its own place.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["FrameErrors", "RunLabels"]
 
-#: Distance of directions over which errors of the map are alike. Of 0.15, 0.3 and 0.6, this one left the smallest errors
+#: Distance of directions over which errors of the map are correlated. Of 0.15, 0.3 and 0.6, this value gave the smallest errors
 #: where a stream of four barometers was pressed at other places.
 WIDTH = 0.15
 
@@ -45,7 +45,7 @@ class FrameErrors:
     zero : float
         Of the run [N].
     runs : float
-        Number of runs that tell the spread of gains.
+        Number of runs that show the spread of gains.
     """
 
     mean: Floats
@@ -121,8 +121,8 @@ class RunLabels:
         """Return the errors of the map at these labels. If there are several presses, the standard deviation of the gain
         takes in what they show of it, as one run more.
 
-        That is its square, less its variance by the scatter between presses: one press does not tell the gain of the run
-        from an error of the map at its place.
+        That is its square, less its variance by the scatter between presses: one press does not distinguish the gain
+        of the run from an error of the map at its place.
         """
         presses = np.unique(self.press)
         square = np.array([found.mean[self.press == p] @ found.mean[self.press == p] for p in presses])

@@ -60,7 +60,7 @@ def run_calibration(
         at = np.isfinite(value)
         if not at.any() or not np.abs(value[at]).max() > 0.0:
             if name in FORCES:
-                words.append(f"{name} has no label of this run and stays as calibrated")
+                words.append(f"{name} has no label in this run, so its calibration is unchanged")
             continue
         std = data.std[at] if name == "fz" else np.zeros(int(at.sum()))
         new = RunLabels(data.flat[at], value[at], std, data.press[at])
@@ -72,7 +72,7 @@ def run_calibration(
                 unit, unit_std = unit * own[0], math.hypot(unit_std, own[1])
             words.insert(
                 0,
-                f"{ABOUT}forces are {plain_number(gain, 3)} +- {plain_number(gain_std, 2)} times what the calibration says, by {len(new.values)} labelled frames. It serves for this run; for another one start from the calibration without it",
+                f"{ABOUT}forces are {plain_number(gain, 3)} +- {plain_number(gain_std, 2)} times those of the calibration, from {len(new.values)} labelled frames. This correction holds for this run only; for another run, start from the calibration without it",
             )
     if all(one.this_run is None or one is before.maps[n] for n, one in maps.items()):
         raise InvalidInput(

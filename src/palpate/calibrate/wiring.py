@@ -17,7 +17,7 @@ __all__ = ["reading_names", "wrong_wiring"]
 
 #: Frames with more than these fractions of the largest force, or of the largest readings, are used.
 STRONG_FORCE, STRONG_READINGS = 0.3, 0.1
-#: Few taxels: a reading has a sign if AGREED of its TOP strongest responses have it, and at most TURNED of the taxels are
+#: Few taxels: a reading has a sign if a fraction AGREED of its TOP strongest responses has this sign; at most a fraction TURNED of the taxels is
 #: turned.
 TOP, AGREED, TURNED = 0.25, 0.95, 0.25
 #: Many taxels, from TAXELS[0] to TAXELS[1] (more take long), are compared with their neighbours, with this many presses
@@ -51,10 +51,10 @@ def normal_channels(skin: Any) -> Iterator[tuple[Floats, slice]]:
 
 
 def wrong_wiring(skin: Any, data: Labelled) -> list[str]:
-    """Return sentences on taxels of turned sign, and on pairs of taxels that are swapped.
+    """Return sentences on taxels with a reversed sign, and on pairs of taxels that are swapped.
 
     Many taxels are compared with their neighbours (`neighbours`); of few, the signs of the strongest responses to a force are
-    compared. Signs that look turned are turned back before swaps are sought.
+    compared. Signs that look reversed are corrected before the search for swaps.
     """
     names, found = reading_names(skin), []
     for places, readings in normal_channels(skin):
@@ -62,13 +62,13 @@ def wrong_wiring(skin: Any, data: Labelled) -> list[str]:
         turned = turned_taxels(data, places, values)
         if turned:
             found.append(
-                f"{', '.join(own[i] for i in turned)}: the sign looks opposite to that of the other taxels. Turn the sign of the column, or check the wiring"
+                f"{', '.join(own[i] for i in turned)}: the sign looks opposite to that of the other taxels. Reverse the sign of the column, or check the wiring"
             )
             values[:, turned] *= -1.0
         pair = swapped_taxels(data, places, values)
         if pair:
             found.append(
-                f"{' and '.join(own[i] for i in pair)} look swapped: each feels what the neighbours of the other feel. Check the order of the columns"
+                f"{' and '.join(own[i] for i in pair)} look swapped: each responds like the neighbours of the other. Check the order of the columns"
             )
     return found
 
@@ -135,7 +135,7 @@ def neighbours(data: Labelled, places: Floats, values: Floats) -> tuple[Floats, 
     """Return the correlation of the readings of two taxels over presses, of frames scaled to one size, and the ranks of how
     close they are. None if taxels or presses are too few.
 
-    Taxels side by side feel the same presses, so the two have a high rank correlation, whatever the pad.
+    Neighbouring taxels respond to the same presses, so they have a high rank correlation on any pad.
     """
     size = np.sqrt((values**2).sum(axis=1))
     strong = size > STRONG_READINGS * size.max()

@@ -50,8 +50,8 @@ def bench_accuracy(
 ) -> None:
     """Compare the error of a method with that of the best linear filter, and count how often its error bars hold the truth.
 
-    The filter is Wiener's, which knows the contact's spectrum and the noise. Without --method the automatic method is measured; without --quick beside the
-    methods for comparison.
+    The filter is Wiener's, which knows the contact's spectrum and the noise. Without --method the automatic method is
+    measured; without --quick beside the methods for comparison.
     """
     import csv
     import io

@@ -58,7 +58,7 @@ def calibrate(
         bool,
         typer.Option(
             "--this-run",
-            help="Correct the calibration in --skin for the run that these presses belong to: one weight tells most of its gain. For another day, start from the calibration again.",
+            help="Correct the calibration in --skin for the run that these presses belong to: one weight determines most of its gain. For another day, start from the calibration again.",
         ),
     ] = False,
     constants: Annotated[
@@ -69,7 +69,7 @@ def calibrate(
     ] = None,
     pad_models: Annotated[
         str | None,
-        typer.Option(help='With --constants: pads that the presses rank, such as "half-space,bonded,stack,soft base".'),
+        typer.Option(help='With --constants: pad models to compare, such as "half-space,bonded,stack,soft base".'),
     ] = None,
     report: Annotated[
         Path | None,
@@ -89,7 +89,7 @@ def calibrate(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Learn the net force of a sensor from a few weights or a force sensor. With few labels the elastic model decides, with many a regression."""
+    """Learn the net force of a sensor from a few weights or a force sensor. With few labels the result follows the elastic model, with many labels a regression."""
     from palpate.calibrate import write_calibrated
     from palpate.camera import is_pictures
     from palpate.recordings import read_recording
@@ -197,7 +197,7 @@ def _wanted(text: str) -> dict[str, tuple[str, float]]:
                 factor = float(number)
             except ValueError as error:
                 raise InvalidInput(
-                    f'--reference: {number.strip()!r} is no number; write such as "fz=-0.00981*grams".'
+                    f'--reference: {number.strip()!r} is not a number; write it as in "fz=-0.00981*grams".'
                 ) from error
         elif name.startswith("-"):
             factor, name = -1.0, name[1:]

@@ -62,7 +62,7 @@ def calibrate_colours(
     settings = read_camera(skin_file)
     if settings is None:
         raise InvalidInput(
-            f'{skin_file} has no section [camera]: nothing says how pixels become metres. Write one, with scale = "0.06 mm" (per pixel).'
+            f'{skin_file} has no section [camera]: the size of a pixel is unknown. Write one, with scale = "0.06 mm" (per pixel).'
         )
     source: Any = presses[0] if len(presses) == 1 else _images(presses)
     still = None if rest is None else _images([rest])[0]
@@ -75,7 +75,7 @@ def calibrate_colours(
     typer.echo(f"ball            {1e3 * size:.4g} mm across, {len(model.table)} presses")
     for name, radius, gain, slope, depth in model.table:
         typer.echo(
-            f"{name:15s} contact {2e3 * radius:.2f} mm across; left out, its slopes are off by {100 * (gain - 1):+.0f} % together and {slope:.2g} each, depth by {1e6 * depth:.0f} um"
+            f"{name:15s} contact {2e3 * radius:.2f} mm across; cross-validation: its slopes are off by {100 * (gain - 1):+.0f} % together and {slope:.2g} each, depth by {1e6 * depth:.0f} um"
         )
     typer.echo(str(model))
     paths: tuple[Path, ...] = write_slopes(out, skin_file, model)

@@ -64,7 +64,7 @@ def _root(
 ) -> None:
     ctx.with_resource(guarded())
     ctx.with_resource(sole_writers())
-    # palpate itself reports damaged files, once and in words
+    # palpate reports damaged files itself, with a clear message
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     if ctx.invoked_subcommand is None:
@@ -114,7 +114,7 @@ def main() -> None:
         # raise, as Ctrl-C does, so that half-written files are removed
         signal.signal(signal.SIGTERM, _stop)
         code = app(standalone_mode=False, prog_name="palpate")
-        if code == 130:  # typer's word for ctrl-C, without a sentence
+        if code == 130:  # typer's exit code for Ctrl-C
             raise KeyboardInterrupt
     except (typer.Abort, KeyboardInterrupt):
         _fail("stopped", 130)
@@ -150,7 +150,7 @@ def _out_of_memory(error: MemoryError) -> str:
     """Return what needed too much memory, and what to do. The innermost module of palpate in the traceback decides,
     because a long file and a fine surface need different advice.
     """
-    advice, at = "Close other programs, or give less at a time.", error.__traceback__
+    advice, at = "Close other programs, or give fewer frames or pictures at a time.", error.__traceback__
     rooms = set()
     while at is not None:
         _, _, inside = at.tb_frame.f_globals.get("__name__", "").partition("palpate.")
@@ -176,7 +176,7 @@ def _warned(
 
 
 class _Stopped(BaseException):
-    """Raised when the process was asked to end."""
+    """Raised when the process receives SIGTERM."""
 
 
 def _stop(*_: object) -> None:

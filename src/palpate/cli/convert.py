@@ -16,7 +16,7 @@ def convert(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Recording, or a table of others: a CSV with a header, or HDF5 with positions and vectors."
+            help="Recording, or a table of another program: a CSV with a header, or HDF5 with positions and vectors."
         ),
     ],
     target: Annotated[Path, typer.Argument(help="Recording to write (.nc, .h5, .npz, .csv, .zarr or .mcap).")],
@@ -77,14 +77,16 @@ def convert(
     check_output(target, inputs=[source, *skin_files(skin_file)], force=force)
     described = bool(path or fields or scale != "1" or shape or markers)
     if channels is not None and columns is None and topic is None:
-        raise InvalidInput("--channels says what --columns or the messages of a --topic measure: name one of them.")
+        raise InvalidInput(
+            "--channels says what --columns or the messages of a --topic measure: give one of these options too."
+        )
     names = (channels or "displacement_x,displacement_y").split(",")
     table = source.suffix.lower() in endings("read_mapped")
     if mapped is not None or (table and skin_file is not None):
         others = columns, channels, pixel, position_unit, reading_unit, topic, described or None
         if any(o is not None for o in others) or follow or salvage:
             raise InvalidInput(
-                "--map, or [columns] in the skin.toml, says all about a table: besides them take only --grid and --force."
+                "--map, or [columns] in the skin.toml, describes a table completely: with it, only --grid and --force can be given."
             )
         mapping: Any = mapping_for(source, skin_file, mapped)
         if mapping is None:
@@ -94,14 +96,16 @@ def convert(
         recording = read_recording(source, mapping=mapping)
     elif topic is not None or described or salvage or skin_file is not None:
         if columns is not None:
-            raise InvalidInput("--columns describes a table; --topic, --skin and --salvage what a robot recorded.")
+            raise InvalidInput(
+                "--columns describes a table; --topic, --skin and --salvage describe a robot's recording: give one or the other."
+            )
         if pixel or position_unit or reading_unit or follow:
             raise InvalidInput(
                 "--pixel, --position-unit, --reading-unit and --follow describe a table; use --scale for the numbers of a --topic."
             )
         if described and topic is None:
             raise InvalidInput(
-                "--path, --fields, --scale, --shape and --markers describe the messages of a --topic: name it."
+                "--path, --fields, --scale, --shape and --markers describe the messages of a topic: give --topic too."
             )
         if topic is not None and skin_file is not None:
             raise InvalidInput("give either --topic or a --skin with a section [stream].")

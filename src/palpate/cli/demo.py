@@ -39,7 +39,7 @@ depth = "0 %"
 
 
 class Story(StrEnum):
-    """The stories that the demo can show."""
+    """The examples that the demo can show."""
 
     sensor = "sensor"
     camera = "camera"
@@ -133,7 +133,7 @@ def _check_unedited(folder: Path, force: bool, names: tuple[str, ...]) -> None:
             raise InvalidInput(f"{path} is a folder; give another one with --out.")
         if os.path.lexists(path) and _sum(path) != sums.get(name) and not force:
             raise InvalidInput(
-                f"{path} was changed since palpate demo wrote it, or is not its own. It is kept: give another folder with --out, or --force "
+                f"{path} was changed since palpate demo wrote it, or was not written by it. It is kept: give another folder with --out, or --force "
                 "to replace it."
             )
 

@@ -12,7 +12,7 @@ from palpate.cli.progress import progress
 
 __all__ = ["FILES", "demo_camera"]
 
-#: The files that the demo writes.
+#: Names of the files that the demo writes.
 FILES = ("gel.toml", "press.mp4", "touch.nc", "touch.png")
 
 _GEL = """\

@@ -14,7 +14,7 @@ from palpate.elastic.pad import Floats
 
 __all__ = ["FILES", "demo_cells"]
 
-#: The files that the demo writes.
+#: Names of the files that the demo writes.
 FILES = ("rest.tif", "pulled.tif", "film.tif", "cells.tif", "adhesions.tif", "PIVlab.mat")
 #: Size of a pixel [m], side of a picture [px], and side of the squares on which traction is uniform [px].
 PIXEL, SIZE, FINE = 1e-7, 384, 4

@@ -1,6 +1,4 @@
-"""palpate demo taxels, markers, field: write files as other people's sensors do, from known contacts, for the page of
-the first hour.
-"""
+"""palpate demo taxels, markers, field: write files of known contacts in the formats of other programs, for the documentation's page "The first hour"."""
 
 from __future__ import annotations
 
@@ -156,7 +154,7 @@ def demo_field(folder: Path, seed: int, own: Callable[[str], None]) -> float:
         np.save(folder / name, part)
         own(name)
     typer.echo(
-        f"A cell pulls at eight places; its strain energy is {1e15 * energy:.1f} fJ. 128 x 128 vectors in pixels, one every 8."
+        f"A cell pulls at eight places; its strain energy is {1e15 * energy:.1f} fJ. 128 x 128 vectors in pixels, 8 pixels apart."
     )
     typer.echo(f"vectors         {folder / 'u.npy'} {folder / 'v.npy'}")
     return energy

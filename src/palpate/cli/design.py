@@ -33,7 +33,7 @@ def design(
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     force: Force = False,
 ) -> None:
-    """Say what a sensor resolves before it is built: bounds of force and place, pairs, blind spots, range; or rank a sweep of designs."""
+    """Predict what a sensor resolves before it is built: bounds of force and place, pairs, blind spots, range; or rank a sweep of designs."""
     from palpate.design.files import read_design
     from palpate.design.sweep import Sweep, swept
 
@@ -65,7 +65,7 @@ def design(
         found.append(Sweep(named, one.designs, one.skipped, one.goals))
     if len({d.press for s in found for d in s.designs}) > 1 or len({tuple(s.goals.items()) for s in found}) > 1:
         raise InvalidInput(
-            "the files press differently, or have other goals, and cannot be ranked together. Give all the same [press] and [goal]."
+            "the files have different presses or goals, so that they cannot be ranked together. Give all the same [press] and [goal]."
         )
     whole = Sweep(
         tuple(p for s in found for p in s.points),

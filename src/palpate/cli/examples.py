@@ -17,7 +17,7 @@ SHORT = {
     "convert": "Convert recordings, and tables of other programs.",
     "simulate": "Make the recording of a known contact.",
     "pad": "Show how a pad changes and blurs a touch.",
-    "design": "Say what a sensor will resolve before it is built.",
+    "design": "Predict what a sensor resolves before it is built.",
     "sensors": "List known sensors, with their skin.toml.",
     "identify": "Identify the object: ball or flat, patches, stiffness.",
     "weigh": "Find the modulus of a gel from known weights.",

@@ -70,7 +70,7 @@ def film(
     ] = Path("film.csv"),
     force: Force = False,
 ) -> None:
-    """Films and many cells: one row for each frame and cell, on all cores. A run that was stopped continues where it ended."""
+    """Evaluate films and many cells on all cores: write one row for each frame and cell. An interrupted run continues where it stopped."""
     from palpate.cli.options import numbers
     from palpate.cli.tfm import _modulus_of, _pixel
     from palpate.elastic import BondedLayers, HalfSpace, Layer
@@ -118,7 +118,7 @@ def film(
         with Frames("frames", count, hint="; --processes sets how many run at once") as shown:
             rows, labelled = made.run(partial, processes=processes, shown=shown)
     except KeyboardInterrupt:
-        typer.echo(f"{partial} holds the frames that are solved: the same command goes on there", err=True)
+        typer.echo(f"{partial} holds the solved frames: run the same command again to continue", err=True)
         raise
     failed = [r for r in rows if len(r) < 6]
     if len(failed) == len(rows):

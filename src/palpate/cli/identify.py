@@ -26,7 +26,10 @@ def identify(
     skin_file: Annotated[Path, typer.Option("--skin", help="skin.toml with the pad and its array.")],
     columns: Columns = None,
     baseline: Annotated[
-        int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches. Needed for raw counts.")
+        int,
+        typer.Option(
+            min=0, help="Number of frames at the start, without contact, whose mean is the zero. Needed for raw counts."
+        ),
     ] = 0,
     frame: Annotated[
         list[int] | None,

@@ -42,10 +42,15 @@ def live(
             "Nothing may touch the gel in the first pictures."
         ),
     ] = None,
-    demo: Annotated[bool, typer.Option("--demo", help="A simulated finger: needs nothing else.")] = False,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Show a simulated finger, without any other option or file.")
+    ] = False,
     baseline: Annotated[
         int | None,
-        typer.Option(min=0, help="Frames at the start that are the zero: nothing touches (default 0; 20 with --demo)."),
+        typer.Option(
+            min=0,
+            help="Number of frames at the start, without contact, whose mean is the zero (default 0; 20 with --demo).",
+        ),
     ] = None,
     max_pressure: Annotated[str | None, typer.Option(help='Alarm above this peak pressure, e.g. "40 kPa".')] = None,
     max_force: Annotated[str | None, typer.Option(help='Alarm above this normal force, e.g. "2 N".')] = None,
@@ -85,7 +90,7 @@ def live(
         raise InvalidInput("give either a RECORDING, --camera, --udp, --tcp, --ws or --zenoh with a --skin, or --demo.")
     if (skin_file is None) != demo:
         raise InvalidInput(
-            "--demo has its own skin: leave out --skin." if demo else "what is shown needs its skin: --skin skin.toml."
+            "--demo has its own skin: leave out --skin." if demo else "the live view needs a skin: --skin skin.toml."
         )
     if not (np.isfinite(speed) and speed > 0):
         raise InvalidInput(f"--speed must be a positive number; got {speed:g}.")
@@ -104,7 +109,7 @@ def live(
         check_output(record, inputs=[recording_file, watched, *skin_files(skin_file)], force=False)
     if host not in LOCAL and token == "":
         raise InvalidInput(
-            f"--host {host} opens the page to others: they must bring a token; leave --token out to have one made."
+            f"--host {host} opens the page to other machines, which requires a token: leave --token out to get a random one."
         )
     options = tracker_options(ctx)
     pace, end, seen, connection = True, None, None, None

@@ -20,7 +20,7 @@ class MethodCommand(Command):
     """A command with the option --method and all options of all methods."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """The command's own parameters and those of the methods; the command's own wins where both have a name."""
+        """The command's own parameters and those of the methods; if both have the same name, the command's own is used."""
         own = super().get_params(ctx)
         known = ctx.meta.setdefault(f"{_KEY}.params", [])
         if not known:

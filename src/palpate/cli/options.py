@@ -114,7 +114,7 @@ def mapping_for(recording: Path, skin_file: Path | None, columns: str | None, *,
         return columns_of(given, shape=shape) if skin_file is None else read_columns(skin_file, given)
     except InvalidInput as error:
         if skin_file is not None and str(error).startswith(str(skin_file)):
-            raise  # the error is about the skin
+            raise  # the message should name the skin's file
         raise InvalidInput(f"--map: {error}") from error
 
 
@@ -135,7 +135,7 @@ def zero_of_skin(skin: Skin, baseline: int) -> Any:
     if baseline or found is None or found.zero is None:
         return None
     typer.echo(
-        "zero            that of the calibration, its scatter in every interval; where nothing touches in the first frames, --baseline 10 takes a new one"
+        "zero            that of the calibration; all intervals include its scatter. If nothing touches in the first frames, --baseline 10 takes a new one"
     )
     return found.zero
 
@@ -203,6 +203,5 @@ def _check_places(positions: Any, skin: Skin) -> None:
         if off.max() > 1e-3 * np.ptp(at, axis=0).max():
             worst = int(np.argmax(off))
             raise InvalidInput(
-                f"taxel {worst} of the recording lies {plain_number(1e3 * off[worst], 3)} mm from where the positions_file of the skin has it: is the order another, or a unit? "
-                "Leave out positions_file, and the recording's own positions are taken."
+                f"taxel {worst} of the recording lies {plain_number(1e3 * off[worst], 3)} mm from where the positions_file of the skin has it: check the order of the taxels and the unit. Leave out positions_file to use the recording's own positions."
             )

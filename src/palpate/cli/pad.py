@@ -54,7 +54,7 @@ def pad(
     if isinstance(elastic, Measured):
         if ends is not None:
             raise InvalidInput(
-                "--size is of a layer that ends; a pad that was measured has its sides in its table. Leave --size out."
+                "--size is for a computed layer; the table of a measured pad already includes its sides. Leave --size out."
             )
         with busy("the table"):
             lines, figure = table_lines(elastic), plot_table(elastic)
@@ -64,7 +64,7 @@ def pad(
     edges = edge_error(skin.pad, skin.planes)
     if ends is not None and edges is None:
         raise InvalidInput(
-            '--size is of one layer on a rigid base (kind = "bonded_layers" with one layer, area contact), and this pad is another. Leave --size out.'
+            '--size is for one layer on a rigid base (kind = "bonded_layers" with one layer, area contact), and this pad is another. Leave --size out.'
         )
     figure = plot_response(skin.pad, skin.planes, edges=edges)
     with busy("a typical contact"):
@@ -144,7 +144,7 @@ def _print_edges(found: EdgeError, pad: Pad, size: tuple[float, float] | None) -
         more = "" if found.force is None else f", net force x {np.interp(d * h, found.distance, found.force):.2f}"
         said.append(f"{1e3 * d * h:.3g} mm from a side: press {100 * at[0]:.0f} % off, drag {100 * at[1]:.0f} %{more}")
     typer.echo(
-        "near the side of the gel   taken for endless, readings ("
+        "near the side of the gel   assumed infinite, readings ("
         + ("markers on the surface" if found.kind == "displacement" else "sensors at the base")
         + "):"
     )
@@ -158,5 +158,5 @@ def _print_edges(found: EdgeError, pad: Pad, size: tuple[float, float] | None) -
             f"  {100 * found.inner(size):.0f} % of {1e3 * size[0]:.4g} x {1e3 * size[1]:.4g} mm lie farther than {1e3 * found.reach:.2g} mm from all sides, where a press "
             "is off by less than 15 %"
         )
-    typer.echo("a pad that ends (palpate[solid]); in the skin.toml, instead of its [pad]:")
+    typer.echo("a pad with sides (palpate[solid]); in the skin.toml, instead of its [pad]:")
     typer.echo("\n".join(f"  {line}" for line in solid_lines(pad, size).splitlines()))

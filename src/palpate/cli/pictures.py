@@ -63,7 +63,7 @@ def assumed_skin(skin_file: Path) -> tuple[Skin, str]:
     if settings.size is not None and settings.scale is not None:
         across, up = np.broadcast_to(np.asarray(settings.scale, dtype=np.float64), 2) * np.asarray(settings.size)
         shape = (max(3, min(12, int(up / pitch))), max(3, min(12, int(across / pitch))))
-    said = f"{shape[0]} x {shape[1]} dots {1e3 * pitch:.3g} mm apart are assumed: where yours are, the pictures say"
+    said = f"{shape[0]} x {shape[1]} dots {1e3 * pitch:.3g} mm apart are assumed: the pictures show where yours are"
     return gel_skin(skin_file, dot_grid(shape, pitch)), said
 
 
@@ -77,8 +77,8 @@ def roughly(skin: Skin | str | Path, positions: Any) -> str:
     if found is None or found.normal < ROUGH:
         return ""
     return (
-        f"a typical press on these dots is known to: {found}. Dots that move sideways on the surface hardly show what presses, whatever the camera; dots 0.5 to 1 mm deep "
-        "(or a map of depth, in Python) show it two to three times better"
+        f"expected error of a typical press on these dots: {found}. Sideways motion of dots on the surface hardly depends on pressure, so that no camera helps; dots 0.5 to 1 mm deep "
+        "(or a map of depth, in Python) show pressure two to three times better"
     )
 
 

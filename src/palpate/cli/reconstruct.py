@@ -40,7 +40,10 @@ def reconstruct(
         ),
     ] = None,
     baseline: Annotated[
-        int, typer.Option(min=0, help="Frames at the start that are the zero: nothing touches. Needed for raw counts.")
+        int,
+        typer.Option(
+            min=0, help="Number of frames at the start, without contact, whose mean is the zero. Needed for raw counts."
+        ),
     ] = 0,
     frame: Annotated[
         int | None, typer.Option(help="Solve this frame alone; 0 is the first, -1 the last. Default: all frames.")
@@ -158,7 +161,7 @@ def reconstruct(
         if workers is None:
             elsewhere = scheduler is not None and "://" in scheduler
             workers = 1 if elsewhere else worker_count(skin, method, frames)
-        hint = " (palpate track follows such recordings in far less)"
+        hint = " (palpate track is much faster for such recordings)"
         with Frames("solving frames", frames, hint=hint) as bar:
             done = reconstruct_recording(
                 skin,
@@ -237,7 +240,7 @@ def _explain_interruption(target: Path) -> Iterator[None]:
         for said in getattr(error, "__notes__", ()):
             typer.echo(said, err=True)
         if unfinished_path(target).exists() and not before:
-            typer.echo(f"{unfinished_path(target)} keeps what is done: --resume goes on with it.", err=True)
+            typer.echo(f"{unfinished_path(target)} keeps the finished frames: --resume continues from there.", err=True)
         raise
 
 
@@ -259,7 +262,7 @@ def _without_missing(skin: Skin, recording: OpenRecording) -> Skin:
         )
     if len(skin.planes) != 1:
         raise InvalidInput(
-            "--drop-missing serves skins of one plane: palpate track uses the readings that each frame has."
+            "--drop-missing is for skins of one plane: palpate track uses the readings that each frame has."
         )
     typer.echo(f"left out {int(missing.sum())} of {missing.size} taxels with missing readings", err=True)
     return skin.masked(~missing)

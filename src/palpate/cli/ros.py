@@ -59,7 +59,7 @@ def ros(
         int,
         typer.Option(
             min=0,
-            help="Frames at the start that are the zero: nothing touches. For pictures: number that show the gel at rest, in place of that in [camera].",
+            help="Number of frames at the start, without contact, whose mean is the zero. For pictures: number that show the gel at rest, in place of that in [camera].",
         ),
     ] = 0,
     max_pressure: Annotated[str | None, typer.Option(help='Event above this peak pressure, e.g. "40 kPa".')] = None,
@@ -79,8 +79,8 @@ def ros(
 ) -> None:
     """Run as a node of ROS 2: readings, or pictures of a gel with dots, from a topic in; forces, traction, slip and events out.
 
-    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/utilisation, ~/events and /diagnostics; takes ~/rezero.
-    Arguments of ROS come last, e.g. --ros-args -r __ns:=/left -p friction:=0.6.
+    Publishes ~/wrench with its 95 % interval (~/wrench_low, ~/wrench_high), ~/center, ~/traction, ~/utilisation,
+    ~/events and /diagnostics; takes ~/rezero. Arguments of ROS come last, e.g. --ros-args -r __ns:=/left -p friction:=0.6.
     """
     import os
     import tomllib
@@ -123,7 +123,7 @@ def ros(
         if camera is not None and are_pictures(kind):
             if "colour" in tomllib.loads(skin_text(skin_file)):
                 raise Unsupported(
-                    f"{skin_file} is of a gel that is read by its colours: each picture takes a second or so by itself, and a node follows with a tracker. "
+                    f"{skin_file} is of a gel that is read by its colours: a node needs a tracker, and there is none for colours, because each picture takes about a second. "
                     f"Record {name} (ros2 bag record -s mcap {name}), and give palpate track the recording."
                 )
             typer.echo("waiting for pictures of the gel at rest, in which nothing touches it (Ctrl-C ends)", err=True)

@@ -89,10 +89,12 @@ def tfm(
     position_unit: Annotated[
         str | None, typer.Option(help="Unit of the positions of a table, if it is not that of the displacements.")
     ] = None,
-    up: Annotated[bool, typer.Option("--up", help="y and v of a field grow upwards.")] = False,
+    up: Annotated[
+        bool, typer.Option("--up", help="The coordinate y and the displacement v of a field point upwards.")
+    ] = False,
     v_up: Annotated[bool, typer.Option("--v-up", help="v of a field grows upwards, and y downwards.")] = False,
     follow: Annotated[
-        bool, typer.Option("--follow", help="The positions of a table are those after the displacement.")
+        bool, typer.Option("--follow", help="The table states the positions of the vectors after the displacement.")
     ] = False,
     name: Annotated[
         str | None, typer.Option(help="Field to read from a file that contains several, or frame of a table.")
@@ -106,9 +108,7 @@ def tfm(
     drop_outliers: Annotated[
         bool, typer.Option("--drop-outliers", help="Leave out vectors that differ from all their neighbours.")
     ] = False,
-    still: Annotated[
-        bool, typer.Option("--still", help="The picture has not moved as a whole: no shift is removed.")
-    ] = False,
+    still: Annotated[bool, typer.Option("--still", help="Do not remove a shift of the whole picture.")] = False,
     noise: Annotated[
         str | None,
         typer.Option(

@@ -48,7 +48,7 @@ def track(
         int,
         typer.Option(
             min=0,
-            help="Frames at the start that are the zero: nothing touches. For pictures: that of the skin.toml, otherwise 5.",
+            help="Number of frames at the start, without contact, whose mean is the zero. For pictures: that of the skin.toml, otherwise 5.",
         ),
     ] = 0,
     zero_at: Annotated[
@@ -67,14 +67,14 @@ def track(
         int | None,
         typer.Option(
             min=1,
-            help="For pictures: solve each picture alone, but only one in this many (seconds each).",
+            help="For pictures: solve one picture in this many, each independently (seconds each).",
         ),
     ] = None,
     fast: Annotated[
         bool,
         typer.Option(
             "--fast",
-            help="For pictures: follow all with a tracker, at the rate of a camera. Shear is as accurate; the normal force may be wrong by a third.",
+            help="For pictures: process every picture with a tracker, as fast as a camera takes them. Shear is as accurate; the normal force may be wrong by a third.",
         ),
     ] = False,
     rate: Annotated[float | None, typer.Option(help="Pictures a second, for a folder or stack without times.")] = None,

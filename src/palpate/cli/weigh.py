@@ -68,7 +68,7 @@ def weigh(
     share = found.std / found.youngs_modulus
     if not share < 1.0:
         typer.echo(
-            "write           nothing: these presses do not tell the modulus. Press several times, with about the forces that the gel will measure."
+            "write           nothing: these presses do not determine the modulus. Press several times, with about the forces that the gel will measure."
         )
     elif found.better:
         # per cent with two digits; a skin.toml needs less than 100

@@ -21,7 +21,7 @@ from palpate.sensing.surface import default_surface
 
 __all__ = ["Noticed", "noticed_forces", "range_of"]
 
-#: Fraction of frames at rest that may be taken for contact, and fraction of contacts of the reported force that are
+#: Rate of false alarms at rest, and fraction of contacts of the reported force that are
 #: detected.
 FALSE_ALARM, POWER = 0.01, 0.95
 #: A place is a blind spot if its smallest detectable force is this many times that of the median place.
@@ -68,7 +68,7 @@ class Noticed:
 
 
 def noticed_forces(pad: Pad, planes: Sequence[Array], kinds: Sequence[str] | None) -> Noticed:
-    """Return the smallest detectable force of a tip as wide as a surface cell, at an unknown place on the array.
+    """Return the smallest detectable force of an indenter as wide as a surface cell, at an unknown place on the array.
 
     The matched-filter output for a force F is F |P g| in units of the noise, where g are the whitened readings of unit
     force and P projects offsets out. Its threshold is exceeded in 1 % of frames at rest by the largest of as many

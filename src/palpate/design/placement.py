@@ -78,7 +78,8 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
     Parameters
     ----------
     skin : Skin
-        Gives pad, depth, channels, aperture, noise and limits of its first plane; its positions do not matter. Places are chosen for independent noise.
+        Gives pad, depth, channels, aperture, noise and limits of its first plane; its positions do not matter. Places
+        are chosen for independent noise.
     count : int
         Taxels to place.
     extent : (float, float)
@@ -104,7 +105,7 @@ def place(skin: Any, *, count: int, extent: tuple[float, float], press: Press | 
     """
     first = skin.planes[0]
     if first.dimensions == 1:
-        raise Unsupported("placement is for area contact. On a line taxels at even distances serve best.")
+        raise Unsupported("placement is for area contact. On a line, evenly spaced taxels are best.")
     if (
         not isinstance(extent, tuple | list)
         or len(extent) != 2

@@ -145,7 +145,7 @@ def separable_pair(
     """Return the smallest distance [m] at which two tips are resolved along the worse axis; infinite if it is more
     than ``farthest``.
 
-    Each tip has half of the force and half of the radius. Unknown are the forces and places of both, their radius,
+    Each tip has half of the force and half of the radius. Unknown are the forces and places of both tips, their common radius,
     their elongation along the axis (otherwise one long contact would count as two), offsets, and the uncertain
     properties of the skin. The tips are resolved if the distance is at least `RECOVERABLE_SIGMAS` of its own standard
     deviations (S. T. Smith, IEEE Trans. Signal Process. 53, 2005, 1597-1609, with that factor).

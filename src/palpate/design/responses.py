@@ -19,7 +19,7 @@ __all__ = ["Responses", "array_middle", "pitch_of", "weights_of"]
 
 #: Number of cells per depth and per contact radius: with two, readings and derivatives are within 1 % of exact ones.
 CELLS = 2.0
-#: The same number for the effect of a wrong depth or thickness, which is a difference of two operators.
+#: Cells per depth and contact radius for the effect of a wrong depth or thickness, which is a difference of two operators.
 COARSE_CELLS = 1.0
 #: Largest number of cells along an axis of the grid near the press; wider grids have coarser cells.
 MAX_CELLS = {1: 2000, 2: 121}
@@ -58,7 +58,7 @@ def weights_of(planes: Sequence[Array]) -> Floats:
         if array.noise_std is None:
             names = ", ".join(array.channels)
             raise Unsupported(
-                f"a design needs the noise of {names}: what a sensor resolves is set by it. Give the array noise=..., in the unit of the channel "
+                f"a design needs the noise of {names}: the resolution depends on it. Give the array noise=..., in the unit of the channel "
                 '(in a file noise = "50 Pa"), from a datasheet or from frames at rest.'
             )
         parts.append(np.repeat(1.0 / np.asarray(array.noise_std), int(array.valid.sum())))

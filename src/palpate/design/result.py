@@ -156,7 +156,7 @@ class Design:
         names = {"x": "force along x", "y": "force along y", "z": "normal force"}
         for i, c in enumerate(self.components):
             out.append(
-                f"{names[c]:<22}+-{_number(self.bound.force[i])} {n}   (+-{_number(self.known.force[i])} {n} were pad and sensors exact)"
+                f"{names[c]:<22}+-{_number(self.bound.force[i])} {n}   (+-{_number(self.known.force[i])} {n} if pad and sensors were exact)"
             )
         out.append(f"{'centre':<22}+-{_mm(float(self.bound.center.max()))}")
         out.append(f"{'contact ' + over:<22}+-{_mm(self.bound.radius)}")
@@ -190,18 +190,20 @@ class Design:
                 "These channels cannot separate shear from pressure: the press is taken without shear. Add stress_xz and stress_yz, or two displacements."
             )
         if math.isinf(self.pair):
-            out.append(f"No pair of tips up to {_mm(self.farthest)} apart can be told apart at this noise.")
+            out.append(f"No pair of tips up to {_mm(self.farthest)} apart can be resolved at this noise.")
         for c in self.components:
             if self.wavenumber[c][0] == 0.0:
                 out.append(
-                    f"No wave of {'pressure' if c == 'z' else 'shear along ' + c} is measured by these channels alone. It is known only as far as contact is compact."
+                    f"No wave of {'pressure' if c == 'z' else 'shear along ' + c} is measured by these channels alone. It follows only from the assumption that contact is compact."
                 )
         if self.noticed.blind > 0:
             out.append(
                 f"Blind spots: at {100 * self.noticed.blind:.0f} % of the places on the array a tip needs more than three times the usual force to be noticed."
             )
         if any(math.isinf(v) for v in (*self.bound.force, *self.bound.center)):
-            out.append("These readings do not fix force and centre of a press of unknown size. Add taxels or channels.")
+            out.append(
+                "These readings do not determine force and centre of a press of unknown size. Add taxels or channels."
+            )
         if self.range < self.press.force:
             out.append(
                 f"The press of {_number(self.press.force)} {'N' if self.dimensions == 2 else 'N/m'} is beyond the range: "

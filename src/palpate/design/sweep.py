@@ -55,15 +55,15 @@ _DIRECTIONS = {
 }
 _LENGTHS = ("depth", "thickness", "pitch", "aperture")
 _GOALS = {
-    "force": "no design knows the normal force to +-{}",
-    "shear": "no design knows the shear force to +-{}",
-    "center": "no design knows the centre to +-{}",
-    "radius": "no design knows the contact radius to +-{}",
-    "friction_reserve": "no design knows the friction reserve to +-{}",
-    "pair": "a pair {} apart cannot be told apart at this noise",
+    "force": "no design determines the normal force to +-{}",
+    "shear": "no design determines the shear force to +-{}",
+    "center": "no design determines the centre to +-{}",
+    "radius": "no design determines the contact radius to +-{}",
+    "friction_reserve": "no design determines the friction reserve to +-{}",
+    "pair": "a pair {} apart cannot be resolved at this noise",
     "width": "a point looks wider than {}",
     "wavelength": "a wave {} long cannot be recovered at this noise",
-    "noticed": "a force of {} goes unnoticed",
+    "noticed": "a force of {} is not detected",
     "blind": "more than {} of the array is blind",
     "range": "the range ends below {}",
 }
@@ -97,7 +97,7 @@ class Sweep:
     True
 
     >>> print(found.notes()[0])
-    Deeper than 2 mm a pair 3.5 mm apart cannot be told apart at this noise.
+    Deeper than 2 mm a pair 3.5 mm apart cannot be resolved at this noise.
 
     >>> print(found.text(columns=["force"]).splitlines()[0].split())
     ['depth', 'force', '[mN]', 'score', 'goals']
@@ -120,7 +120,7 @@ class Sweep:
         Raises
         ------
         InvalidInput
-            A number that there is not.
+            The name of an unknown number.
         """
         if name == "score":
             return self._scores()
@@ -174,7 +174,7 @@ class Sweep:
         Raises
         ------
         InvalidInput
-            A number that there is not.
+            The name of an unknown number.
         """
         values = self.numbers(by)
         values = np.nan_to_num(-values if by == "range" else values, nan=math.inf, posinf=math.inf)
@@ -257,7 +257,7 @@ class Sweep:
         Raises
         ------
         InvalidInput
-            An axis that was not varied, or a number that there is not.
+            An axis that was not varied, or an unknown number.
 
         Examples
         --------
@@ -417,7 +417,7 @@ def sweep(
     Raises
     ------
     InvalidInput
-        A goal, an axis or a value that there is not, or a sweep of which no combination can be built.
+        An unknown goal, axis or value, or a sweep of which no combination can be built.
 
     Examples
     --------

@@ -31,9 +31,9 @@ def varied(
     Raises
     ------
     InvalidInput
-        A change that there is not, or a value that cannot be meant.
+        An unknown change, or an implausible value.
     Unsupported
-        A change that this pad or array cannot take.
+        A change that is impossible for this pad or array.
     """
     unknown = [name for name in changes if name not in VARIED]
     if unknown:

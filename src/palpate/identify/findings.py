@@ -34,7 +34,7 @@ class Finding:
     --------
     >>> from palpate.identify import Finding
     >>> str(Finding(0.0102, 0.0096, 0.0109, "m")), str(Finding.unknown("m", "nothing touches"))
-    ('10.20 mm (9.60 to 10.90)', 'cannot tell: nothing touches')
+    ('10.20 mm (9.60 to 10.90)', 'unknown: nothing touches')
     """
 
     value: float
@@ -55,7 +55,7 @@ class Finding:
 
     def __str__(self) -> str:
         if not self.known:
-            return f"cannot tell: {self.reason}"
+            return f"unknown: {self.reason}"
         factor, unit = READ.get(self.unit, (1.0, "" if self.unit == "1" else self.unit))
         return format_interval(self.value, self.low, self.high, factor=factor, unit=unit)
 
@@ -149,7 +149,7 @@ class Identified:
         return cls("", reason, (), count, none[0], none[1], none[2], none[3], none[4], none[5])
 
     def __str__(self) -> str:
-        lines = [f"shape           {self.shape or f'cannot tell: {self.shape_reason}'}"]
+        lines = [f"shape           {self.shape or f'unknown: {self.shape_reason}'}"]
         many = len(self.patches) > 1
         lines += [f"{f'patch {i}' if many else 'patch':15} {p}" for i, p in enumerate(self.patches, 1)]
         if not self.patches:
@@ -173,11 +173,11 @@ class IdentifiedPress:
     Attributes
     ----------
     frames : tuple of Identified
-        Each frame by itself.
+        The findings of each single frame.
     growth : Finding
-        n in contact radius ~ force^n: 1/3 of a ball, 0 of a flat.
+        n in contact radius ~ force^n: 1/3 for a ball, 0 for a flat.
     shape : str
-        "ball" or "flat" where the growth tells one from the other, or the frames do, else "".
+        "ball" or "flat" if the growth or the frames distinguish them, else "".
     radius, modulus, effective_modulus, stiffness : Finding
         As of one frame, from all of them; stiffness at the largest force.
 

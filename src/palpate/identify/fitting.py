@@ -23,7 +23,7 @@ __all__ = ["Data", "Fit", "columns_of", "fit", "fit_of", "profile"]
 
 #: Largest number of Gauss-Newton steps, and the decrease of the sum of squares below which they stop.
 STEPS, ENOUGH = 40, 1e-3
-#: Largest change in one step: of a place as a fraction of depth plus radius, of a radius as a factor.
+#: Largest change in one step of the fit: of a position, as a fraction of depth plus radius; of a radius, as a factor.
 FAR, FACTOR = 0.7, 1.6
 #: Largest number of steps to either end of a profile.
 TO_END = 14

@@ -1,4 +1,4 @@
-"""Find which round contacts explain the readings, and what follows for the object.
+"""Find which round contacts explain the readings, and derive the properties of the object.
 
 Inputs are a skin, readings, and the touch computed from them, which gives starting places of the contacts and the size
 of the noise. The properties of contacts come from the readings: the penalty blurs a map, and the moments of the map
@@ -49,7 +49,7 @@ ROUNDS = 6
 #: Error of the modelled readings relative to the largest one (tests/identify/test_identify.py): noise is taken as at
 #: least this.
 MODEL = 3e-4
-#: The reason given for a frame without contact.
+#: Reason for unknown properties in a frame without contact.
 NOTHING = "nothing touches"
 #: The reason given for one that pulls.
 PULLS = "the contact pulls: Hertz's relations are for one that pushes"
@@ -104,11 +104,11 @@ def identify(
     """
     if not isinstance(touch.surface, AreaGrid):
         raise Unsupported(
-            "identify serves area contact: a line has no ball and no round flat. Read the width of the contact off touch.contact_area()."
+            "identify needs area contact: in line contact there is no ball and no round flat. touch.contact_area() gives the width of the contact."
         )
     if isinstance(skin.pad, Viscoelastic):
         raise Unsupported(
-            "identify does not serve pads that creep: take the creep out of the readings first, and pass skin.without_creep()."
+            "identify cannot use pads that creep: remove the creep from the readings first, and use skin.without_creep()."
         )
     if shape not in (None, BALL, FLAT):
         raise InvalidInput(f'shape must be "{BALL}" or "{FLAT}", or None to find out; got {shape!r}.')
@@ -118,7 +118,7 @@ def identify(
     lead = parts[0].shape[: parts[0].ndim - 1 - len(skin.planes[0].shape)]
     if lead != touch.batch:
         raise InvalidInput(
-            f"readings have the batch axes {lead}, the touch {touch.batch}: pass the readings that it was found in."
+            f"readings have the batch axes {lead}, the touch {touch.batch}: pass the readings that the touch was computed from."
         )
     depths = _depths(indentation, touch.batch)
     body = Body(skin.pad, tuple(skin.planes), skin.uncertainty)
@@ -152,7 +152,7 @@ def _frame(body: Body, touch: Touch, parts: Sequence[Floats], depth: float, want
     """Fit one frame. ``wanted`` is the shape of a single contact, if known."""
     components = touch.components
     if "z" not in components:
-        return Frame(body, "pressure was not sought")
+        return Frame(body, "pressure was not estimated")
     pressure = np.nan_to_num(to_numpy(touch.values)[-1])
     touching = touch.touching is None or bool(touch.touching)
     if not touching or not pressure.any():
@@ -247,14 +247,14 @@ def _guess(touch: Touch, pressure: Floats, region: npt.NDArray[np.bool_]) -> Pat
     """Return a part of the map as a patch without intervals."""
     grid = touch.surface
     values = to_numpy(touch.values)[:, region] * grid.cell
-    why = "round contacts do not explain the readings: read off the map"
+    why = "round contacts do not explain the readings: taken from the pressure map"
     yx = np.meshgrid(*grid.axes, indexing="ij")
     share = pressure[region] / pressure[region].sum()
     place = [Finding(float((share * axis[region]).sum()), unit="m", reason=why) for axis in yx[::-1]]
     forces = [
         Finding(float(v.sum()), unit="N", reason=why)
         if name in touch.components
-        else Finding.unknown("N", f"force along {name} was not sought")
+        else Finding.unknown("N", f"force along {name} was not estimated")
         for name, v in zip(("x", "y", "z"), values)
     ]
     return Patch(

@@ -19,12 +19,12 @@ __all__ = ["NORMAL", "Contact", "contact", "contact_findings", "identified", "mo
 #: Half-width of a 95 % interval in standard deviations, for the uncertainty of pad and sensors.
 NORMAL = 1.96
 #: The reason given for a quantity that needs the indentation.
-NO_DEPTH = "pressure alone cannot tell a soft object from a hard one of another radius: give indentation=, how far it has moved into the pad"
+NO_DEPTH = "pressure alone cannot distinguish a soft object from a hard one of another radius: give indentation=, the distance that it has moved into the pad"
 RIGID = "the object is taken to be much stiffer than the pad"
 
 
 def identified(frame: Frame) -> Identified:
-    """Return the findings of a frame."""
+    """Return the properties of the object (`Identified`) from the fit of a frame."""
     best = frame.best
     if best is None:
         out = Identified.nothing(frame.reason)
@@ -37,7 +37,7 @@ def identified(frame: Frame) -> Identified:
     patches = tuple(_patch(frame, int(i)) for i in order)
     count = Finding(float(len(patches)), unit="1")
     if len(patches) > 1:
-        many = f"{len(patches)} patches touch: it belongs to one"
+        many = f"{len(patches)} patches touch the pad: this number is defined for a single patch"
         none = [Finding.unknown(u, many) for u in ("m", "Pa", "Pa", "N/m", "1", "m")]
         return Identified("", many, patches, count, none[0], none[1], none[2], none[3], none[4], none[5], frame.misfit)
     waves = (Finding.unknown("1", "no wave was sought"), Finding.unknown("m", "no wave was sought"))
@@ -61,7 +61,7 @@ def _patch(frame: Frame, i: int) -> Patch:
     forces = []
     for name in ("x", "y", "z"):
         if name not in frame.components:
-            forces.append(Finding.unknown("N", f"force along {name} was not sought"))
+            forces.append(Finding.unknown("N", f"force along {name} was not estimated"))
             continue
         c = frame.components.index(name)
         value = float(best.forces[i, c])
@@ -181,7 +181,8 @@ def _radius(found: Contact) -> Finding:
         return _sized(found, lambda a, f: a)
     if math.isfinite(found.depth):
         return _sized(found, lambda a, f: 1.0 / _curvature(found, a, f))
-    # force from stress does not need the modulus; force from strain and displacement is proportional to it, so that force/modulus does not depend on it
+    # force from stress does not need the modulus; force from strain and displacement is proportional to it, so that
+    # force/modulus does not depend on it
     shared = modulus_std(found)
     out = _sized(found, lambda a, f: 1.0 / max(_curvature(found, a, f), 1e-12), more=shared)
     return Finding(out.value, out.low, out.high, out.unit, out.reason or RIGID)

@@ -42,7 +42,7 @@ def combine_frames(frames: Sequence[Frame], depths: Floats, shape: str) -> Ident
     found = [(i, contact(f)) for i, f in ones if f.best is not None and f.best.forces[0, -1] > 0]
     growth = _growth(found)
     if not found:
-        why = "no frame has one contact that is understood"
+        why = "no frame has a single contact that was fitted"
         return IdentifiedPress(each, growth, shape, *(Finding.unknown(u, why) for u in ("m", "Pa", "Pa", "N/m")))
     told = [contact_findings(c) for _, c in found]
     if not shape:
@@ -80,11 +80,13 @@ def _mean(findings: Sequence[Finding], shared: Sequence[float]) -> Finding:
 def _growth(found: Sequence[tuple[int, Contact]]) -> Finding:
     each = [c for _, c in found if c.ends[0] is not None and c.ends[1] is not None]
     if len(each) < FEWEST:
-        return Finding.unknown("1", f"{len(each)} frames tell the size of one contact; growth takes {FEWEST}")
+        return Finding.unknown(
+            "1", f"{len(each)} frames determine the size of a single contact; the growth needs {FEWEST}"
+        )
     force = np.log([c.force for c in each])
     if math.exp(float(np.ptp(force))) < SPAN:
         return Finding.unknown(
-            "1", f"the forces differ by a factor of {math.exp(float(np.ptp(force))):.2g}; growth takes {SPAN:g}"
+            "1", f"the forces differ by a factor of {math.exp(float(np.ptp(force))):.2g}; the growth needs {SPAN:g}"
         )
     radius = np.log([c.radius for c in each])
     std = np.array([0.5 * math.log(c.ends[1][0] / c.ends[0][0]) / NORMAL for c in each])  # type: ignore[index]

@@ -41,7 +41,7 @@ class Texture:
 
 
 def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
-    """Find the strongest wave of a single contact. ``rise`` is the squared number of standard deviations at the end of
+    """Find the strongest wave in the pressure of a single contact. ``rise`` is the squared number of standard deviations at the end of
     an interval.
     """
     radius = float(best.radii[0])
@@ -63,7 +63,7 @@ def texture(shapes: Shapes, data: Data, best: Fit, rise: float) -> Texture:
     left = max(1.0, (best.squares - float(found.gain[i])) / max(best.freedom - 2, 1))
     if found.gain[i] < 2.0 * min(noise, left) * math.log(seen.sum() / CHANCE):
         high = float(np.max((found.amplitude + quantile * found.std)[seen]))
-        reason = f"no wave of {1e3 * shortest:.3g} to {1e3 * longest:.3g} mm stands out of the noise; shorter ones would not show"
+        reason = f"no wave of {1e3 * shortest:.3g} to {1e3 * longest:.3g} mm exceeds the noise; shorter ones cannot be detected"
         return Texture(Finding(0.0, 0.0, 0.5 * high**2, "1", reason), Finding.unknown("m", reason))
     length, angle, step, turn = float(found.length[i]), float(found.angle[i]), math.log(RATIO), math.pi / DIRECTIONS
     for _ in range(FINER):
@@ -123,7 +123,7 @@ class _Search:
 
 def _blurred(radius: float) -> Texture:
     reason = (
-        f"the pad blurs what is finer than the contact's radius of {1e3 * radius:.2g} mm: half of the pressure could vary and not show. Press a larger contact, "
+        f"the pad blurs detail finer than the contact's radius of {1e3 * radius:.2g} mm: even a variation of half the pressure would not be detected. Press a larger contact, "
         "or use shallower or less noisy taxels"
     )
     return Texture(Finding.unknown("1", reason), Finding.unknown("m", reason))

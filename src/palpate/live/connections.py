@@ -82,7 +82,7 @@ def bounded(base: type[Any], connections: Connections) -> type[Any]:
             super().connection_lost(exc)
 
         def expire(self, last: Any) -> None:
-            """Look again as long as there was another request than the last time: a program may ask for ``/health`` for hours."""
+            """Check again as long as there was a new request since the last check: a program may ask for ``/health`` for hours."""
             if self.transport.get_protocol() is not self:  # it has become a WebSocket
                 return
             if self.cycle is last:

@@ -27,9 +27,9 @@ class FoxgloveServer:
     channels : sequence of str
         Channels of the readings.
     port : int
-        0 takes a free one; see ``port``. Open ws://127.0.0.1:PORT in Foxglove.
+        0 chooses a free port, which the attribute ``port`` gives. Open ws://127.0.0.1:PORT in Foxglove.
     host : str
-        Address to listen on; this machine alone by default. There is no token: give another only on a network you trust.
+        Address to listen on; this machine alone by default. There is no token: give another address only on a network you trust.
     """
 
     def __init__(self, channels: Sequence[str] = (), *, port: int = 8766, host: str = "127.0.0.1") -> None:

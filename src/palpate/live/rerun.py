@@ -99,6 +99,6 @@ class RerunSink:
             self._stream.flush()
         except RuntimeError as error:
             where = "the viewer" if self._path is None else str(self._path)
-            raise InvalidInput(f"{where}: Rerun could not be given the whole stream ({error}).") from error
+            raise InvalidInput(f"{where}: Rerun did not receive the whole stream ({error}).") from error
         finally:
             self._stream.disconnect()

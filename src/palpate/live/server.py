@@ -315,7 +315,9 @@ def serve(live: Live, *, host: str = "127.0.0.1", port: int = 8765) -> None:
     except ImportError as error:
         raise missing("live pages", error) from error
     if host not in LOCAL and not live.token:
-        raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
+        raise InvalidInput(
+            f"host {host} opens the page to other machines: give a token, which they must send (?token=...)."
+        )
 
     logger = logging.getLogger("palpate.live")
 
@@ -380,7 +382,9 @@ def show(
         A host open to others without a token, a port that is taken, or what `Skin.track` refuses.
     """
     if host not in LOCAL and token == "":
-        raise InvalidInput(f"host {host} opens the page to others: give a token that they must bring (?token=...).")
+        raise InvalidInput(
+            f"host {host} opens the page to other machines: give a token, which they must send (?token=...)."
+        )
     tracker = skin.track(**{"budget": BUDGET, **tracking})
     monitor = GraspMonitor(friction=tracking.get("friction")) if monitor is None else monitor
     session = Session(skin, lambda: frames, tracker, monitor, name=name, pace=False, sinks=sinks)

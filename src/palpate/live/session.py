@@ -138,7 +138,7 @@ class Session:
     skin : Skin
     source : callable
         Returns an iterable of (time [s], readings), or a `FrameSource`. If its times jump back (a restarted sensor) or the sender changes, times
-        continue from the last one by this machine's clock: page, tracker and sinks see one increasing time. An event reports it. The zero stays.
+        continue from the last one by this machine's clock: page, tracker and sinks see one increasing time. An event reports it. The zero is kept.
     tracker, monitor : Tracker, GraspMonitor
     pace : bool
         Wait until each frame is due by its time (a recording); else process frames as they come (a sensor).
@@ -476,7 +476,7 @@ class Session:
         with contextlib.suppress(PalpateError):  # its error is already reported
             sink.close()
         if self._report is not None:
-            self._report(f"{error} The live view goes on without it.")
+            self._report(f"{error} The live view continues without it.")
 
     def _notify(self) -> None:
         with self._lock:

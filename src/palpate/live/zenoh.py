@@ -17,7 +17,7 @@ def publish_touches(session: Session, connection: Any, *, key: str) -> Callable[
     Parameters
     ----------
     session : Session
-        With ``pages=True``, as it is made unless told otherwise.
+        A session with ``pages=True`` (the default).
     connection : zenoh.Session
         Open; see `palpate.network.zenoh_session`.
     key : str
@@ -26,7 +26,7 @@ def publish_touches(session: Session, connection: Any, *, key: str) -> Callable[
     Raises
     ------
     InvalidInput
-        Not a key that can be published on.
+        An invalid key.
 
     Examples
     --------

@@ -197,7 +197,7 @@ def _left_out(parts: dict[str, Any], pair: tuple[str, str], shape: tuple[int, ..
     """Vectors that PIVlab's typevector marks as masked (0) or interpolated (2), as in its tables; None without one."""
     name = f"typevector{pair[0].removeprefix('u')}"
     types = parts.get(name)
-    if not _numbers(types) or types.shape != shape:
+    if types is None or not _numbers(types) or types.shape != shape:
         return None
     marked = np.asarray(types != 1)
     if marked.any():

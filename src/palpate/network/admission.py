@@ -196,7 +196,7 @@ class Admission:
         session = self._session
         if session is None or sender != session.sender:
             if session is not None and now - session.last < self._patience(session):
-                text = f"{session.sender} is being served, and one sender at a time is; let each send from one socket"
+                text = f"one sender is accepted at a time, now {session.sender}; each sender must use a single socket"
                 return self.refuse("busy", sender, now, text), []
             return "frames", self._begin(sender, sequence, [(time, values)], now)
         return self._next(session, sequence, time, values, now)

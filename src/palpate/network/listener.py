@@ -167,7 +167,7 @@ class FrameListener(FrameSource):
         finally:
             self._left(sender)
             if why is not None and not writer.is_closing():
-                # tell the sender why, if it reads
+                # tell the sender the reason, if it reads
                 writer.write(f"refused: {why}\n".encode())
             writer.close()
             with contextlib.suppress(OSError, TimeoutError):

@@ -18,7 +18,7 @@ __all__ = ["EVENTS", "WAITING", "FrameSource"]
 
 #: Largest number of frames that wait; the oldest are dropped.
 WAITING = 8
-#: Number of sentences about senders that are stored.
+#: Number of stored log lines about senders.
 EVENTS = 100
 
 
@@ -90,7 +90,9 @@ class FrameSource:
         """Process a request for a new zero, which only the current sender may make."""
         now = clock.monotonic()
         if sender != self.sender:
-            return self._admission.refuse("busy", sender, now, "a new zero is for the sender that is being served")
+            return self._admission.refuse(
+                "busy", sender, now, "only the sender whose frames are accepted can request a new zero"
+            )
         try:
             frames = zero_from_bytes(data)
         except InvalidInput as error:

@@ -72,7 +72,7 @@ def zenoh_session(*, listen: str | None = None, connect: str | None = None) -> A
         where = listen or connect or os.environ.get(CONFIG) or LOCAL
         why = str(error).split(" at /")[0].rstrip(".! ")
         raise InvalidInput(
-            f"zenoh does not begin with {where} ({why}). Another endpoint, for a second session of one machine too, stands in a file of zenoh's configuration that ZENOH_CONFIG names."
+            f"zenoh does not begin with {where} ({why}). For another endpoint, or a second session on this machine, write a zenoh configuration file and set ZENOH_CONFIG to its path."
         ) from error
 
 
@@ -101,7 +101,7 @@ class ZenohListener(FrameSource):
     """Receives the frames that are published on a key, with the rules of `FrameListener`.
 
     Frames are encoded by `palpate.network.frame_bytes`. Publishers are distinguished if they identify themselves
-    (``source_info`` of zenoh). Those that do not count as one sender, so that a key must have only one of them.
+    (``source_info`` of zenoh). Samples without a source identity count as one sender, so that a key must have only one such publisher.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ __all__ = ["message_class", "ros_client"]
 MESSAGES = ("diagnostic_msgs", "geometry_msgs", "sensor_msgs", "std_msgs", "std_srvs")
 #: Platform for which ROS 2's client exists as wheels: manylinux_2_28, for Python 3.11 to 3.14.
 WHEELS = ("linux", "x86_64")
-_SOURCED = "under a ROS 2 of the system: source /opt/ros/DISTRO/setup.bash, and install palpate for its Python"
+_SOURCED = "with a system installation of ROS 2: source /opt/ros/DISTRO/setup.bash, and install palpate for its Python"
 
 
 def ros_client() -> Any:
@@ -67,7 +67,7 @@ def message_class(name: str) -> Any:
         module = importlib.import_module(f"{package}.msg")
     except ImportError as error:
         raise InvalidInput(
-            f"messages of the type {name} are of the package {package}, which is not here ({error}). Source the workspace it was built in "
+            f"messages of the type {name} are of the package {package}, which is not installed ({error}). Source the workspace it was built in "
             "(source install/setup.bash) before palpate ros."
         ) from error
     if not hasattr(module, kind):

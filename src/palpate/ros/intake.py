@@ -1,9 +1,9 @@
 """Convert messages of a topic to frames: read by the mapping, from one publisher at a time, in order, with the stamps
 for the results.
 
-Publishers are distinguished by their identifiers, frames by the sequence numbers of the middleware;
-`palpate.network.admission` decides as it does for frames from the network. A publisher that is killed and restarted is
-a new one: it is accepted when the first has left the graph, or has been silent for a while.
+Each publisher has an identifier, and each frame a sequence number from the middleware. From these,
+`palpate.network.admission` decides which frames to accept, as it does for frames from the network. A publisher that is
+killed and restarted is a new one: it is accepted when the first has left the graph, or has been silent for a while.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The ROS 2 node: a subscription, a session that tracks the contact, publishers, parameters, a service, diagnostics."""
+"""The ROS 2 node. It subscribes to readings, tracks the contact in a session, publishes the results and diagnostics, and offers parameters and a service for a new zero."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ PAST = 100
 PERIOD = 1.0
 #: Parameters that are positive numbers, with their meaning; 0 stands for none.
 NUMBERS = {
-    "friction": "coefficient of friction of what is touched; 0: not known, found from the shear",
+    "friction": "coefficient of friction of the touched object; 0: unknown, estimated from the shear",
     "max_pressure": "an event when the peak pressure exceeds this [Pa]; 0: none",
     "max_force": "an event when the normal force exceeds this [N]; 0: none",
-    "cloud_rate": "clouds of the traction a second, at most; 0: none",
+    "cloud_rate": "largest rate of point clouds of the traction [1/s]; 0: none",
 }
 
 
@@ -336,7 +336,7 @@ class TouchNode:
         node.create_service(Trigger, "~/rezero", self._rezero)
         node.add_on_set_parameters_callback(self._changed)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # use the steady clock: a paused simulation must differ from a node that has stopped
+        # use the steady clock, which also runs while a simulation is paused: otherwise a pause would look like a node that has stopped
         node.create_timer(PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # -- running -------------------------------------------------------------------------------------------------------
@@ -377,9 +377,7 @@ class TouchNode:
         response.success = True
         response.message = f"a new zero is taken from the next {frames} frames: nothing must touch"
         if state is not None and state.touching:
-            response.message += (
-                f"; but something did, with {plain_number(float(state.force[-1]), 3)} N: it will count as zero"
-            )
+            response.message += f"; but something touches the pad with {plain_number(float(state.force[-1]), 3)} N, and this force will count as zero"
             self.session.note(
                 f"a new zero was requested while something touched, with {plain_number(float(state.force[-1]), 3)} N"
             )
@@ -396,7 +394,7 @@ class TouchNode:
         friction = wanted.get("friction", self._settings["friction"])
         changed = float(friction) != self._settings["friction"]
         if changed and isinstance(self.skin.pad, Viscoelastic):
-            why = "a pad that creeps is followed with the friction of its start: start the node again with -p friction:=..."
+            why = "with a pad that creeps, the friction cannot change while the node runs: start the node again with -p friction:=..."
             return SetParametersResult(successful=False, reason=why)
         self._settings.update({n: float(v) if n in NUMBERS else v for n, v in wanted.items()})
         monitor = self.session.monitor

@@ -1,7 +1,7 @@
 """Publish results as messages: net force with its interval, centre of pressure with its covariance, the traction as a
 cloud, and text.
 
-All messages of a frame have its stamp: that of the message from which it was computed. The surface's frame of
+All results of a frame have the time stamp of the message with its readings. The surface's frame of
 reference has x and y along the surface and z into the pad, so that a push has fz > 0. Quantities that a frame could
 not determine are NaN, so that nobody continues with an old result.
 """
@@ -115,7 +115,7 @@ class Outlet:
         """Do nothing: the node ends its publishers."""
 
     def say(self, text: str) -> None:
-        """Publish a text to the log of events."""
+        """Publish a text on the topic of events."""
         self._send("events", self._messages[TOPICS["events"]](data=text))
 
     # -- messages ------------------------------------------------------------------------------------------------------

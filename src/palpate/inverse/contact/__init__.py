@@ -1,1 +1,1 @@
-"""Methods that know contact: friction cone, noise, posterior, ensemble, sliding."""
+"""Methods that assume contact: pressure only pushes, and shear stays within friction. Open `search.py` first."""

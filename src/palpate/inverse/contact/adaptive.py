@@ -1,24 +1,19 @@
 """method="adaptive": contact found from the readings alone, with nothing to tune.
 
-What is known of contact before anything is measured: pressure never pulls, shear stays inside the friction cone, contact is
-compact, and traction is smooth within it while it may jump at its edge. What is not known, the noise and how much traction
-varies from place to place, is learned from the frame itself:
+The method assumes that pressure never pulls, shear stays inside the friction cone, contact is compact, and traction is
+smooth within the contact but may jump at its edge. It learns the noise and the local variation of the traction from each frame:
 
 1. noise level and amplitude by marginal likelihood of the linear model (`palpate.inverse.linear.parameter`); a frame that noise alone
    explains as well is reported as no contact;
 2. the penalised problem with its constraints, solved exactly over the cells where contact is possible
-   (`palpate.inverse.constrained.cone`), on a grid finer than the surface, because where in a cell an edge lies matters;
-3. the penalty relearned from its own result: |grad t|^2 is weighed by 1/tau, where tau(x) is the local mean square
-   gradient of the solution before. This is majorisation of log tau (M. Fazel, H. Hindi, S. Boyd, Proc. American Control Conf.
+   (`palpate.inverse.constrained.cone`), on a grid finer than the surface, because the place of an edge within a cell matters;
+3. the penalty relearned from its own result: |grad t|^2 is weighed by 1/tau, where tau(x) is the local mean square gradient of the previous solution. This is majorisation of log tau (M. Fazel, H. Hindi, S. Boyd, Proc. American Control Conf.
    2003, 2156-2162; with the posterior variance kept, the EM iteration of sparse Bayesian learning, M. E. Tipping, J. Mach.
-   Learn. Res. 1, 2001, 211-244): edges become sharp where there are edges, the outside becomes quiet, the inside
-   stays smooth;
+   Learn. Res. 1, 2001, 211-244): real edges become sharp, traction outside the contact vanishes, and traction inside stays smooth;
 4. the mean over three models of the same readings: an even penalty on the first and second derivative (weighed by
-   evidence), and local weights of a wide and a narrow reach. One frame cannot say which is right: their spread is part of the
-   error bar;
-5. where friction is known, the same models of a contact that slides as a whole (q in one proportion to p), weighed by evidence: the
-   cone alone lets shear fall short wherever noise makes the pressure small, but never lets it exceed where noise makes it large;
-6. readings that no contact explains (dead, stuck or saturated taxels) are left out and named.
+   evidence), and local weights of a wide and a narrow reach. One frame does not show which model is right, so their spread is part of the error bar;
+5. if friction is given, the same models of a contact that slides as a whole (q proportional to p), weighted by evidence. Without these models shear is underestimated, because the cone limits shear where noise makes the pressure small;
+6. readings that no contact explains (dead, stuck or saturated taxels) are left out and reported.
 """
 
 from __future__ import annotations
@@ -264,9 +259,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield member
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
-        """The model without cells whose pressure is below the noise. Pressure is never negative, so noise there would
-        add up to a force.
-        """
+        """The model without cells whose pressure is below the noise. Pressure is never negative, so noise in these cells would add up to a force."""
         policy = self.policy
         pressure = member.solution.traction[-1]
         position = np.flatnonzero(pressure > self._trim(y) * pressure.max())

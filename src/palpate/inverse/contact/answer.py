@@ -141,7 +141,7 @@ def _nothing(
     """
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
-    # Use the readings themselves: without contact the whole residual is noise.
+    # Use the readings as the residual: without contact all of it is noise.
     rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
     errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
@@ -172,9 +172,7 @@ def nothing_known(errors: Errors) -> Errors:
 
 
 def hidden(prepared: Prepared, data: Floats) -> Floats:
-    """Bounds on the net force (component, 2) of a contact that no explanation of the readings shows: the larger of a
-    patch as wide as the depth and an even load over the array, if either makes readings as large as the largest.
-    """
+    """Bounds on the net force (component, 2) if no explanation fits: the larger of two loads that cause the largest reading, a patch as wide as the depth and an even load over the array."""
     largest = float(np.abs(data / prepared.readings.std).max(initial=0.0))
     force = WIDE * prepared.undetected(largest, data).force
     inside = prepared.inside.ravel()

@@ -51,7 +51,7 @@ class ContactErrors(Deferred, Errors):
         return value
 
     def __reduce__(self) -> Any:
-        return Errors, tuple(getattr(self, name) for name in _NAMES)  # a copy elsewhere needs no models
+        return Errors, tuple(getattr(self, name) for name in _NAMES)  # a pickled copy needs no models
 
     @property
     def deferred(self) -> bool:

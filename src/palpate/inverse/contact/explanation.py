@@ -40,8 +40,8 @@ class Explanation:
     ``sign`` is 1 if contact pushes, -1 if it pulls, 0 if it does both. ``sizes`` are the sizes of the nuisances (0 if
     absent) and ``present`` marks those present. ``rivals`` are the alternatives with nuisances, best first. ``noise``
     is the residual of a contact in a few cells, if the linear model would take the readings for noise
-    (`palpate.inverse.contact.few_cells`). ``choice`` is the log of the number of nuisances that its own were chosen
-    among; `score.worth_of` subtracts it.
+    (`palpate.inverse.contact.few_cells`). ``choice`` is the log of the number of candidates from which its nuisances
+    were chosen; `score.worth_of` subtracts it.
     """
 
     sign: int

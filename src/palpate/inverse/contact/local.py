@@ -88,7 +88,7 @@ class LocalEstimator:
         batch, rng = batch_of(readings, self.operator), rng or np.random.default_rng(0)
         frames: list[Frame | None] = []
         for planes in frames_of(readings, self.operator):
-            # Solve each frame by itself: a batch would be rounded differently.
+            # Solve each frame separately, because a batch has different rounding errors.
             start = self._starts(self.alone.solve([p[None] for p in planes]))[0]
             data = Data(planes, self.places.white(self.readings.flat(planes)[None])[0], self.places.every, start)
             frame = self._solved(data, rng)

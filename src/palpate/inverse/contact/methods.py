@@ -1,4 +1,4 @@
-"""The methods that know contact: pressure never pulls, shear stays within friction."""
+"""The methods that assume contact: pressure only pushes, and shear stays within friction."""
 
 from __future__ import annotations
 
@@ -130,8 +130,9 @@ class Local(Method):
 
     Notes
     -----
-    It starts from `Tikhonov`, by evidence, and answers as that does where traction is in too many cells (2400 unknowns; fewer where there are more than 16 000 readings) or nowhere, where that explains
-    the readings better, and where noise cannot be told from traction; `Touch.methods` and a note say so. A frame takes one to five seconds.
+    It starts from the result of `Tikhonov`, regularised by evidence. It returns that result if traction is in too many
+    cells (2400 unknowns; fewer with more than 16 000 readings) or in none, if Tikhonov's model explains the readings
+    better, or if noise cannot be distinguished from traction; `Touch.methods` and a note say so. A frame takes one to five seconds.
 
     Examples
     --------
@@ -156,7 +157,7 @@ class Local(Method):
 
 @dataclass(frozen=True, kw_only=True)
 class Automatic(Method):
-    """The default. It uses `Adaptive` for each frame if pressure is sought, `Local` if it is not (cells on gels), and
+    """The default. It uses `Adaptive` for each frame if pressure is estimated, `Local` if it is not (cells on gels), and
     `Tikhonov` on periodic surfaces and for frames that pull.
 
     If pushing contact does not fit a frame, it tries contact with pull around it (adhesion). If that does not fit
@@ -182,7 +183,7 @@ class Automatic(Method):
     draws: int = count(help=_DRAWS)
 
     def resolved(self, problem: Problem) -> Method:
-        """The method that solves this problem: `Local` if pressure is not sought, `Tikhonov` on a periodic surface."""
+        """The method that solves this problem: `Local` if pressure is not estimated, `Tikhonov` on a periodic surface."""
         free = problem.boundary != "periodic"
         if free and "z" in problem.components:
             return self
@@ -217,7 +218,7 @@ class AutomaticEstimator:
         self._pulling = pulling
         if (
             pushing.policy.parts.pulls and not pushing.ambiguous
-        ):  # ambiguous channels need the sign of pressure to separate it from shear
+        ):  # if channels cannot separate pressure from shear, the method needs the constraint that pressure only pushes
             pushing.signs = (1, -1) if pulling is None else (1, -1, 0)
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:

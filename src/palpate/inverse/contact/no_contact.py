@@ -65,7 +65,7 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
 
 
 def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
-    """Net force (component,) of a contact over most of a short line that would explain readings taken for noise; None
+    """Net force (component,) of a contact over most of a short line that would explain the readings although noise does too; None
     if the noise is given or no such contact fits.
 
     If all of a few taxels on a line are pressed, the readings look like noise, because each taxel has only two

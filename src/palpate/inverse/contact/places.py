@@ -28,14 +28,14 @@ Index = npt.NDArray[np.intp]
 
 #: Correlation lengths: FIRST taxel pitches, then LENGTHS - 1 more, each twice the one before.
 FIRST, LENGTHS = 0.5, 4
-#: Width of the average that gives the local variance, in correlation lengths; and its minimum, in cells.
+#: Width of the moving average that estimates the local variance, in correlation lengths; and the smallest width, in cells.
 WIDTH, LEAST_WIDTH = 0.6, 0.5
 #: Cells below this fraction of the largest variance are left out: a tenth of the largest traction.
 QUIET = 0.01
 #: Largest number of unknowns of a frame. If there are more, traction is everywhere and not concentrated.
 LARGEST = 2400
-#: The cells left out are grouped in TILES tiles per component, with these fractions of their variance: no traction, or
-#: weak traction everywhere.
+#: The cells left out are grouped in TILES tiles per component. Their traction has one of these fractions of their
+#: variance: 0 for no traction, or more for weak traction everywhere.
 TILES, AROUND = 36, (0.0, 0.3)
 #: Finer cells matter because traction may end inside a cell: candidate divisions per axis, finest first, and a limit on
 #: the multiplications of a normal matrix.
@@ -49,7 +49,7 @@ ROUNDS = 2
 #: The log evidence is divided by this before models are weighted. The variance was estimated from the same readings,
 #: and errors from cells and edges, which no model can follow, affect the choice as much as the readings do.
 TEMPER = 30.0
-#: Smallest log evidence for any traction. Frames of noise alone stay below 2, and a model with almost no traction would
+#: Smallest log evidence from which a frame has traction. Frames of noise alone stay below 2, and a model with almost no traction would
 #: be almost certain of it.
 SEEN = 5.0
 #: Models of less weight are left out.

@@ -84,29 +84,40 @@ class Parts:
 class Detection:
     """Limits that decide whether there is contact."""
 
-    evidence: float = number(6.0, "log evidence over noise alone: odds of 400 to one", tried=True)
+    evidence: float = number(6.0, "log evidence that contact needs over noise alone: odds of 400 to one", tried=True)
     few_cells: float = number(
-        4.0, "the same of a few cells over noise of any tail: the largest of 400 empty frames was 2.5"
+        4.0,
+        "log evidence that contact in a few cells needs over noise of any tail: the largest of 400 empty frames was 2.5",
     )
     patch: float = number(
-        15.0, "log evidence of a patch beside a larger one: `evidence`, log of a thousand places, 2 to spare"
+        15.0,
+        "log evidence that a patch beside a larger one needs: `evidence`, plus the log of a thousand places, plus a margin of 2",
     )
     unexplained: float = number(
-        3.0, "deviations of misfit that a push may leave: ten readings have 2 once in a million frames"
+        3.0,
+        "largest root mean square of the residual of a push, in units of the noise: ten readings of noise exceed 2 once in a million frames",
     )
-    unexplained_signal: float = number(0.03, "and this part of the signal, a convention")
-    most_left: float = number(0.5, "a contact that leaves most of the readings tells nothing of them")
+    unexplained_signal: float = number(0.03, "the residual may also be this fraction of the readings (a convention)")
+    most_left: float = number(
+        0.5, "a contact whose residual is more than this fraction of the readings does not explain them"
+    )
     student: float = number(
-        2.0, "degrees of freedom of Student's distribution: as heavy as noise that still has a scale"
+        2.0, "degrees of freedom of Student's distribution: about the heaviest tail for which noise still has a scale"
     )
     stands_out: float = number(
-        6.0, "a small contact makes a reading so many times half of its channel: 4 Gaussian deviations"
+        6.0,
+        "a reading may be a small contact if it exceeds the median magnitude of its channel by this factor: 4 standard deviations of Gaussian noise",
     )
-    short_line: int = number(25, "on so few taxels of a line contact may be all that it reads")
-    short_line_noise: float = number(0.03, "there noise begins at this part of the readings")
-    short_line_left: float = number(0.35, "and contact explains them where it leaves this part")
+    short_line: int = number(25, "on a line with at most this many taxels, a contact may act on every taxel")
+    short_line_noise: float = number(
+        0.03, "on such a line, the search for the noise level starts at this fraction of the readings"
+    )
+    short_line_left: float = number(
+        0.35, "on such a line, contact explains the readings if its residual is at most this fraction of them"
+    )
     few_readings: int = number(
-        50, "noise learned from so few readings proves nothing; finer models follow the pad's errors (four real skins)"
+        50,
+        "with at most this many readings, a noise level learned from the frame does not prove that there is no contact; finer models would fit the errors of the pad model (four real skins)",
     )
 
 
@@ -116,66 +127,86 @@ class Explanations:
     that fits poorly.
     """
 
-    doubt: float = number(0.15, "a pull is tried where a push leaves this part of the readings")
+    doubt: float = number(0.15, "try a pull if the residual of a push is more than this fraction of the readings")
     edge: float = number(
         0.4,
-        "where the cells over the outermost taxels are loaded on this part (one end of a line, two sides of an area), a level may be theirs",
+        "if more than this fraction of the cells above the outermost taxels is loaded (one end of a line, two sides of an area), an offset may explain the load",
     )
-    ring: float = number(0.7, "loaded nearly all round, an offset may hide even if none was found")
-    nuisance: float = number(4.0, "deviations at which a nuisance is there: once in 16 000 frames without it")
+    ring: float = number(
+        0.7, "if more than this fraction is loaded, nearly all round, an offset may be hidden even if none was found"
+    )
+    nuisance: float = number(
+        4.0, "standard deviations from which a nuisance is significant: once in 16 000 frames without one"
+    )
     nuisance_rounds: int = number(
-        12, "rounds of nuisances and contact in turn: they settle in three, in ten where hard to tell apart"
+        12, "most rounds of solving nuisances and contact in turn: three suffice, or ten if both are hard to separate"
     )
-    groups: int = number(3, "groups of taxels with an offset of their own, one after another")
-    per_nuisance: float = number(3.0, "gain that each nuisance, or another sign than pushing, must bring")
+    groups: int = number(3, "most groups of taxels with an offset of their own; they are found one after another")
+    per_nuisance: float = number(3.0, "gain that each nuisance needs, and that a sign other than push needs")
     largest_nuisance: float = number(
-        0.4, "part of the largest reading of its kind that one is at most: sensors are zeroed"
+        0.4, "largest nuisance, as a fraction of the largest reading of its kind: sensors are zeroed"
     )
     smallest_nuisance: float = number(
-        0.01, "a smaller part is what the model cannot follow: five times `fit.MODEL_DETAIL`"
+        0.01,
+        "smallest nuisance, as a fraction of the largest reading: five times `fit.MODEL_DETAIL`, the accuracy of the model",
     )
-    structured: float = number(0.1, "contact pushes and pulls at once where one sign leaves this part of the readings")
-    structured_chance: float = number(1e-4, "in an order that noise has as seldom as this")
+    structured: float = number(
+        0.1,
+        "try contact that pushes and pulls at once if the residual of one sign is more than this fraction of the readings",
+    )
+    structured_chance: float = number(
+        1e-4, "and if noise would leave a residual as regular with at most this probability"
+    )
     everywhere: float = number(
-        0.6, "pressure that channels do not tell from shear is none where it covers this part of the surface"
+        0.6,
+        "if channels cannot separate pressure from shear, pressure on more than this fraction of the surface is not contact",
     )
     half: float = number(
-        0.5, "what is half as large as what counts is looked at closely: an outlier raises the noise that judges it"
+        0.5,
+        "examine residuals from this fraction of the limit (or of the largest one), because an outlier inflates the noise that is used to judge it",
     )
     many_taxels: int = number(
-        400, "so many taxels tell an offset too small to be sought: the search took a third of a frame of 32 x 32 x 3"
+        400,
+        "with more taxels, small offsets and offsets of groups are not sought: the search took a third of the time of a frame of 32 x 32 x 3",
     )
     bends: float = number(
         0.6,
-        "a push that leaves less than this part of the readings free bends to them: pushes that took up an offset of 1 to 10 % left 0.30 to 0.55, wide balls without one 0.69 and more",
+        "a push overfits if its degrees of freedom are less than this fraction of the readings: pushes that absorbed an offset of 1 to 10 % had 0.30 to 0.55, wide balls without an offset 0.69 and more",
     )
-    same: float = number(0.1, "sizes of nuisances that differ by less than this part are the same")
-    followed: int = number(2, "so many rivals take the place of an explanation that is refuted")
-    least_weight: float = number(0.05, "of two weighed explanations one with less is left out")
+    same: float = number(0.1, "sizes of nuisances that differ by less than this fraction count as equal")
+    followed: int = number(2, "most rivals that are solved to replace a rejected explanation")
+    least_weight: float = number(0.05, "of two averaged explanations, drop one with less weight than this")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """Limits of the fit test, and what a misfit adds to the errors."""
 
-    accepted: float = number(
-        0.05, "one that takes another's place explains the frame as well as one good frame in twenty"
+    accepted: float = number(0.05, "misfit probability that a replacement needs: one good frame in twenty is below it")
+    doubted: float = number(
+        0.1, "below this misfit probability (one good frame in ten), average with a rival whose gain is nearly as large"
     )
-    doubted: float = number(0.1, "below it, one good frame in ten, a rival that gained nearly as much is weighed too")
     shows: float = number(
-        4.0, "log likelihood at which a part of the residual in proportion to the readings shows: a clean frame in 400"
+        4.0,
+        "log likelihood ratio from which a residual proportional to the readings is significant: one clean frame in 400",
     )
     told: float = number(
-        1e-6, "contact takes up a direction but for this part of its square: it tells nothing of drift"
+        1e-6,
+        "drop a direction of drift if contact explains all but this fraction of its square: the residual says nothing about it",
     )
-    told_at_size: float = number(2e-5, "the same of contacts whose solutions are known to less")
+    told_at_size: float = number(2e-5, "the same for large contacts, whose solutions are less accurate")
     many: int = number(
-        4096, "of more readings each model's test takes a tenth of a frame: stop at the first that passes"
+        4096, "with more readings, the test of each model takes a tenth of a frame: stop at the first model that passes"
     )
-    loud: int = number(1000, "more readings tell drifts as small as `fit.MODEL_DETAIL`, which are no misfit")
-    prior_weight: float = number(4.0, "readings that the prior of the discrepancy counts for")
-    shares: tuple[float, ...] = number((0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies that are tried in turn")
-    faint: float = number(3.0, "noise of a zero so many times below the least discrepancy is not tried by itself")
+    loud: int = number(1000, "more readings would detect drifts as small as `fit.MODEL_DETAIL`, which are no misfit")
+    prior_weight: float = number(4.0, "number of readings as which the prior of the discrepancy counts")
+    shares: tuple[float, ...] = number(
+        (0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies to try, in this order, as fractions of the readings"
+    )
+    faint: float = number(
+        3.0,
+        "do not solve with the noise of the zero alone if it is smaller than the smallest discrepancy by more than this factor",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,50 +214,75 @@ class Screening:
     """Limits for broken readings, saturation and outliers."""
 
     deviations: float = number(
-        6.0, "robust deviations at which a reading is no noise: 2e-9 of Gaussian noise", tried=True
+        6.0,
+        "residual, in robust standard deviations, from which a reading is an outlier: 2e-9 of Gaussian noise",
+        tried=True,
     )
     gross: float = number(
-        0.05, "part of the largest reading that contact must miss it by: cells alone leave a per cent", tried=True
+        0.05,
+        "and as a fraction of the largest reading, because uniform cells alone cause errors of a per cent",
+        tried=True,
     )
-    broken: float = number(8.0, "log evidence beyond the choice among all for one left out: odds of 3000 to one")
-    most: float = number(0.2, "part of the readings that is left out at most: beyond it the contact is wrong")
+    broken: float = number(
+        8.0,
+        "log evidence that leaving out a reading needs, beyond the log of the number of readings: odds of 3000 to one",
+    )
+    most: float = number(
+        0.2, "largest fraction of the readings that may be left out: if there are more, the contact is wrong"
+    )
     first_noise: float = number(
-        0.3, "part of the readings from which noise is sought downwards: the largest that explains itself"
+        0.3,
+        "largest noise to try, as a fraction of the readings: the search goes down from it to the first level that equals its own residual",
     )
-    rounds: int = number(10, "rounds of it")
-    at_end: int = number(2, "neighbours that read the same largest value lie at an end of their range")
-    at_end_rounded: int = number(4, "of rounded readings, whose peaks share values")
-    steps: int = number(4096, "readings count as rounded where the largest is so many steps: 12 bits")
-    dead: float = number(0.1, "a reading of zero is dead where its neighbours' mean is this part of the largest")
-    dead_neighbours: float = number(0.25, "and at most this part of them reads zero: at a threshold half of them do")
-    neighbours: int = number(3, "so many neighbours that are not explained are a contact, no broken taxels")
-    candidates: int = number(4, "readings looked at closely in each round")
-    fewest: int = number(6, "fewer readings are not screened")
+    rounds: int = number(10, "most rounds of this search")
+    at_end: int = number(2, "this many neighbours that all read the largest value are saturated")
+    at_end_rounded: int = number(4, "the same for rounded readings, whose peaks may have equal values")
+    steps: int = number(4096, "readings count as rounded if the largest is at most this many steps: 12 bits")
+    dead: float = number(
+        0.1, "a reading of zero is dead if the mean of its neighbours is more than this fraction of the largest reading"
+    )
+    dead_neighbours: float = number(
+        0.25, "and if at most this fraction of the neighbours reads zero: at a threshold of the sensor half of them do"
+    )
+    neighbours: int = number(3, "this many neighbours with large residuals are a contact and not broken taxels")
+    candidates: int = number(4, "number of readings examined in each round")
+    fewest: int = number(6, "do not look for broken readings if there are fewer readings than this")
     nearly: float = number(
         1.5,
-        "a reading is not broken where a load over its taxel leaves less than this many times what leaving it out does",
+        "keep a reading if a load above its taxel explains it: the residual with this load is less than this many times the residual without the reading",
     )
-    explained: float = number(0.7, "and explains this part of what that does")
-    outermost: float = number(8.0, "the outermost taxels are broken only where they read so many times the others")
+    explained: float = number(
+        0.7, "and if that load explains at least this fraction of what leaving the reading out explains"
+    )
+    outermost: float = number(8.0, "an outermost taxel is broken only if it reads more than this many times the others")
     outermost_alone: float = number(
         5.0,
-        "or where their residuals are so many times their neighbours', on a large array: a load beyond the edge gives those a quarter",
+        "or, on a large array, if its residual exceeds those of its neighbours by this factor: a load beyond the edge gives them a quarter of it",
     )
-    alone: float = number(4.0, "a reading so many times all others is alone, whatever a linear model makes of it")
-    shallow: float = number(0.6, "taxels less deep, in pitches, feel next to nothing of what their neighbours do")
-    window: tuple[int, int] = number((20, 6), "half the taxels of a window of a large array, on a line and on an area")
-    window_edge: int = number(3, "nearer to a window's edge a reading is left to another window")
+    alone: float = number(
+        4.0, "a reading of more than this many times all others may be broken, whatever a linear model says"
+    )
+    shallow: float = number(
+        0.6, "taxels of less than this depth, in pitches, hardly respond to loads on their neighbours"
+    )
+    window: tuple[int, int] = number(
+        (20, 6), "half-width in taxels of a window of a large array, on a line and on an area"
+    )
+    window_edge: int = number(3, "a reading nearer to the edge of a window is judged in another window")
     suspicious: float = number(
-        5.0, "robust deviations from its neighbours at which a reading of a large array is looked at"
+        5.0,
+        "difference from the neighbours, in robust standard deviations, from which a reading of a large array is examined",
     )
-    suspicious_alone: float = number(1.5, "and times as far as those a little farther away are from theirs")
-    windows: int = number(24, "windows a round, the most suspicious")
-    window_rounds: int = number(3, "rounds: each finds what larger ones hid")
+    suspicious_alone: float = number(1.5, "and this many times the same difference of readings a little farther away")
+    windows: int = number(24, "most windows in a round; the readings with the largest differences come first")
+    window_rounds: int = number(3, "rounds of windows: large outliers hide smaller ones until they are removed")
     open_end: float = number(
-        0.15, "part of a channel at its end from which the load has no upper end: 16 of 16 balls held below it"
+        0.15,
+        "if more than this fraction of a channel is saturated, the load has no upper bound: below it the intervals of 16 of 16 balls were right",
     )
     excess: float = number(
-        0.25, "readings at their end may be larger by this part, divided by `STATED`: two deviations double them"
+        0.25,
+        "standard deviation of the excess of saturated readings, relative, divided by `STATED`: two of them double the readings",
     )
 
 
@@ -234,27 +290,31 @@ class Screening:
 class Noise:
     """Limits for learning the noise from the frame."""
 
-    fewest: int = number(3, "readings of a channel needed for a noise of its own")
+    fewest: int = number(3, "readings that a channel needs for a noise level of its own")
     unequal: float = number(
-        0.2, "log by which channels' misfits differ where each has its own noise", tried=True, needs="channels"
+        0.2,
+        "smallest difference of the log misfits of channels for which each gets its own noise",
+        tried=True,
+        needs="channels",
     )
     unequal_errors: float = number(
-        3.0, "and standard errors: once in 400 frames where they are alike", needs="channels"
+        3.0, "and smallest difference in standard errors: once in 400 frames with equal noise", needs="channels"
     )
-    again: float = number(1.2, "factor by which noise must change to be learned again", tried=True)
+    again: float = number(1.2, "estimate the noise again if it changes by more than this factor", tried=True)
     followed: float = number(
-        0.05, "a linear model that calls less than this part of what contact leaves noise follows noise"
+        0.05,
+        "the linear model fits noise if its noise estimate is less than this fraction of the residual of the contact",
     )
-    turns: int = number(4, "channels' noise and contact are found in turn so often")
-    turns_of_all: int = number(2, "the noise of all channels together, so often")
-    outlier_rounds: int = number(4, "rounds of leaving readings out: each finds what larger ones hid")
-    broken_rounds: int = number(2, "the same where a channel is broken")
-    offset_rounds: int = number(2, "offsets are found again with the contact, so often")
-    most_offset_rounds: int = number(6, "and so often where they are far off yet")
+    turns: int = number(4, "rounds of estimating the noise of each channel and the contact in turn")
+    turns_of_all: int = number(2, "the same for one noise level of all channels")
+    outlier_rounds: int = number(4, "rounds of removing outliers: large ones hide smaller ones until they are removed")
+    broken_rounds: int = number(2, "the same if a channel is broken")
+    offset_rounds: int = number(2, "rounds of estimating offsets together with the contact")
+    most_offset_rounds: int = number(6, "the same if the offsets still change much")
     step: float = number(
-        0.3, "deviations of given noise from which on the step that readings are rounded to is part of it"
+        0.3, "rounding is part of the noise if its standard deviation exceeds this fraction of the given noise"
     )
-    attempts: int = number(10, "all of these together; each settles by itself")
+    attempts: int = number(10, "most rounds of all these steps together; each has its own limit")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,36 +322,47 @@ class Prior:
     """Penalties, and the models that are weighted."""
 
     shear: float = number(
-        0.7, "shear over pressure where friction is not known: of the order of rubber's", tried=True, needs="shear"
+        0.7,
+        "assumed ratio of shear to pressure if friction is unknown: about that of rubber",
+        tried=True,
+        needs="shear",
     )
     most_friction: float = number(
-        1.0, "friction that is not known is rarely more, where channels do not tell pressure from shear"
+        1.0, "largest friction assumed if it is unknown and the channels cannot separate pressure from shear"
     )
     even: float = number(
-        1.0 / 3.0, "weight of the even penalty; the rest goes to local weights: none is known to be better", tried=True
+        1.0 / 3.0,
+        "weight of the model with an even penalty; local weights have the rest, because neither is known to be better",
+        tried=True,
     )
     improbable: float = number(
-        0.01, "models less probable are not solved: they would have less than a hundredth of the weight"
+        0.01, "models of less probability are not solved: their weight would be below a hundredth"
     )
-    least_weight: float = number(1e-3, "models of less weight move the mean by a thousandth of their difference")
-    reach: float = number(1.0 / 3.0, "reach of the wide local weights in depths", tried=True)
+    least_weight: float = number(
+        1e-3, "models of less weight are dropped: they would change the mean by a thousandth of their difference"
+    )
+    reach: float = number(1.0 / 3.0, "width of the wide local weights, in depths", tried=True)
     floor: float = number(
-        1e-6, "least local scale over the largest: keeps the condition within double precision", tried=True
+        1e-6,
+        "smallest local scale relative to the largest: it limits the condition number in double precision",
+        tried=True,
     )
-    rounds: int = number(4, "local weights are relearned so often: each lowers the objective", tried=True)
+    rounds: int = number(4, "rounds of estimating the local weights: each lowers the objective", tried=True)
     larger: tuple[float, ...] = number(
-        (1.0, 4.0, 16.0, 64.0), "factors of local scales that keep contact from explaining the readings"
+        (1.0, 4.0, 16.0, 64.0), "factors to try on the local scales until contact explains the readings"
     )
-    left_more: float = number(4.0, "standard deviations of what more is left by chance")
+    left_more: float = number(4.0, "standard deviations by which a residual may be larger by chance")
     ends: float = number(
-        0.2, "weight of a contact that ends on the surface: the objectives differ by a nat or less", tried=True
+        0.2, "weight of a contact that ends on the surface: its objective differs by a nat or less", tried=True
     )
     slides: float = number(
-        0.03, "sliding less probable is not followed up, nor is shear of its own", tried=True, needs="friction"
+        0.03, "a sliding model, or one with free shear, of less probability is not solved", tried=True, needs="friction"
     )
-    jointly: int = number(4, "rounds of shear over pressure and pressure in turn", tried=True, needs="friction")
+    jointly: int = number(
+        4, "rounds of estimating the ratio of shear to pressure and the pressure in turn", tried=True, needs="friction"
+    )
     sliding_unknowns: int = number(
-        450, "a large contact is looked at for sliding in blocks of so many unknowns", needs="friction"
+        450, "number of unknowns in a block when a large contact is tested for sliding", needs="friction"
     )
 
 
@@ -299,15 +370,20 @@ class Prior:
 class Grid:
     """Sizes of cells."""
 
-    line: tuple[int, int] = number((5, 3), "fine cells per surface cell on a line, from low noise to high")
+    line: tuple[int, int] = number((5, 3), "fine cells per surface cell on a line, from low to high noise")
     area: tuple[int, int, int] = number((3, 2, 1), "the same per axis on an area")
-    spacing: float = number(1.75, "taxels per axis and degree of freedom below which cells are finer", tried=True)
-    fine_spacing: float = number(1.2, "the same of the finest cells on an area: the data tell every taxel's cell")
-    unknowns: int = number(4000, "unknowns up to which finer cells are used: a factorisation of 4000 takes a second")
-    unknowns_per_reading: float = number(
-        24.0, "and so many for each reading: 34 took 1.4 to 13 s of a frame of 6 x 6 x 3, at the same error"
+    spacing: float = number(
+        1.75, "use finer cells if there are fewer taxels per axis and degree of freedom than this", tried=True
     )
-    few_unknowns: int = number(1500, "where these are more than so many unknowns")
+    fine_spacing: float = number(
+        1.2, "the same for the finest cells on an area: the data then determine the cell of every taxel"
+    )
+    unknowns: int = number(4000, "most unknowns for finer cells: a factorisation of 4000 takes a second")
+    unknowns_per_reading: float = number(
+        24.0,
+        "most unknowns per reading for finer cells: with 34 a frame of 6 x 6 x 3 took 1.4 to 13 s and had the same error",
+    )
+    few_unknowns: int = number(1500, "the limit per reading is not applied below this number of unknowns")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,19 +391,27 @@ class Extent:
     """Limits that decide which cells are in contact."""
 
     faint: float = number(
-        0.05, "cells below this part of the peak make no contact; error bars of a tracker are calibrated with it"
+        0.05,
+        "cells with less than this fraction of the peak pressure are not contact; the error bars of a tracker are calibrated with this value",
     )
-    margin: int = number(2, "cells so near to a contact are part of its problem")
+    margin: int = number(2, "number of cells around a contact that are solved with it")
     trim: float = number(
-        2.5, "pressure below so many times noise over signal is noise: 1.2 % of Gaussian noise lies beyond", tried=True
+        2.5,
+        "pressure below this many times the noise-to-signal ratio is noise: 1.2 % of Gaussian noise exceeds it",
+        tried=True,
     )
-    quiet: float = number(1e-3, "cells below this part of the largest local scale and peak are outside", tried=True)
-    noisy: float = number(0.3, "more where noise is more: so many times noise over signal", tried=True)
-    most_quiet: float = number(0.03, "up to this part: below `faint`")
+    quiet: float = number(
+        1e-3, "cells below this fraction of the largest local scale and of the peak are outside the contact", tried=True
+    )
+    noisy: float = number(0.3, "the same limit for noisy frames: this many times the noise-to-signal ratio", tried=True)
+    most_quiet: float = number(0.03, "upper limit of that fraction: less than `faint`")
     at_edge: float = number(
-        0.3, "traction at the outermost taxels, over the largest, from which contact goes on beyond them"
+        0.3,
+        "if traction at the outermost taxels exceeds this fraction of the largest, contact may continue beyond them",
     )
-    goes_on: float = number(0.5, "traction outside them from which it goes on there and nothing says how far")
+    goes_on: float = number(
+        0.5, "if traction outside them exceeds this fraction, contact continues there, and nothing shows how far"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -335,27 +419,37 @@ class Discs:
     """Limits for contacts of a few taxels."""
 
     radii: tuple[float, ...] = number(
-        (0.5, 1.0, 1.5, 2.25, 3.25, 4.5, 6.0), "in cells of the finer grid, up to a pitch"
+        (0.5, 1.0, 1.5, 2.25, 3.25, 4.5, 6.0), "radii to try, in cells of the finer grid, up to one pitch"
     )
-    at_end: float = number(0.8, "where more of the weight is at the largest radius, contact is larger")
+    at_end: float = number(
+        0.8, "if more than this fraction of the weight is at the largest radius, the contact is larger than a disc"
+    )
     taxels: tuple[float, float] = number(
-        (3.0, 6.0), "taxels pressed half as hard as the peak on which a contact is small, line and area"
+        (3.0, 6.0), "a contact is small if at most this many taxels read half of the peak or more (line, area)"
     )
     drawn: int = number(8, "discs that become models")
-    detail: float = number(0.015, "part of the largest reading that discs leave: their edges are not those of contact")
-    least: float = number(
-        0.02, "weight below which they are not worth solving: of 60 plain frames 40 have none and 16 all"
+    detail: float = number(
+        0.015, "accuracy of a disc as a fraction of the largest reading: real contacts have other edges"
     )
-    most: float = number(0.67, "weight of all at most: a disc is never all that is possible")
-    worse: float = number(2.0, "discs that leave so many times the noise, and what fields leave, are none")
-    cells: int = number(4000, "cells that places are sought among")
-    places: int = number(200, "places that discs of the third radius do best at, where all radii are tried")
-    best: int = number(24, "the best discs, about which places between cells are tried")
-    steps: int = number(3, "places to a cell on either side")
-    halvings: int = number(5, "halvings of the step in which the best place of each radius is sought")
-    aside: int = number(2, "steps to either side that are weighed: four taxels tell a place to a fiftieth of a cell")
-    few: int = number(6, "cells of a contact of a few cells: more are no longer few")
-    scales: int = number(20, "rounds of the scale of Student's distribution: it settles in ten")
+    least: float = number(
+        0.02,
+        "discs of less total weight are not solved: of 60 ordinary frames, discs have no weight in 40 and all of it in 16",
+    )
+    most: float = number(0.67, "largest total weight of discs: other shapes are always possible")
+    worse: float = number(
+        2.0,
+        "discs are rejected if their residual exceeds the larger of the noise and the residual of a smooth field by this factor",
+    )
+    cells: int = number(4000, "most cells for which places are searched")
+    places: int = number(200, "number of places, the best for the third radius, at which all radii are tried")
+    best: int = number(24, "number of best discs around which places between cells are tried")
+    steps: int = number(3, "interpolation steps per cell on either side")
+    halvings: int = number(5, "number of times the search for the best place of each radius halves its step")
+    aside: int = number(
+        2, "steps to either side that are weighted: four taxels determine a place to a fiftieth of a cell"
+    )
+    few: int = number(6, "most cells of a contact in a few cells")
+    scales: int = number(20, "rounds for the scale of Student's distribution: it converges in ten")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,13 +457,14 @@ class Rims:
     """Limits for pull around a contact."""
 
     sought: float = number(
-        0.2, "misfit probability below which it is sought where noise may have been learned from the pull"
+        0.2, "misfit probability below which a rim is tried if the noise may have been learned from the pull"
     )
-    evident: float = number(12.0, "gain that it needs there: rims gain 17 to 500, what is no rim 11 or less")
-    margin: float = number(0.5, "of the contact's radius: a rim is narrower")
-    unknowns: int = number(1500, "none of them is at a bound, so that each is solved for")
+    evident: float = number(12.0, "gain that a rim needs in that case: real rims gain 17 to 500, others 11 or less")
+    margin: float = number(0.5, "largest width of a rim as a fraction of the contact's radius")
+    unknowns: int = number(1500, "most unknowns of a contact with a rim: without bounds all of them are solved for")
     cancel: float = number(
-        3.0, "traction so many times that of the push is pushes and pulls that cancel in the readings"
+        3.0,
+        "reject the result if its traction exceeds that of the push by this factor: pushes and pulls then cancel in the readings",
     )
 
 
@@ -377,61 +472,79 @@ class Rims:
 class Errors:
     """Error contributions other than noise, and limits for notes."""
 
-    force: float = number(5e-4, "least error of the net force, in parts: no pad and no grid is known better")
+    force: float = number(5e-4, "smallest relative error of the net force: pad and grid are not more accurate")
     force_at_size: float = number(
-        4e-3, "the same of a contact too large for matrices: balls on 64 and 128 squared read 0.2 % off"
+        4e-3, "the same for contacts too large for matrices: balls on 64 x 64 and 128 x 128 taxels were 0.2 % off"
     )
-    sums_at_size: float = number(1.25, "factor of their deviations: errors of 12 frames of 128 squared are 1.2 of them")
+    sums_at_size: float = number(
+        1.25,
+        "factor on the standard deviations of forces of such contacts: in 12 frames of 128 x 128, errors were 1.2 standard deviations",
+    )
     beyond: float = number(
-        0.5, "deviation of what lies beyond the outermost taxels, of what may: two of them are all of it"
+        0.5,
+        "standard deviation of the load outside the outermost taxels, as a fraction of the possible load: two of them cover all of it",
     )
     much: float = number(
-        0.1, "part of the load worth a word where one taxel alone tells it, it lies outside, or drift may make it"
+        0.1, "note if this fraction of the load rests on one taxel, lies outside the array, or may be drift"
     )
     hangs: float = number(
-        0.4, "part of the normal force that one reading tells, from which it is said: a fifth of clean frames say it"
+        0.4, "note if this fraction of the normal force rests on one reading: a fifth of clean frames exceed it"
     )
-    stands_out: float = number(4.0, "deviations at which a reading, or the squares of many, is no noise")
-    beside: float = number(1.5, "taxels within so many pitches are neighbours, across too")
-    even_press: float = number(0.2, "an even press explains offsets where it leaves less than this part of them")
+    stands_out: float = number(
+        4.0, "standard deviations from which a reading, or the sum of squares of many, is more than noise"
+    )
+    beside: float = number(1.5, "taxels within this many pitches are neighbours, diagonal ones included")
+    even_press: float = number(0.2, "an even press explains offsets if its residual is less than this fraction of them")
     hidden_drift: float = number(
         0.1,
-        "part of the largest reading of an offset that a loaded edge hides, and of drift of displacements: half of `largest_nuisance` is two deviations",
+        "standard deviation of an offset that a loaded edge hides, and of drift of displacements, as a fraction of the largest reading: two of them are half of `largest_nuisance`",
     )
     ambiguous_force: float = number(
-        0.05, "of the force, where channels do not tell pressure from shear: 1.86 to 1.95 N for 2 N (in_plane.md)"
+        0.05,
+        "relative error of the normal force if channels cannot separate pressure from shear: 1.86 to 1.95 N were found for 2 N (in_plane.md)",
     )
-    ambiguous_coupled: float = number(0.02, "the same where friction is given: errors of 1 to 3 %")
-    ambiguous_shear: float = number(0.005, "of the shear force there: 0.1 to 0.8 % where nothing shears")
+    ambiguous_coupled: float = number(0.02, "the same if friction is given: errors of 1 to 3 %")
+    ambiguous_shear: float = number(
+        0.005,
+        "error of the shear force in that case, as a fraction of the normal force: 0.1 to 0.8 % was found without shear",
+    )
     ambiguous_peak: float = number(
-        0.035, "of the peak, times 1/a - 1/`ambiguous_shape`, a being what pressure does over what shear does"
+        0.035,
+        "relative error of the peak in that case, times 1/a - 1/`ambiguous_shape`, where a is the effect of pressure over that of shear",
     )
     ambiguous_shape: float = number(
-        0.2, "above it pressure has its shape: peaks of 0.9 to 1 from 0.5 mm below the surface"
+        0.2,
+        "above this a, the shape of the pressure is determined: peaks are 0.9 to 1 of the true ones from 0.5 mm below the surface",
     )
-    most_ambiguous: float = number(0.8, "of the peak at most: 0.1 to 0.5 of it is found from markers on the surface")
-    ambiguous_cells: float = number(2.7, "the same of a cell, whose constants of calibration are so many times less")
+    most_ambiguous: float = number(
+        0.8, "largest relative error of the peak: markers on the surface show 0.1 to 0.5 of it"
+    )
+    ambiguous_cells: float = number(
+        2.7, "factor on this error for a single cell, because its calibration constants are smaller by this factor"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
     """Problem sizes at which the method switches to another algorithm or leaves a step out."""
 
-    unknowns: int = number(9000, "of one frame: a dense normal matrix of 650 MB")
+    unknowns: int = number(9000, "most unknowns of a frame: a dense normal matrix of 650 MB")
     second_order: int = number(
-        4096, "readings up to which the second derivative is tried: its spectrum costs as much again"
+        4096, "most readings for which the second derivative is tried: its spectrum doubles the cost"
     )
-    hold: int = number(4096, "more readings hold contact by themselves, and where it is")
-    likely: float = number(0.15, "part of the linear solution's peak at which cells start as contact: saves time")
+    hold: int = number(4096, "with more readings, the data alone determine where contact is")
+    likely: float = number(0.15, "start with the cells above this fraction of the linear solution's peak: saves time")
     cell_rounds: int = number(12, "rounds of adding cells")
-    few_cells: float = number(0.02, "part of the cells that are not added for their sake")
+    few_cells: float = number(0.02, "stop adding cells if fewer than this fraction of the cells are missing")
     entries: int = number(
-        2_000_000, "entries of all cells' columns that are looked through for a contact of a few cells"
+        2_000_000, "most entries of the columns of all cells in the search for contact in a few cells"
     )
-    nearest: int = number(9, "else so many cells nearest to the largest reading at least")
-    finest: int = number(10_000, "cells up to which they are twice as fine: where in a cell it lies is seen")
-    blocks: int = number(32, "blocks that are multiplied at a time")
-    trace: float = number(1e-6, "noise that readings without any are given, as a part of each")
+    nearest: int = number(9, "otherwise search at least this many cells nearest to the largest reading")
+    finest: int = number(
+        10_000, "most cells for which this search uses cells of half the size, to place the load within a cell"
+    )
+    blocks: int = number(32, "blocks that are multiplied together")
+    trace: float = number(1e-6, "noise added to noise-free readings, as a fraction of each")
 
 
 @dataclass(frozen=True, kw_only=True)

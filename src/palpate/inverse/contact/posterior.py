@@ -45,9 +45,9 @@ class Posterior:
     """Posterior of the weighted contact models of a frame: means, closed-form errors, samples.
 
     ``inside`` marks the cells of the operator's grid that belong to the result, ``outside`` those beyond the outermost
-    taxels. ``reach`` is the number of cells around the certain contact that share its error. ``ambiguity`` holds four
-    minimum errors: of the shear force and of the normal force, as fractions of the normal force; of the pressure in a
-    cell and of the peak, as fractions of these.
+    taxels. ``reach`` is the width in cells of the margin around the contact whose error bars include the uncertainty
+    of its edge. ``ambiguity`` holds four minimum errors: of the shear force and of the normal force, as fractions of
+    the normal force; of the pressure in a cell and of the peak, as fractions of these.
     """
 
     def __init__(
@@ -67,10 +67,7 @@ class Posterior:
         self.ambiguity = ambiguity
 
     def beyond(self, traction: Floats) -> tuple[float, float, float]:
-        """Traction beyond the outermost taxels: its fraction of the load (sum of the magnitudes), its largest
-        magnitude as a fraction of the overall largest, and the largest magnitude at the outermost taxels as a fraction
-        of the same (0 if the surface ends there).
-        """
+        """Three fractions. First, the load beyond the outermost taxels over the whole load (sums of magnitudes). Second, the largest traction there over the largest anywhere. Third, the largest traction at the outermost taxels over the largest anywhere (0 if the surface ends there)."""
         size = np.sqrt((traction**2).sum(axis=0)) * self.inside
         there, largest = size[self.outside], max(float(size.max()), 1e-300)
         at = dilated(self.outside, 1) & ~self.outside

@@ -62,7 +62,7 @@ class Prepared(ABC):
 
     #: Orders of the derivatives whose penalties are compared by evidence.
     derivatives: tuple[int, ...] = (1,)
-    #: Whether contact is sought on a wider grid than the surface.
+    #: Whether the method allows contact on a wider grid than the surface.
     past_the_surface = False
     #: For channels that cannot separate pressure from shear: effect of pressure relative to that of shear above which
     #: the error of the normal force needs no widening. With one model, and in the tracker, the normal force was 14 %
@@ -129,11 +129,11 @@ class Prepared(ABC):
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else USUAL
         self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
         if problem.zeroed and problem.nuisance is None:
-            # The zero removed the offsets of stress and strain, but an image may still have moved. Who names a drift
-            # means one after the zero.
+            # The zero removed the offsets of stress and strain, but an image may still have moved. If the user names a
+            # drift, it is one after the zero.
             self.terms = [t for t in self.terms if t.of_image]
-        #: Number of terms, from the first, that may also stand with noise alone. Ramps that the user did not name come
-        #: after them: they are sought beside contact only, if the outermost taxels show one.
+        #: Number of terms, from the first, that may also occur together with noise alone. Ramps that the user did not
+        #: name come after them: they are only tried together with contact, if the outermost taxels show one.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
             self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]
@@ -158,7 +158,7 @@ class Prepared(ABC):
 
     @property
     def reach(self) -> int:
-        """Number of cells around the certain contact that share its error."""
+        """Width in cells of the margin around the contact whose error bars include the uncertainty of its edge."""
         return self.policy.extent.margin
 
     @property

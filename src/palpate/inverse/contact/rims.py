@@ -1,4 +1,4 @@
-"""Contact that pushes and pulls at once, such as a push with an adhesive rim.
+"""Solve frames with contact that pushes and pulls at once, such as a push with an adhesive rim.
 
 If pushing contact leaves more than noise, solve the same models without the cone, over the contact and a margin around
 it. The rim of adhesion is a fraction of the contact's size (K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A

@@ -54,7 +54,7 @@ def with_rivals(
                 return other
     elif frame.sign == h.sign and run.members:
         for rival in rivals[:1]:
-            # `score.best_of` asks a rival for more than its worth: what falls short of that is likely all the same.
+            # `score.best_of` requires more than a higher worth, so a rival that it did not choose may still be likely.
             doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
             if rival.sign != h.sign or not doubted:
                 continue

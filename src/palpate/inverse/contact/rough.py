@@ -81,7 +81,7 @@ def rough(
     if patterns is not None and used:
         rows = readings.white((patterns / noise[:, None])[observed], observed)
         left_over = readings.white(((data - explained) / noise)[observed], observed)
-        # few readings follow a wide contact at any offset, and leave no freedom: small steps find offsets before that
+        # With few readings, a wide contact fits at any offset and leaves no degrees of freedom. Small steps find the offsets before that happens.
         few = observed.sum() <= policy.detection.few_readings
         unit = unit_of(rows)
         rows = rows / unit

@@ -10,8 +10,8 @@
 | `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | a doubtful explanation and its rival |
 | `gain_without_cone` | minus the log probability of as large an F by noise of unknown level | a push and the same contact with traction of either sign |
 
-All are natural logarithms of odds but for two: `gain_of` counts a degree of freedom as a whole logarithm of what is left, where a Gaussian prior would count
-half of one on average, and `gain_without_cone` is a test.
+All scores are natural logarithms of odds, with two exceptions: `gain_of` penalises a degree of freedom by a full log
+of the residual, where a Gaussian prior would on average use half of that, and `gain_without_cone` is a test.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def worth_of(h: Explanation, policy: Policy) -> float:
 def is_compact(h: Explanation, policy: Policy) -> bool:
     """Whether an explanation is a compact contact.
 
-    An explanation that fits every reading could fit anything. So could a load all round the edge with an opposite
+    An explanation that fits every reading could fit anything. So could a load along the whole edge with an opposite
     offset, because it leaves the interior free to push and pull.
     """
     return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
@@ -82,7 +82,7 @@ def simplest_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
     """Explanations without nuisances, and those whose nuisances leave no larger residual than contact alone, but for
-    what one nuisance costs. Others gain only by smoothing the contact.
+    what one nuisance costs. Other explanations gain only by smoothing the contact.
 
     All are credible if the contact loads the edge or fits most readings freely, because its residual is then small in
     any case.
@@ -96,9 +96,7 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
-    """The best explanation. One with nuisances or another sign must beat the simplest by the evidence required for
-    contact itself.
-    """
+    """The best explanation. An explanation with nuisances, or with another sign, must beat the simplest one by the evidence required for contact itself."""
     simple = simplest_of(tried, policy)
     best = max(_credible(tried, policy), key=lambda h: worth_of(h, policy))
     return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple

@@ -1,10 +1,9 @@
 """Screen a frame before contact is sought: saturation, rounding, broken taxels.
 
-A pad blurs, so neighbours nearly determine each reading. A reading that they contradict, whatever the contact, is
-broken. Broken readings are found by leaving each out of a linear model of all readings (the mean-shift model of
+A pad blurs, so neighbours nearly determine each reading. A reading that disagrees with its neighbours for any contact
+is broken. Broken readings are found by leaving each out of a linear model of all readings (the mean-shift model of
 outliers; R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982, section 2.2.2), one at a time, worst
-first. Screening precedes the search for contact, because one saturated converter looks like noise strong enough to
-hide any contact.
+first. Screening precedes the search for contact, because one saturated converter looks like noise strong enough to hide any contact.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from palpate.inverse.linear.evidence import LinearEvidence
 __all__ = ["solve"]
 
 Flags = npt.NDArray[np.bool_]
-#: What `_Solving` changes from attempt to attempt, but for the counts.
+#: Attributes of `_Solving` that change between attempts, except the counts.
 STATE = ("h", "known", "data", "rows", "observed", "near", "explained")
 
 
@@ -67,7 +67,7 @@ class _Solving:
         self.known, self.given, self.coarse = self._noise_at_first()
         #: Number of times the noise and the offsets were re-estimated.
         self.learned, self.refined = 0, 0
-        self.rested: dict[str, Any] = {}  # state in which the noise came to rest far above the given one
+        self.rested: dict[str, Any] = {}  # state in which the noise estimate settled far above the given noise
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
         self.leading: ContactModel | None = None
@@ -286,8 +286,8 @@ class _Solving:
 
     def _given_noise(self, left: float) -> bool:
         """Update noise that is given up to a factor (`score.noise_beyond`): lower it to what the leading model leaves,
-        because coarse cells leave more than fine ones. If it comes to rest far above the given noise, try that once, and
-        go back if the model leaves far more then, too.
+        because coarse cells leave more than fine ones. If the estimate settles far above the given noise, try the
+        given noise once; restore the estimate if the residual is then far larger as well.
         """
         policy, now = self.policy, self.coarse if self.known is None else self.known
         again, free = policy.noise.again, float(self.observed.sum()) - taken_by(self.first_model)

@@ -46,7 +46,7 @@ class LinearStart:
     ) -> None:
         self.orders, self.readings, self.parameter, self.policy = orders, readings, parameter, policy
         self._rounds, self._windows = rounds, windows
-        #: Possible offsets, and the same in the basis of the linear model.
+        #: Patterns of possible offsets, and these patterns in the basis of each linear model.
         self._shifts: tuple[Floats, list[Floats]] | None = None
 
     def freedom(self, parameter: float) -> float:

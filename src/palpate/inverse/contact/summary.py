@@ -40,9 +40,7 @@ SUMS = ("force", "moment", "center")
 
 
 def widened(variance: Floats, cells: int = 1) -> Floats:
-    """Spread the error of the contact's edge to the cells just outside it: their mean next to the edge, their largest
-    value farther out.
-    """
+    """Give the cells just outside the contact an error from the cells at its edge: their mean error next to the edge, their largest error farther out."""
     import scipy.ndimage
 
     near = (3,) * (variance.ndim - 1)

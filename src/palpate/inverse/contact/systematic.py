@@ -38,7 +38,7 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     """Standard deviations (nuisance,) of the sizes of the nuisances `Prepared.terms`; 0 for those not present.
 
     If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
-    reading shows an offset by itself. Each offset then has at least the standard deviation
+    reading shows an offset without contact. Each offset then has at least the standard deviation
     ``policy.errors.hidden_drift`` times the largest reading.
     """
     policy = estimator.policy
@@ -134,8 +134,7 @@ def share(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floa
 
 
 def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats) -> None:
-    """Add to a model's errors a drift of displacements that wide pressure may hide, so that no offset or ramp was
-    found.
+    """Widen a model's errors by a drift of displacements that may be hidden by wide pressure, if no offset or ramp was found.
 
     A displacement sensor responds to distant loads: pressure all round changes the readings almost like a shift of the
     picture. For drifts with a prior of a fraction of the largest reading (`Policy`), the posterior (S + 1/prior^2)^-1,
@@ -221,8 +220,8 @@ def owe(model: ContactModel, columns: Floats, prior: Floats) -> None:
 
 def state(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
     """Add to a model's stated errors the inexactly known pad (``columns``, ``prior``) and an independent gain error
-    ``gains`` (reading,) of each reading. Stated errors are separate from the model's errors, so that no calibration
-    constant scales or shifts them.
+    ``gains`` (reading,) of each reading. Errors that the user stated are kept apart from the method's errors, so that
+    no calibration constant changes them.
     """
     matrix = model.data.matrix
     rows = [(columns * prior).T @ matrix] if columns.shape[1] else []

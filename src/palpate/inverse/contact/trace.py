@@ -74,7 +74,7 @@ class Tried:
 
 @dataclass
 class Trace:
-    """What was tried for the frames solved inside `traced`, and every decision in order; printed, it is ``lines``.
+    """Records the explanations tried for the frames solved inside `traced`, and every decision in order; printing it shows ``lines``.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ def named(h: Explanation, terms: Sequence[Nuisance], *, contact: bool = True) ->
 def explanations(
     proposal: str, found: Iterable[Explanation], terms: Sequence[Nuisance], total: float, policy: Policy
 ) -> None:
-    """Tell the explanations that a proposal found, of readings with the root mean square ``total``."""
+    """Record the explanations that a proposal found for readings with the root mean square ``total``."""
     if not _heard():
         return
     every = list(found)
@@ -167,7 +167,7 @@ def explanations(
 
 
 def best(h: Explanation, tried: Sequence[Explanation], terms: Sequence[Nuisance], policy: Policy) -> None:
-    """Tell the best of the explanations tried, and by how much it leads the simplest."""
+    """Record the best of the explanations tried, and its lead over the simplest one."""
     if _heard():
         lead = worth_of(h, policy) - worth_of(simplest_of(tried, policy), policy)
         needed = policy.detection.evidence

@@ -20,8 +20,8 @@ def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Flo
     be, or if a zero was taken.
 
     An even press has no known extent, so its force has no bound. Offsets of stress and strain that are larger than the
-    contact beside them may be an even press over the whole array. Smaller ones are taken for offsets: a contact on top
-    of an even press is rare.
+    contact beside them may be an even press over the whole array. A smaller even press counts as an offset, because a
+    contact on top of an even press is rare.
     """
     policy = estimator.policy
     offsets = h.present & np.array([t.kind == "offset" and t.unit != "m" for t in estimator.terms], dtype=bool)

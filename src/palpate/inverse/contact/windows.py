@@ -1,8 +1,7 @@
 """Broken readings of large arrays: screen a window around each suspicious reading as if it were a small array.
 
-A broken taxel deviates from the cubic interpolation of its neighbours along each axis, while they agree with theirs. A
-sharp contact can look the same. So `palpate.inverse.contact.screening` decides on the window alone, where contact may
-lie anywhere.
+A broken taxel deviates from the cubic interpolation of its neighbours along each axis, while these neighbours agree with their own. A
+sharp contact can look the same. So `palpate.inverse.contact.screening` judges the window alone, with contact allowed anywhere in it.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def explanation_of(
 
 
 def _in_order(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
-    """Whether contact of one sign leaves no order that noise does not have."""
+    """Whether the residual of contact of one sign is as irregular as noise."""
     chance, least = rough_fit(estimator, h, data, observed), estimator.policy.explanations.structured_chance
     trace.decided("probability that noise has the order which one sign leaves", chance, least)
-    return not chance < least  # NaN: too few readings to say
+    return not chance < least  # NaN: there are too few readings for the test

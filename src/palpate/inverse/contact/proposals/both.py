@@ -14,9 +14,7 @@ __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """Yield the linear model's solution. Some of its traction lies everywhere, so take the loaded fraction of the edge
-    from the push.
-    """
+    """Yield the linear model's solution. The linear model has some traction everywhere, so take the loaded fraction of the edge from the push."""
     data, observed = search.data, search.observed
     if 0 not in search.signs or (~observed).sum() > len(data) // 2:
         return

@@ -1,4 +1,4 @@
-"""Initial sizes of offsets and ramps, from the taxels that nothing presses, and their upper limits."""
+"""Initial sizes of offsets and ramps, estimated from taxels without load, and their upper limits."""
 
 from __future__ import annotations
 

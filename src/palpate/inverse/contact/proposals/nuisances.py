@@ -63,7 +63,7 @@ def _in_turn(
         found = rough(estimator, clean, observed, search.total, columns[:, present], noise, near, beat)
         near, noise = found.traction, found.left
         if best is not None:
-            # sizes from the outermost taxels are no fit yet: better ones may gain as much as makes no difference less
+            # The first sizes are guesses from the outermost taxels: fitted sizes may gain slightly less, so allow for that.
             if found.gain < best.gain - (0.0 if few or turn > 1 else estimator.policy.detection.evidence):
                 break
             step = max(step, found.gain - best.gain)
@@ -74,7 +74,7 @@ def _in_turn(
         change = np.zeros(len(terms))
         change[present] = sign * found.change
         sizes = sizes + change
-        # the first step of both together, from far, tells whether there are any, and not yet which
+        # The first joint step starts far from the solution. It shows whether there are nuisances, but not yet which.
         first = turn == 0 and not few
         there = np.abs(sizes) > rules.nuisance * (found.deviation if first else deviation)
         if not there.any():

@@ -59,7 +59,7 @@ class Search:
 
     @property
     def usual(self) -> Flags:
-        """Mask of the nuisances to try first. Ramps come later, only if the outermost taxels show one."""
+        """Mask of the nuisances to try first. Ramps are tried later, and only if the outermost taxels show one."""
         return np.arange(len(self.terms)) < self.estimator.usual
 
     @cached_property
