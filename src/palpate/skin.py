@@ -241,8 +241,7 @@ class Skin(SkinProperties):
         InvalidInput
             No frames, or frames of another shape.
         Unsupported
-            Planes of different shapes: their frames do not fit one array. Take the zero from the readings yourself,
-            and state the noise of each array.
+            Planes of different shapes do not fit one array: subtract the zero yourself, and state the noise of each.
 
         Examples
         --------
@@ -659,9 +658,8 @@ class Skin(SkinProperties):
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         rest = given_rest(zero, baseline, self._planes)
         skin = self._noisy(noise, rest)
-        known = (
-            skin._calibration
-        )  # without an elastic model, the calibration alone gives the force, whatever components the tracker estimates
+        # Without an elastic model, the calibration alone gives the force, whatever components the tracker estimates.
+        known = skin._calibration
         everything = components is None and known is not None and not known.elastic
         names = skin.surface.components if everything else skin._names(components)
         check_sought(names, skin.boundary)

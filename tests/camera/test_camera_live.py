@@ -299,7 +299,7 @@ def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gel(tmp_path)
     (tmp_path / "plain.toml").write_text(SKIN[: SKIN.index("[camera]")])
     for arguments, words in {
-        ("--camera", "press.mp4"): "what is shown needs its skin",
+        ("--camera", "press.mp4"): "the live view needs a skin",
         ("--camera", "press.mp4", "--skin", "gel.toml"): "smaller reference",
         ("--camera", "coded.mp4", "--skin", "gel.toml"): "no codec for this video is installed. Convert it once",
         ("--camera", "none.mp4", "--skin", "gel.toml"): "none of the first 4 pictures shows anything",

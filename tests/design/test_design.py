@@ -262,7 +262,7 @@ def test_forces_of_a_line_have_the_unit_of_a_line() -> None:
     head = found.text().splitlines()[0]
     assert "force [mN/m]" in head
     assert "range [N/m]" in head
-    assert "mN/m goes unnoticed" in found.notes()[0]
+    assert "mN/m is not detected" in found.notes()[0]
     assert [a.get_ylabel() for a in found.plot("depth", columns=["force", "pair"]).axes] == ["[mN/m]", "[mm]"]
 
 

@@ -58,7 +58,7 @@ def test_a_recording_in_place_of_a_skin_is_refused_by_its_size(tmp_path: Path) -
     path = tmp_path / "skin.toml"
     with path.open("wb") as file:
         file.truncate(3 * 10**9)  # takes no room on the disk
-    with pytest.raises(InvalidInput, match=r"holds 3\.0 GB, and a skin file no more than 67 MB"):
+    with pytest.raises(InvalidInput, match=r"has 3\.0 GB, but a skin file has at most 67 MB"):
         pp.Skin.from_file(path)
     assert ordinary(path).stat().st_size > TEXT
 

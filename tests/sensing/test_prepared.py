@@ -134,7 +134,7 @@ def test_a_damaged_file_is_refused(saved: Path, tmp_path: Path) -> None:
     flipped = bytes([*whole[:middle], whole[middle] ^ 255, *whole[middle + 1 :]])
     for damaged in (b"", b"no zip", whole[:middle], flipped):
         bad.write_bytes(damaged)
-        with pytest.raises(pp.errors.InvalidInput, match="damaged or no file of a prepared skin"):
+        with pytest.raises(pp.errors.InvalidInput, match="damaged, or is not a file of a prepared skin"):
             skin_of().load_prepared(bad)
     for header in ([], {"format": 1}, {"format": 1, "about": {}, "entries": {"x": 1}}):
         with bad.open("wb") as file:
