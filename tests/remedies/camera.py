@@ -190,7 +190,7 @@ REMEDIES = [
         VIEW.described(),
         right=lambda v: np.allclose(v.homography, VIEW.homography),
     ),
-    value("a picture must hold 8 or 16 bit grey levels", grey, picture() + 0j, picture()),
+    value("a picture must hold uint8, uint16, float32 or float64", grey, picture() + 0j, picture()),
     value("a picture must have shape (rows, columns) or (rows, columns, 3)", grey, picture()[0], picture()),
     # sources
     value(

@@ -189,7 +189,7 @@ REMEDIES = [
         right=lambda r: len(r.readings) > 200 and np.allclose(r.readings[-1], PRESS, rtol=1e-6),
     ),
     Remedy(
-        "--drop-missing is for skins of one plane",
+        "--drop-missing works only for skins with one plane",
         command("reconstruct two.nc --skin two.toml --drop-missing --out t.nc"),
         command("track two.nc --skin two.toml"),
         given=two_with_gaps,

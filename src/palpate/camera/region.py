@@ -114,11 +114,11 @@ class Region:
         return np.asarray(far[1:-1, 1:-1], dtype=np.float32)
 
     def within(self, reach: float) -> npt.NDArray[np.bool_]:
-        """Mask of pixels (row, column) at least ``reach`` inside the region's edge."""
+        """Mask of pixels (row, column) more than ``reach`` inside the region's edge."""
         return self._inwards > reach
 
     def holds(self, positions: npt.ArrayLike, reach: float) -> npt.NDArray[np.bool_]:
-        """Whether places (n, 2) [pixels] lie at least ``reach`` inside its edge."""
+        """Whether places (n, 2) [pixels] lie more than ``reach`` inside its edge."""
         at = np.rint(np.asarray(positions, dtype=np.float64).reshape(-1, 2)).astype(np.intp)
         column, row = np.clip(at, 0, np.array(self.mask.shape[::-1]) - 1).T
         return np.asarray(self.within(reach)[row, column])

@@ -262,7 +262,7 @@ def _without_missing(skin: Skin, recording: OpenRecording) -> Skin:
         )
     if len(skin.planes) != 1:
         raise InvalidInput(
-            "--drop-missing is for skins of one plane: palpate track uses the readings that each frame has."
+            "--drop-missing works only for skins with one plane of taxels. Use palpate track, which uses the readings that each frame has."
         )
     typer.echo(f"left out {int(missing.sum())} of {missing.size} taxels with missing readings", err=True)
     return skin.masked(~missing)

@@ -125,8 +125,8 @@ class Responses:
         return out
 
     def elongated(self, center: Floats, radius: float, axis: int) -> Floats:
-        """Return the change of the traction of unit force if the contact is elongated along an axis: its second
-        derivative (*cell).
+        """Return the second derivative (*cell) of the traction of unit force with respect to the contact's place along
+        an axis: the direction in which it changes if the contact is elongated.
         """
         move = np.zeros(self.dimensions)
         move[axis] = step = DRAWN * self.length

@@ -193,8 +193,8 @@ def _project(shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Flo
 def _slopes(
     shapes: Shapes, data: Data, shape: str, centers: Floats, radii: Floats, now: _Projected, *, projected: bool = True
 ) -> Floats:
-    """Return the derivatives of the whitened model (x, y, log a of each contact; reading), without the part that
-    forces and offsets explain.
+    """Return the derivatives of the whitened readings with respect to x, y and log radius of each contact (3 per contact,
+    reading); with ``projected`` without the part that forces and offsets can explain.
     """
     cells = []
     steps = []

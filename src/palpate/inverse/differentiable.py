@@ -4,7 +4,8 @@ readings = gains * A(modulus, depth) traction + noise. The traction sought is th
 
     |(gains * A t - readings)/noise|^2 + parameter * sum_c int |grad t_c|^2 / v_c
 
-over all t, or over pressure that only pushes and shear within friction, as `palpate.Tikhonov` and `palpate.Constrained` have it. The formulas are
+with the traction t, its components c, the integral over the surface, and v_c the prior variance of a component relative to pressure (1; for shear within
+friction mu^2/2); over all t, or over pressure that only pushes and shear within friction, as `palpate.Tikhonov` and `palpate.Constrained` have it. The formulas are
 written once, for any array namespace; modulus and depth are relative to those of the skin. In depth A is a polynomial through Chebyshev's points, which
 converges as rho^-count with rho = x + sqrt(x^2 - 1), x = 1/depth_range: to 1e-9 for a range of 20 %.
 """

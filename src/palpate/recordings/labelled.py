@@ -71,7 +71,8 @@ RESULT_ATTRIBUTES = (
     "friction",
     "common_std",
 )
-#: Text fields per frame, stored as codes into a list in an attribute, because Zarr 3 has no stable form of text.
+#: Fields with one text per frame. They are stored as integers, the places in a list of texts in an attribute, because
+#: Zarr 3 has no stable string type.
 _TEXT = ("found_by",)
 
 

@@ -71,7 +71,7 @@ def read_mapped(
         if role not in ("time", "unnamed frame") and table.dated & set(places):
             title = table.titles.names[min(table.dated & set(places))]
             raise InvalidInput(
-                f"{path}: the column {title!r} holds dates or times of day, and {role} is a number; name another column."
+                f"{path}: the column {title!r} holds dates or times of day, but {role} must be a number; name another column for it."
             )
     parts: dict[str, Floats] = {}
     start = 0

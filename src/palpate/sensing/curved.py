@@ -299,7 +299,7 @@ class CurvedGrid(AreaGrid):
 
     @property
     def bends(self) -> bool:
-        """Whether the surface is curved: True, so that its maps are unrolled."""
+        """True: this surface is curved, and its maps are drawn unrolled."""
         return True
 
     @property

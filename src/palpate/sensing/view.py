@@ -53,7 +53,7 @@ def grey(image: npt.ArrayLike) -> npt.NDArray[Any]:
         values = values.astype(np.float32)
     if values.dtype not in (np.uint8, np.uint16, np.float32) or 0 in values.shape:
         raise InvalidInput(
-            f"a picture must hold 8 or 16 bit grey levels, or floats; got {values.dtype} of shape {values.shape}."
+            f"a picture must hold uint8, uint16, float32 or float64, and have pixels; got {values.dtype} of shape {values.shape}."
         )
     if values.ndim == 2:
         return np.ascontiguousarray(values)

@@ -219,7 +219,7 @@ class Offsets:
         return self._largest == 0 or largest <= (1.0 + 2.0 * JUMP) * self._largest
 
     def plausible(self, before: Floats) -> bool:
-        """Whether the offsets changed since ``before`` by no more than a zero may jump."""
+        """Whether each offset changed since ``before`` by less than the assumed size of a jump, `JUMP` of the largest reading."""
         return bool((np.abs(self.mean - before) < JUMP * self._scale).all())
 
     def value(self) -> Floats:

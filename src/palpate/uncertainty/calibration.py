@@ -1,8 +1,9 @@
 """Scale the standard deviations of the model to intervals that contain the truth as often as they state.
 
 The constants are data: ``constants.json`` beside this file, written by ``palpate bench calibration --write``, with the
-population, seed and version of the code that made each entry. One entry serves one method and one case: line or area,
-pressure alone or with shear, the kind of channels, half-space or layers. A case without its own entry uses the nearest
+population, seed and version of the code that made each entry. One entry serves one method and one `Case`: line, area
+with pressure alone, area with shear (with or without channels that separate the two), few or many taxels; the kind of
+channels; half-space or layers. A case without its own entry uses the nearest
 one and says so.
 """
 

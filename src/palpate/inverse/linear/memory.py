@@ -1,4 +1,6 @@
-"""Memory of a spectral decomposition, estimated before any work; errors name an alternative for the same taxels."""
+"""Estimate the memory of a spectral decomposition before it starts. Errors name what would fit: another method, periodic
+ends, a coarser grid or fewer taxels.
+"""
 
 from __future__ import annotations
 

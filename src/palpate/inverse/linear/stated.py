@@ -102,7 +102,9 @@ class InDoubt:
 
 
 def deviations(directions: Floats, traction: Floats, grid: Grid) -> Stated:
-    """Standard deviations of a frame's quantities from the errors of its ``traction`` (component, *surface)."""
+    """Standard deviations of a frame's force, moment, centre and peak. ``directions`` (n, component, *surface) are
+    independent errors of its ``traction`` (component, *surface), each of one standard deviation.
+    """
 
     def size(values: Floats) -> Floats:
         return np.asarray(np.sqrt((values**2).sum(axis=0)))
