@@ -278,7 +278,7 @@ def test_sources_that_cannot_be_meant(tmp_path: Path) -> None:
         open_pictures(RAMP[None], rate=0.0)
     with pytest.raises(pp.InvalidInput, match="shape"):
         open_pictures(RAMP)
-    with pytest.raises(pp.InvalidInput, match="grey levels"):
+    with pytest.raises(pp.InvalidInput, match="uint8, uint16"):
         open_pictures(np.zeros((2, 4, 4), dtype=complex))
 
 
