@@ -1,9 +1,9 @@
 """All numbers and switches of the contact method, each with its reason, in one tree.
 
 A function that decides something takes a `Policy` (or an estimator with a ``policy``) and reads the number from it; no
-other file of `inverse/contact` holds one. `palpate bench ablation` walks the fields: it switches off each part, and
-halves and doubles the numbers marked ``tried``, on contacts that were not used to tune them ("see the table" refers to
-its table). Users choose a method, not these numbers. `numbers` lists them all.
+other file of `inverse/contact` holds one, except `local` and `places`, which are another method. `palpate bench
+ablation` walks the fields: it switches off each part, and halves and doubles the numbers marked ``tried``, on contacts
+that were not used to tune them. Users choose a method, not these numbers. `numbers` lists them all.
 """
 
 from __future__ import annotations
@@ -84,40 +84,47 @@ class Parts:
 class Detection:
     """Limits that decide whether there is contact."""
 
-    evidence: float = number(6.0, "log evidence that contact needs over noise alone: odds of 400 to one", tried=True)
+    evidence: float = number(
+        6.0,
+        "log evidence that contact needs over noise alone, or any explanation over the simplest: odds of 400 to one",
+        tried=True,
+    )
     few_cells: float = number(
         4.0,
-        "log evidence that contact in a few cells needs over noise of any tail: the largest of 400 empty frames was 2.5",
+        "gain of contact in a few cells beyond that of heavy-tailed noise: the largest of 400 empty frames was 2.5",
     )
     patch: float = number(
         15.0,
-        "log evidence that a patch beside a larger one needs: `evidence`, plus the log of a thousand places, plus a margin of 2",
+        "log likelihood (half the squared readings that it causes, in units of the noise) that a patch beside a larger one needs: `evidence`, plus the log of a thousand places, plus 2",
     )
     unexplained: float = number(
         3.0,
-        "largest root mean square of the residual of a push, in units of the noise: ten readings of noise exceed 2 once in a million frames",
+        "largest root mean square of the residual of a push, in units of the noise: ten readings of noise exceed 2 once in 60 000 frames",
     )
-    unexplained_signal: float = number(0.03, "the residual may also be this fraction of the readings (a convention)")
+    unexplained_signal: float = number(
+        0.03, "in a tracker: residual, as a fraction of the readings, that a push may leave beside noise"
+    )
     most_left: float = number(
         0.5, "a contact whose residual is more than this fraction of the readings does not explain them"
     )
     student: float = number(
-        2.0, "degrees of freedom of Student's distribution: about the heaviest tail for which noise still has a scale"
+        2.0,
+        "degrees of freedom of Student's distribution, which stands for heavy-tailed noise: its variance is infinite up to 2",
     )
     stands_out: float = number(
         6.0,
         "a reading may be a small contact if it exceeds the median magnitude of its channel by this factor: 4 standard deviations of Gaussian noise",
     )
-    short_line: int = number(25, "on a line with at most this many taxels, a contact may act on every taxel")
-    short_line_noise: float = number(
-        0.03, "on such a line, the search for the noise level starts at this fraction of the readings"
+    short_line: int = number(
+        25, "on a line with at most this many taxels and without given noise, seek a contact over all taxels"
     )
+    short_line_noise: float = number(0.03, "in this search, the noise starts at this fraction of the readings")
     short_line_left: float = number(
-        0.35, "on such a line, contact explains the readings if its residual is at most this fraction of them"
+        0.35, "in this search, contact explains the readings if its residual is less than this fraction of them"
     )
     few_readings: int = number(
         50,
-        "with at most this many readings, a noise level learned from the frame does not prove that there is no contact; finer models would fit the errors of the pad model (four real skins)",
+        "with at most this many readings, noise learned from the frame does not prove that nothing touches, and a zeroed skin is solved with a discrepancy at once: finer models would fit the errors of the pad (four real skins)",
     )
 
 
@@ -133,7 +140,8 @@ class Explanations:
         "if more than this fraction of the cells above the outermost taxels is loaded (one end of a line, two sides of an area), an offset may explain the load",
     )
     ring: float = number(
-        0.7, "if more than this fraction is loaded, nearly all round, an offset may be hidden even if none was found"
+        0.7,
+        "if more than this fraction is loaded, nearly all round, an explanation may fit any readings, and hide an offset",
     )
     nuisance: float = number(
         4.0, "standard deviations from which a nuisance is significant: once in 16 000 frames without one"
@@ -144,7 +152,7 @@ class Explanations:
     groups: int = number(3, "most groups of taxels with an offset of their own; they are found one after another")
     per_nuisance: float = number(3.0, "gain that each nuisance needs, and that a sign other than push needs")
     largest_nuisance: float = number(
-        0.4, "largest nuisance, as a fraction of the largest reading of its kind: sensors are zeroed"
+        0.4, "largest nuisance, as a fraction of the largest reading of its kind without it: sensors are zeroed"
     )
     smallest_nuisance: float = number(
         0.01,
@@ -154,24 +162,22 @@ class Explanations:
         0.1,
         "try contact that pushes and pulls at once if the residual of one sign is more than this fraction of the readings",
     )
-    structured_chance: float = number(
-        1e-4, "and if noise would leave a residual as regular with at most this probability"
-    )
+    structured_chance: float = number(1e-4, "and if noise leaves as regular a residual with less than this probability")
     everywhere: float = number(
         0.6,
-        "if channels cannot separate pressure from shear, pressure on more than this fraction of the surface is not contact",
+        "if channels cannot separate pressure from shear, reject pressure on more than this fraction of the surface if its residual is more than `structured`",
     )
     half: float = number(
         0.5,
-        "examine residuals from this fraction of the limit (or of the largest one), because an outlier inflates the noise that is used to judge it",
+        "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of less than half the best gain; a line whose ends read less than half of its lowest level has an offset",
     )
     many_taxels: int = number(
         400,
-        "with more taxels, small offsets and offsets of groups are not sought: the search took a third of the time of a frame of 32 x 32 x 3",
+        "an array of this many taxels is large: skip unlikely signs of contact, leave out several outliers at once, and seek no offsets of groups, which took a third of the time of a frame of 32 x 32 x 3",
     )
     bends: float = number(
         0.6,
-        "a push overfits if its degrees of freedom are less than this fraction of the readings: pushes that absorbed an offset of 1 to 10 % had 0.30 to 0.55, wide balls without an offset 0.69 and more",
+        "contact without offsets may overfit if it leaves fewer degrees of freedom than this fraction of the readings: pushes that absorbed an offset of 1 to 10 % left 0.30 to 0.55, wide balls without an offset 0.69 and more",
     )
     same: float = number(0.1, "sizes of nuisances that differ by less than this fraction count as equal")
     followed: int = number(2, "most rivals that are solved to replace a rejected explanation")
@@ -184,7 +190,7 @@ class Fit:
 
     accepted: float = number(0.05, "misfit probability that a replacement needs: one good frame in twenty is below it")
     doubted: float = number(
-        0.1, "below this misfit probability (one good frame in ten), average with a rival whose gain is nearly as large"
+        0.1, "below this misfit probability (one good frame in ten), average with a rival, weighted by its odds"
     )
     shows: float = number(
         4.0,
@@ -198,14 +204,18 @@ class Fit:
     many: int = number(
         4096, "with more readings, the test of each model takes a tenth of a frame: stop at the first model that passes"
     )
-    loud: int = number(1000, "more readings would detect drifts as small as `fit.MODEL_DETAIL`, which are no misfit")
-    prior_weight: float = number(4.0, "number of readings as which the prior of the discrepancy counts")
+    loud: int = number(
+        1000, "with more readings, allow for drifts up to `fit.MODEL_DETAIL`: they would be detected, but are no misfit"
+    )
+    prior_weight: float = number(
+        4.0, "the prior of the discrepancy, and that of a given noise, count as this many readings"
+    )
     shares: tuple[float, ...] = number(
         (0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies to try, in this order, as fractions of the readings"
     )
     faint: float = number(
         3.0,
-        "do not solve with the noise of the zero alone if it is smaller than the smallest discrepancy by more than this factor",
+        "skip solving without discrepancy if the smallest discrepancy is more than this many times the noise of the zero",
     )
 
 
@@ -215,12 +225,12 @@ class Screening:
 
     deviations: float = number(
         6.0,
-        "residual, in robust standard deviations, from which a reading is an outlier: 2e-9 of Gaussian noise",
+        "residual, in standard deviations, from which a reading is an outlier: 2e-9 of Gaussian noise",
         tried=True,
     )
     gross: float = number(
         0.05,
-        "and as a fraction of the largest reading, because uniform cells alone cause errors of a per cent",
+        "and as a fraction of the largest predicted reading: uniform cells alone cause errors of a per cent",
         tried=True,
     )
     broken: float = number(
@@ -232,32 +242,39 @@ class Screening:
     )
     first_noise: float = number(
         0.3,
-        "largest noise to try, as a fraction of the readings: the search goes down from it to the first level that equals its own residual",
+        "largest noise to try, as a fraction of the readings: the search goes down to the first level that equals its own residual",
     )
     rounds: int = number(10, "most rounds of this search")
-    at_end: int = number(2, "this many neighbours that all read the largest value are saturated")
+    at_end: int = number(
+        2, "this many readings of a channel at its largest or smallest value, each beside another, are saturated"
+    )
     at_end_rounded: int = number(4, "the same for rounded readings, whose peaks may have equal values")
     steps: int = number(4096, "readings count as rounded if the largest is at most this many steps: 12 bits")
     dead: float = number(
         0.1, "a reading of zero is dead if the mean of its neighbours is more than this fraction of the largest reading"
     )
     dead_neighbours: float = number(
-        0.25, "and if at most this fraction of the neighbours reads zero: at a threshold of the sensor half of them do"
+        0.25, "and if at most this fraction of the neighbours reads zero: at the edge of a dead band half of them do"
     )
-    neighbours: int = number(3, "this many neighbours with large residuals are a contact and not broken taxels")
-    candidates: int = number(4, "number of readings examined in each round")
-    fewest: int = number(6, "do not look for broken readings if there are fewer readings than this")
+    neighbours: int = number(
+        3, "this many adjacent outliers that exceed the prediction in one direction are contact, not broken taxels"
+    )
+    candidates: int = number(4, "residuals examined in each round, largest first; the largest reading is examined too")
+    fewest: int = number(6, "do not look for broken readings, or for symmetric ones, among fewer readings than this")
     nearly: float = number(
         1.5,
-        "keep a reading if a load above its taxel explains it: the residual with this load is less than this many times the residual without the reading",
+        "keep a reading if, with a load above its taxel, the residual is less than this many times the residual without the reading",
     )
     explained: float = number(
-        0.7, "and if that load explains at least this fraction of what leaving the reading out explains"
+        0.7,
+        "and if that load lowers the squared residual by at least this fraction of what leaving out the reading does",
     )
-    outermost: float = number(8.0, "an outermost taxel is broken only if it reads more than this many times the others")
+    outermost: float = number(
+        8.0, "an outermost taxel is broken only if it reads more than this many times the largest inner reading"
+    )
     outermost_alone: float = number(
         5.0,
-        "or, on a large array, if its residual exceeds those of its neighbours by this factor: a load beyond the edge gives them a quarter of it",
+        "or, on a large array and not shallow, if its residual exceeds those of its neighbours by this factor: a load beyond the edge gives them a quarter of it",
     )
     alone: float = number(
         4.0, "a reading of more than this many times all others may be broken, whatever a linear model says"
@@ -268,21 +285,23 @@ class Screening:
     window: tuple[int, int] = number(
         (20, 6), "half-width in taxels of a window of a large array, on a line and on an area"
     )
-    window_edge: int = number(3, "a reading nearer to the edge of a window is judged in another window")
+    window_edge: int = number(
+        3, "a reading nearer than this many taxels to an edge inside the array is judged in another window"
+    )
     suspicious: float = number(
         5.0,
-        "difference from the neighbours, in robust standard deviations, from which a reading of a large array is examined",
+        "deviation from the interpolated neighbours, in robust standard deviations, from which a reading of a large array is examined",
     )
-    suspicious_alone: float = number(1.5, "and this many times the same difference of readings a little farther away")
-    windows: int = number(24, "most windows in a round; the readings with the largest differences come first")
+    suspicious_alone: float = number(1.5, "and this many times the largest deviation three or four taxels away")
+    windows: int = number(24, "most windows in a round, largest deviations first")
     window_rounds: int = number(3, "rounds of windows: large outliers hide smaller ones until they are removed")
     open_end: float = number(
         0.15,
-        "if more than this fraction of a channel is saturated, the load has no upper bound: below it the intervals of 16 of 16 balls were right",
+        "if this fraction of a channel or more is saturated, the load has no upper bound: below it the intervals of 16 of 16 balls were right",
     )
     excess: float = number(
         0.25,
-        "standard deviation of the excess of saturated readings, relative, divided by `STATED`: two of them double the readings",
+        "saturated readings may be larger by this fraction divided by `STATED` (standard deviation): two of them double the readings",
     )
 
 
@@ -290,27 +309,35 @@ class Screening:
 class Noise:
     """Limits for learning the noise from the frame."""
 
-    fewest: int = number(3, "readings that a channel needs for a noise level of its own")
+    fewest: int = number(
+        3, "readings that a channel needs for a noise level of its own; a constant channel of more is broken"
+    )
     unequal: float = number(
         0.2,
-        "smallest difference of the log misfits of channels for which each gets its own noise",
+        "log of a channel's noise over the common noise, from which each channel gets its own noise",
         tried=True,
         needs="channels",
     )
     unequal_errors: float = number(
-        3.0, "and smallest difference in standard errors: once in 400 frames with equal noise", needs="channels"
+        3.0, "plus this many standard errors: once in 400 frames with equal noise", needs="channels"
     )
     again: float = number(1.2, "estimate the noise again if it changes by more than this factor", tried=True)
     followed: float = number(
         0.05,
         "the linear model fits noise if its noise estimate is less than this fraction of the residual of the contact",
     )
-    turns: int = number(4, "rounds of estimating the noise of each channel and the contact in turn")
+    turns: int = number(
+        4, "rounds of estimating the noise of each channel, or noise given up to a factor, and the contact in turn"
+    )
     turns_of_all: int = number(2, "the same for one noise level of all channels")
-    outlier_rounds: int = number(4, "rounds of removing outliers: large ones hide smaller ones until they are removed")
-    broken_rounds: int = number(2, "the same if a channel is broken")
+    outlier_rounds: int = number(
+        4, "first attempts in which outliers are removed: large ones hide smaller ones until they are removed"
+    )
+    broken_rounds: int = number(2, "first attempts in which readings of dead taxels and channels are filled in again")
     offset_rounds: int = number(2, "rounds of estimating offsets together with the contact")
-    most_offset_rounds: int = number(6, "the same if the offsets still change much")
+    most_offset_rounds: int = number(
+        6, "the same if offsets still change by more than `explanations.nuisance` standard deviations"
+    )
     step: float = number(
         0.3, "rounding is part of the noise if its standard deviation exceeds this fraction of the given noise"
     )
@@ -328,7 +355,8 @@ class Prior:
         needs="shear",
     )
     most_friction: float = number(
-        1.0, "largest friction assumed if it is unknown and the channels cannot separate pressure from shear"
+        1.0,
+        "if friction is unknown and channels cannot separate pressure from shear, limit of friction in half of the models",
     )
     even: float = number(
         1.0 / 3.0,
@@ -336,12 +364,14 @@ class Prior:
         tried=True,
     )
     improbable: float = number(
-        0.01, "models of less probability are not solved: their weight would be below a hundredth"
+        0.01, "a penalty is not solved if its odds to the best one are less: its weight would be below a hundredth"
     )
     least_weight: float = number(
         1e-3, "models of less weight are dropped: they would change the mean by a thousandth of their difference"
     )
-    reach: float = number(1.0 / 3.0, "width of the wide local weights, in depths", tried=True)
+    reach: float = number(
+        1.0 / 3.0, "width (standard deviation) of the wide local mean of squared gradients, in depths", tried=True
+    )
     floor: float = number(
         1e-6,
         "smallest local scale relative to the largest: it limits the condition number in double precision",
@@ -351,18 +381,23 @@ class Prior:
     larger: tuple[float, ...] = number(
         (1.0, 4.0, 16.0, 64.0), "factors to try on the local scales until contact explains the readings"
     )
-    left_more: float = number(4.0, "standard deviations by which a residual may be larger by chance")
+    left_more: float = number(
+        4.0,
+        "local weights may leave a squared residual larger than the first model's by this, or by d + this times sqrt(d), where d are the degrees of freedom that the first model uses",
+    )
     ends: float = number(
-        0.2, "weight of a contact that ends on the surface: its objective differs by a nat or less", tried=True
+        0.2,
+        "if contact crosses the edge of the surface, weight of models that end there: the objectives differ by a nat or less",
+        tried=True,
     )
-    slides: float = number(
-        0.03, "a sliding model, or one with free shear, of less probability is not solved", tried=True, needs="friction"
-    )
+    slides: float = number(0.03, "a way of sliding of less probability is not solved", tried=True, needs="friction")
     jointly: int = number(
         4, "rounds of estimating the ratio of shear to pressure and the pressure in turn", tried=True, needs="friction"
     )
     sliding_unknowns: int = number(
-        450, "number of unknowns in a block when a large contact is tested for sliding", needs="friction"
+        450,
+        "to test a large contact for sliding, join its cells into blocks with at most this many unknowns in all",
+        needs="friction",
     )
 
 
@@ -394,23 +429,26 @@ class Extent:
         0.05,
         "cells with less than this fraction of the peak pressure are not contact; the error bars of a tracker are calibrated with this value",
     )
-    margin: int = number(2, "number of cells around a contact that are solved with it")
+    margin: int = number(2, "number of cells around a contact that are solved with it, except by the adaptive method")
     trim: float = number(
         2.5,
-        "pressure below this many times the noise-to-signal ratio is noise: 1.2 % of Gaussian noise exceeds it",
+        "pressure is noise if its fraction of the peak is below this many times noise over the largest reading: 1.2 % of Gaussian noise exceeds it",
         tried=True,
     )
     quiet: float = number(
         1e-3, "cells below this fraction of the largest local scale and of the peak are outside the contact", tried=True
     )
-    noisy: float = number(0.3, "the same limit for noisy frames: this many times the noise-to-signal ratio", tried=True)
+    noisy: float = number(
+        0.3, "for noisy frames, the limit of the peak is this many times noise over the largest reading", tried=True
+    )
     most_quiet: float = number(0.03, "upper limit of that fraction: less than `faint`")
     at_edge: float = number(
         0.3,
         "if traction at the outermost taxels exceeds this fraction of the largest, contact may continue beyond them",
     )
     goes_on: float = number(
-        0.5, "if traction outside them exceeds this fraction, contact continues there, and nothing shows how far"
+        0.5,
+        "if traction beyond them exceeds this fraction, contact crosses the edge; if pressure above all of them reaches it, the load has no bound",
     )
 
 
@@ -425,11 +463,13 @@ class Discs:
         0.8, "if more than this fraction of the weight is at the largest radius, the contact is larger than a disc"
     )
     taxels: tuple[float, float] = number(
-        (3.0, 6.0), "a contact is small if at most this many taxels read half of the peak or more (line, area)"
+        (3.0, 6.0),
+        "a contact is small if pressure above half its peak covers at most the area of this many taxels (line, area)",
     )
     drawn: int = number(8, "discs that become models")
     detail: float = number(
-        0.015, "accuracy of a disc as a fraction of the largest reading: real contacts have other edges"
+        0.015,
+        "if noise is not given: accuracy of a disc as a fraction of the largest reading, because real contacts have other edges",
     )
     least: float = number(
         0.02,
@@ -440,7 +480,7 @@ class Discs:
         2.0,
         "discs are rejected if their residual exceeds the larger of the noise and the residual of a smooth field by this factor",
     )
-    cells: int = number(4000, "most cells for which places are searched")
+    cells: int = number(4000, "with more cells than this, discs are not tried")
     places: int = number(200, "number of places, the best for the third radius, at which all radii are tried")
     best: int = number(24, "number of best discs around which places between cells are tried")
     steps: int = number(3, "interpolation steps per cell on either side")
@@ -457,10 +497,13 @@ class Rims:
     """Limits for pull around a contact."""
 
     sought: float = number(
-        0.2, "misfit probability below which a rim is tried if the noise may have been learned from the pull"
+        0.2,
+        "misfit probability below which a rim is tried if noise was not given, because it may have been learned from the pull",
     )
-    evident: float = number(12.0, "gain that a rim needs in that case: real rims gain 17 to 500, others 11 or less")
-    margin: float = number(0.5, "largest width of a rim as a fraction of the contact's radius")
+    evident: float = number(
+        12.0, "gain that a rim needs between `fit.accepted` and `sought`: real rims gain 17 to 500, others 11 or less"
+    )
+    margin: float = number(0.5, "largest width of a rim as a fraction of the contact's radius, plus one cell")
     unknowns: int = number(1500, "most unknowns of a contact with a rim: without bounds all of them are solved for")
     cancel: float = number(
         3.0,
@@ -478,11 +521,11 @@ class Errors:
     )
     sums_at_size: float = number(
         1.25,
-        "factor on the standard deviations of forces of such contacts: in 12 frames of 128 x 128, errors were 1.2 standard deviations",
+        "factor on the standard deviations of force, moment and centre of such contacts: in 12 frames of 128 x 128, errors were 1.2 standard deviations",
     )
     beyond: float = number(
         0.5,
-        "standard deviation of the load outside the outermost taxels, as a fraction of the possible load: two of them cover all of it",
+        "fraction of the possible load outside the outermost taxels that, divided by `STATED`, is its standard deviation in the errors of moment and centre: two of them cover all of it",
     )
     much: float = number(
         0.1, "note if this fraction of the load rests on one taxel, lies outside the array, or may be drift"
@@ -494,23 +537,26 @@ class Errors:
         4.0, "standard deviations from which a reading, or the sum of squares of many, is more than noise"
     )
     beside: float = number(1.5, "taxels within this many pitches are neighbours, diagonal ones included")
-    even_press: float = number(0.2, "an even press explains offsets if its residual is less than this fraction of them")
+    even_press: float = number(
+        0.2,
+        "an even press explains offsets if its residual is less than this fraction of them; components above it have no bound",
+    )
     hidden_drift: float = number(
         0.1,
         "standard deviation of an offset that a loaded edge hides, and of drift of displacements, as a fraction of the largest reading: two of them are half of `largest_nuisance`",
     )
     ambiguous_force: float = number(
         0.05,
-        "relative error of the normal force if channels cannot separate pressure from shear: 1.86 to 1.95 N were found for 2 N (in_plane.md)",
+        "least relative error of the normal force if channels cannot separate pressure from shear: 1 to 4 % at 0.5 mm depth (docs/_generated/in_plane.md)",
     )
-    ambiguous_coupled: float = number(0.02, "the same if friction is given: errors of 1 to 3 %")
+    ambiguous_coupled: float = number(0.02, "the same if friction is given: 1 to 2 % there")
     ambiguous_shear: float = number(
         0.005,
         "error of the shear force in that case, as a fraction of the normal force: 0.1 to 0.8 % was found without shear",
     )
     ambiguous_peak: float = number(
         0.035,
-        "relative error of the peak in that case, times 1/a - 1/`ambiguous_shape`, where a is the effect of pressure over that of shear",
+        "in that case, the relative error of the peak is this times 1/a - 1/`ambiguous_shape`, half of it if friction is given; a is the effect of pressure over that of shear",
     )
     ambiguous_shape: float = number(
         0.2,
@@ -532,19 +578,26 @@ class Work:
     second_order: int = number(
         4096, "most readings for which the second derivative is tried: its spectrum doubles the cost"
     )
-    hold: int = number(4096, "with more readings, the data alone determine where contact is")
+    hold: int = number(
+        4096, "with more readings, local weights are not tested: the data alone determine where contact is"
+    )
     likely: float = number(0.15, "start with the cells above this fraction of the linear solution's peak: saves time")
     cell_rounds: int = number(12, "rounds of adding cells")
-    few_cells: float = number(0.02, "stop adding cells if fewer than this fraction of the cells are missing")
+    few_cells: float = number(
+        0.02, "stop adding cells if those missing are next to the others and at most this fraction of them"
+    )
     entries: int = number(
-        2_000_000, "most entries of the columns of all cells in the search for contact in a few cells"
+        2_000_000, "search all cells for contact in a few cells if their columns have at most this many entries"
     )
-    nearest: int = number(9, "otherwise search at least this many cells nearest to the largest reading")
+    nearest: int = number(
+        9, "otherwise only those nearest to the largest residual that these entries allow, but at least this many"
+    )
     finest: int = number(
-        10_000, "most cells for which this search uses cells of half the size, to place the load within a cell"
+        10_000,
+        "use cells of half the size for this search, to place the load within a cell, if they are at most this many",
     )
-    blocks: int = number(32, "blocks that are multiplied together")
-    trace: float = number(1e-6, "noise added to noise-free readings, as a fraction of each")
+    blocks: int = number(32, "blocks (`prior.sliding_unknowns`) whose products are computed together")
+    trace: float = number(1e-6, "noise added to readings if every channel is constant, as a fraction of each")
 
 
 @dataclass(frozen=True, kw_only=True)
