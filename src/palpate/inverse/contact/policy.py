@@ -1,9 +1,9 @@
 """All numbers and switches of the contact method, each with its reason, in one tree.
 
 A function that decides something takes a `Policy` (or an estimator with a ``policy``) and reads the number from it; no
-other file of `inverse/contact` holds one. `palpate bench ablation` walks the fields: it switches off each part, and
-halves and doubles the numbers marked ``tried``, on contacts that were not used to tune them ("see the table" refers to
-its table). Users choose a method, not these numbers. `numbers` lists them all.
+other file of `inverse/contact` holds one, except `local` and `places`, which are another method. `palpate bench
+ablation` walks the fields: it switches off each part, and halves and doubles the numbers marked ``tried``, on contacts
+that were not used to tune them. Users choose a method, not these numbers. `numbers` lists them all.
 """
 
 from __future__ import annotations
@@ -84,40 +84,41 @@ class Parts:
 class Detection:
     """Limits that decide whether there is contact."""
 
-    evidence: float = number(6.0, "log evidence that contact needs over noise alone: odds of 400 to one", tried=True)
+    evidence: float = number(
+        6.0,
+        "log evidence for contact over noise, or for an explanation over the simplest: odds of 400 to one",
+        tried=True,
+    )
     few_cells: float = number(
-        4.0,
-        "log evidence that contact in a few cells needs over noise of any tail: the largest of 400 empty frames was 2.5",
+        4.0, "gain over heavy-tailed noise that contact in a few cells needs: the largest of 400 empty frames was 2.5"
     )
     patch: float = number(
         15.0,
-        "log evidence that a patch beside a larger one needs: `evidence`, plus the log of a thousand places, plus a margin of 2",
+        "log likelihood (half the squared readings that it causes, in units of the noise) that a patch beside a larger one needs: `evidence`, plus the log of a thousand places, plus 2",
     )
     unexplained: float = number(
         3.0,
-        "largest root mean square of the residual of a push, in units of the noise: ten readings of noise exceed 2 once in a million frames",
+        "largest root mean square of the residual of a push, in units of the noise: ten readings of noise exceed 2 once in 60 000 frames",
     )
-    unexplained_signal: float = number(0.03, "the residual may also be this fraction of the readings (a convention)")
-    most_left: float = number(
-        0.5, "a contact whose residual is more than this fraction of the readings does not explain them"
+    unexplained_signal: float = number(
+        0.03, "fraction of the readings that a push may leave in a tracker, beside noise"
     )
+    most_left: float = number(0.5, "contact with a residual above this fraction of the readings does not explain them")
     student: float = number(
-        2.0, "degrees of freedom of Student's distribution: about the heaviest tail for which noise still has a scale"
+        2.0, "degrees of freedom of Student's distribution for heavy-tailed noise; up to 2, variance is infinite"
     )
     stands_out: float = number(
         6.0,
         "a reading may be a small contact if it exceeds the median magnitude of its channel by this factor: 4 standard deviations of Gaussian noise",
     )
-    short_line: int = number(25, "on a line with at most this many taxels, a contact may act on every taxel")
-    short_line_noise: float = number(
-        0.03, "on such a line, the search for the noise level starts at this fraction of the readings"
-    )
+    short_line: int = number(25, "if noise is unknown, try contact over all taxels of a line with at most this many")
+    short_line_noise: float = number(0.03, "in this search, the noise starts at this fraction of the readings")
     short_line_left: float = number(
-        0.35, "on such a line, contact explains the readings if its residual is at most this fraction of them"
+        0.35, "such a contact explains the readings if its residual is below this fraction of them"
     )
     few_readings: int = number(
         50,
-        "with at most this many readings, a noise level learned from the frame does not prove that there is no contact; finer models would fit the errors of the pad model (four real skins)",
+        "with at most this many readings, noise learned from the frame does not prove that nothing touches, and a zeroed skin is solved with a discrepancy at once: finer models would fit the errors of the pad (four real skins)",
     )
 
 
@@ -132,46 +133,40 @@ class Explanations:
         0.4,
         "if more than this fraction of the cells above the outermost taxels is loaded (one end of a line, two sides of an area), an offset may explain the load",
     )
-    ring: float = number(
-        0.7, "if more than this fraction is loaded, nearly all round, an offset may be hidden even if none was found"
-    )
+    ring: float = number(0.7, "above this fraction, nearly all round, contact may fit any readings and hide an offset")
     nuisance: float = number(
         4.0, "standard deviations from which a nuisance is significant: once in 16 000 frames without one"
     )
     nuisance_rounds: int = number(
-        12, "most rounds of solving nuisances and contact in turn: three suffice, or ten if both are hard to separate"
+        12, "most rounds of solving nuisances and contact in turn: three suffice, or ten if hard to separate"
     )
     groups: int = number(3, "most groups of taxels with an offset of their own; they are found one after another")
     per_nuisance: float = number(3.0, "gain that each nuisance needs, and that a sign other than push needs")
     largest_nuisance: float = number(
-        0.4, "largest nuisance, as a fraction of the largest reading of its kind: sensors are zeroed"
+        0.4, "largest nuisance over the largest reading of its kind without it: sensors are zeroed"
     )
     smallest_nuisance: float = number(
-        0.01,
-        "smallest nuisance, as a fraction of the largest reading: five times `fit.MODEL_DETAIL`, the accuracy of the model",
+        0.01, "smallest nuisance over the largest reading: five times `inverse.fit.MODEL_DETAIL`, the model's accuracy"
     )
     structured: float = number(
-        0.1,
-        "try contact that pushes and pulls at once if the residual of one sign is more than this fraction of the readings",
+        0.1, "try contact that pushes and pulls if the residual of one sign is above this fraction of the readings"
     )
-    structured_chance: float = number(
-        1e-4, "and if noise would leave a residual as regular with at most this probability"
-    )
+    structured_chance: float = number(1e-4, "and if noise leaves as regular a residual with less than this probability")
     everywhere: float = number(
         0.6,
-        "if channels cannot separate pressure from shear, pressure on more than this fraction of the surface is not contact",
+        "if channels cannot separate pressure from shear, reject pressure on more than this fraction of the surface if its residual is more than `structured`",
     )
     half: float = number(
         0.5,
-        "examine residuals from this fraction of the limit (or of the largest one), because an outlier inflates the noise that is used to judge it",
+        "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of contact with less than half the best gain; a line whose ends read less than half of its lowest level may have an offset",
     )
     many_taxels: int = number(
         400,
-        "with more taxels, small offsets and offsets of groups are not sought: the search took a third of the time of a frame of 32 x 32 x 3",
+        "an array of this many taxels is large: skip unlikely signs of contact, leave out several outliers at once, and seek no offsets of groups, which took a third of the time of a frame of 32 x 32 x 3",
     )
     bends: float = number(
         0.6,
-        "a push overfits if its degrees of freedom are less than this fraction of the readings: pushes that absorbed an offset of 1 to 10 % had 0.30 to 0.55, wide balls without an offset 0.69 and more",
+        "contact without offsets may overfit if it leaves fewer degrees of freedom than this fraction of the readings: pushes that absorbed an offset of 1 to 10 % left 0.30 to 0.55, wide balls without an offset 0.69 and more",
     )
     same: float = number(0.1, "sizes of nuisances that differ by less than this fraction count as equal")
     followed: int = number(2, "most rivals that are solved to replace a rejected explanation")
@@ -184,28 +179,25 @@ class Fit:
 
     accepted: float = number(0.05, "misfit probability that a replacement needs: one good frame in twenty is below it")
     doubted: float = number(
-        0.1, "below this misfit probability (one good frame in ten), average with a rival whose gain is nearly as large"
+        0.1, "below this misfit probability (one good frame in ten), average with a rival, weighted by odds"
     )
     shows: float = number(
-        4.0,
-        "log likelihood ratio from which a residual proportional to the readings is significant: one clean frame in 400",
+        4.0, "log likelihood ratio from which a residual is proportional to the readings: one clean frame in 400"
     )
     told: float = number(
-        1e-6,
-        "drop a direction of drift if contact explains all but this fraction of its square: the residual says nothing about it",
+        1e-6, "drop a drift if contact explains all but this fraction of its square: the residual does not show it"
     )
     told_at_size: float = number(2e-5, "the same for large contacts, whose solutions are less accurate")
-    many: int = number(
-        4096, "with more readings, the test of each model takes a tenth of a frame: stop at the first model that passes"
+    many: int = number(4096, "with more readings, tests take a tenth of a frame: stop at the first that passes")
+    loud: int = number(
+        1000, "with more readings, allow drifts up to `inverse.fit.MODEL_DETAIL` of the largest: they are no misfit"
     )
-    loud: int = number(1000, "more readings would detect drifts as small as `fit.MODEL_DETAIL`, which are no misfit")
-    prior_weight: float = number(4.0, "number of readings as which the prior of the discrepancy counts")
+    prior_weight: float = number(4.0, "readings for which the prior of the discrepancy, or of a given noise, counts")
     shares: tuple[float, ...] = number(
-        (0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies to try, in this order, as fractions of the readings"
+        (0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies to try in this order, as fractions of the readings"
     )
     faint: float = number(
-        3.0,
-        "do not solve with the noise of the zero alone if it is smaller than the smallest discrepancy by more than this factor",
+        3.0, "skip solving without discrepancy if the smallest is more than this many times the noise of the zero"
     )
 
 
@@ -214,75 +206,57 @@ class Screening:
     """Limits for broken readings, saturation and outliers."""
 
     deviations: float = number(
-        6.0,
-        "residual, in robust standard deviations, from which a reading is an outlier: 2e-9 of Gaussian noise",
-        tried=True,
+        6.0, "residual from which a reading is an outlier, in standard deviations: 2e-9 of Gaussian noise", tried=True
     )
     gross: float = number(
-        0.05,
-        "and as a fraction of the largest reading, because uniform cells alone cause errors of a per cent",
-        tried=True,
+        0.05, "and as a fraction of the largest prediction: uniform cells alone cause errors of a per cent", tried=True
     )
-    broken: float = number(
-        8.0,
-        "log evidence that leaving out a reading needs, beyond the log of the number of readings: odds of 3000 to one",
-    )
-    most: float = number(
-        0.2, "largest fraction of the readings that may be left out: if there are more, the contact is wrong"
-    )
+    broken: float = number(8.0, "log evidence for leaving out one of n readings, beyond log n: odds of 3000 to one")
+    most: float = number(0.2, "largest fraction of the readings to leave out: beyond it the contact is wrong")
     first_noise: float = number(
-        0.3,
-        "largest noise to try, as a fraction of the readings: the search goes down from it to the first level that equals its own residual",
+        0.3, "largest noise to try, as a fraction of the readings: go down to the first that equals its residual"
     )
     rounds: int = number(10, "most rounds of this search")
-    at_end: int = number(2, "this many neighbours that all read the largest value are saturated")
+    at_end: int = number(2, "this many readings at an end of a channel's values, side by side, are saturated")
     at_end_rounded: int = number(4, "the same for rounded readings, whose peaks may have equal values")
     steps: int = number(4096, "readings count as rounded if the largest is at most this many steps: 12 bits")
-    dead: float = number(
-        0.1, "a reading of zero is dead if the mean of its neighbours is more than this fraction of the largest reading"
-    )
+    dead: float = number(0.1, "a zero reading is dead if its neighbours' mean is above this fraction of the largest")
     dead_neighbours: float = number(
-        0.25, "and if at most this fraction of the neighbours reads zero: at a threshold of the sensor half of them do"
+        0.25, "and at most this fraction of them is zero: beside a dead band half of them are"
     )
-    neighbours: int = number(3, "this many neighbours with large residuals are a contact and not broken taxels")
-    candidates: int = number(4, "number of readings examined in each round")
-    fewest: int = number(6, "do not look for broken readings if there are fewer readings than this")
+    neighbours: int = number(3, "this many adjacent outliers that exceed the prediction in one direction are contact")
+    candidates: int = number(4, "residuals examined in each round, largest first; the largest reading is examined too")
+    fewest: int = number(6, "do not look for broken readings, or for symmetry, among fewer readings than this")
     nearly: float = number(
-        1.5,
-        "keep a reading if a load above its taxel explains it: the residual with this load is less than this many times the residual without the reading",
+        1.5, "a reading is not broken if a load above its taxel leaves less than this times what removing it leaves"
     )
     explained: float = number(
-        0.7, "and if that load explains at least this fraction of what leaving the reading out explains"
+        0.7, "and if that load lowers the squared residual by this fraction of what removing the reading does"
     )
-    outermost: float = number(8.0, "an outermost taxel is broken only if it reads more than this many times the others")
+    outermost: float = number(
+        8.0, "an outermost taxel is broken only if it reads this many times the largest inner one"
+    )
     outermost_alone: float = number(
         5.0,
-        "or, on a large array, if its residual exceeds those of its neighbours by this factor: a load beyond the edge gives them a quarter of it",
+        "or, on a large array and not shallow, if its residual exceeds those of its neighbours by this factor: a load beyond the edge gives them a quarter of it",
     )
-    alone: float = number(
-        4.0, "a reading of more than this many times all others may be broken, whatever a linear model says"
-    )
-    shallow: float = number(
-        0.6, "taxels of less than this depth, in pitches, hardly respond to loads on their neighbours"
-    )
-    window: tuple[int, int] = number(
-        (20, 6), "half-width in taxels of a window of a large array, on a line and on an area"
-    )
-    window_edge: int = number(3, "a reading nearer to the edge of a window is judged in another window")
+    alone: float = number(4.0, "a reading this many times all others may be broken, whatever a linear model says")
+    shallow: float = number(0.6, "taxels of less depth than this, in pitches, hardly feel loads on their neighbours")
+    window: tuple[int, int] = number((20, 6), "half-width in taxels of a window of a large array (line, area)")
+    window_edge: int = number(3, "a reading less than this many taxels from an inner edge is judged in another window")
     suspicious: float = number(
-        5.0,
-        "difference from the neighbours, in robust standard deviations, from which a reading of a large array is examined",
+        5.0, "deviation from interpolated neighbours, in robust standard deviations, from which to examine a reading"
     )
-    suspicious_alone: float = number(1.5, "and this many times the same difference of readings a little farther away")
-    windows: int = number(24, "most windows in a round; the readings with the largest differences come first")
+    suspicious_alone: float = number(1.5, "and this many times the largest deviation three or four taxels away")
+    windows: int = number(24, "most windows in a round, largest deviations first")
     window_rounds: int = number(3, "rounds of windows: large outliers hide smaller ones until they are removed")
     open_end: float = number(
         0.15,
-        "if more than this fraction of a channel is saturated, the load has no upper bound: below it the intervals of 16 of 16 balls were right",
+        "if this fraction of a channel is saturated, the load has no upper bound; below it the intervals of 16 of 16 balls were right",
     )
     excess: float = number(
         0.25,
-        "standard deviation of the excess of saturated readings, relative, divided by `STATED`: two of them double the readings",
+        "this over `STATED` is the relative standard deviation of the excess of saturated readings: two double them",
     )
 
 
@@ -290,30 +264,33 @@ class Screening:
 class Noise:
     """Limits for learning the noise from the frame."""
 
-    fewest: int = number(3, "readings that a channel needs for a noise level of its own")
+    fewest: int = number(3, "readings that a channel needs for its own noise; a constant channel of more is broken")
     unequal: float = number(
         0.2,
-        "smallest difference of the log misfits of channels for which each gets its own noise",
+        "log of a channel's noise over the common noise, from which it gets its own level",
         tried=True,
         needs="channels",
     )
     unequal_errors: float = number(
-        3.0, "and smallest difference in standard errors: once in 400 frames with equal noise", needs="channels"
+        3.0, "plus this many standard errors: once in 400 channels with equal noise", needs="channels"
     )
     again: float = number(1.2, "estimate the noise again if it changes by more than this factor", tried=True)
     followed: float = number(
-        0.05,
-        "the linear model fits noise if its noise estimate is less than this fraction of the residual of the contact",
+        0.05, "the linear model fits noise if its noise is less than this fraction of the contact's residual"
     )
-    turns: int = number(4, "rounds of estimating the noise of each channel and the contact in turn")
+    turns: int = number(4, "rounds of contact and noise in turn, for noise of each channel or given up to a factor")
     turns_of_all: int = number(2, "the same for one noise level of all channels")
-    outlier_rounds: int = number(4, "rounds of removing outliers: large ones hide smaller ones until they are removed")
-    broken_rounds: int = number(2, "the same if a channel is broken")
-    offset_rounds: int = number(2, "rounds of estimating offsets together with the contact")
-    most_offset_rounds: int = number(6, "the same if the offsets still change much")
-    step: float = number(
-        0.3, "rounding is part of the noise if its standard deviation exceeds this fraction of the given noise"
+    outlier_rounds: int = number(
+        4, "number of first attempts in which outliers are removed: large ones hide smaller ones"
     )
+    broken_rounds: int = number(
+        2, "number of first attempts in which readings of dead taxels and channels are filled in again"
+    )
+    offset_rounds: int = number(2, "rounds of estimating offsets together with the contact")
+    most_offset_rounds: int = number(
+        6, "the same if they change by more than `explanations.nuisance` standard deviations"
+    )
+    step: float = number(0.3, "rounding is noise if its standard deviation is above this fraction of the given noise")
     attempts: int = number(10, "most rounds of all these steps together; each has its own limit")
 
 
@@ -322,47 +299,45 @@ class Prior:
     """Penalties, and the models that are weighted."""
 
     shear: float = number(
-        0.7,
-        "assumed ratio of shear to pressure if friction is unknown: about that of rubber",
-        tried=True,
-        needs="shear",
+        0.7, "assumed ratio of shear to pressure if friction is unknown: about rubber's", tried=True, needs="shear"
     )
     most_friction: float = number(
-        1.0, "largest friction assumed if it is unknown and the channels cannot separate pressure from shear"
+        1.0, "limit of friction in half of the models, if unknown and channels cannot tell shear from pressure"
     )
     even: float = number(
         1.0 / 3.0,
-        "weight of the model with an even penalty; local weights have the rest, because neither is known to be better",
+        "weight of the even penalty; local weights have the rest, because neither is known to be better",
         tried=True,
     )
     improbable: float = number(
-        0.01, "models of less probability are not solved: their weight would be below a hundredth"
+        0.01, "a penalty whose odds to the best are below this is not solved: its weight would be below a hundredth"
     )
     least_weight: float = number(
-        1e-3, "models of less weight are dropped: they would change the mean by a thousandth of their difference"
+        1e-3, "drop models of less weight: they move the mean by a thousandth of their difference"
     )
-    reach: float = number(1.0 / 3.0, "width of the wide local weights, in depths", tried=True)
+    reach: float = number(1.0 / 3.0, "width of the wide local mean of squared gradients, in depths", tried=True)
     floor: float = number(
-        1e-6,
-        "smallest local scale relative to the largest: it limits the condition number in double precision",
-        tried=True,
+        1e-6, "smallest over largest local scale: it limits the condition number in double precision", tried=True
     )
     rounds: int = number(4, "rounds of estimating the local weights: each lowers the objective", tried=True)
     larger: tuple[float, ...] = number(
         (1.0, 4.0, 16.0, 64.0), "factors to try on the local scales until contact explains the readings"
     )
-    left_more: float = number(4.0, "standard deviations by which a residual may be larger by chance")
+    left_more: float = number(
+        4.0,
+        "local weights may leave a squared residual larger than the first model's by this, or by d + this times sqrt(d), where d are the degrees of freedom that the first model uses",
+    )
     ends: float = number(
-        0.2, "weight of a contact that ends on the surface: its objective differs by a nat or less", tried=True
+        0.2,
+        "weight of models that end at the surface's edge, if contact crosses it: objectives differ by a nat or less",
+        tried=True,
     )
-    slides: float = number(
-        0.03, "a sliding model, or one with free shear, of less probability is not solved", tried=True, needs="friction"
-    )
+    slides: float = number(0.03, "a way of sliding of less probability is not solved", tried=True, needs="friction")
     jointly: int = number(
-        4, "rounds of estimating the ratio of shear to pressure and the pressure in turn", tried=True, needs="friction"
+        4, "rounds of estimating the pressure, and the ratio of shear to it, in turn", tried=True, needs="friction"
     )
     sliding_unknowns: int = number(
-        450, "number of unknowns in a block when a large contact is tested for sliding", needs="friction"
+        450, "most unknowns in all when a large contact is joined into blocks to test for sliding", needs="friction"
     )
 
 
@@ -373,15 +348,12 @@ class Grid:
     line: tuple[int, int] = number((5, 3), "fine cells per surface cell on a line, from low to high noise")
     area: tuple[int, int, int] = number((3, 2, 1), "the same per axis on an area")
     spacing: float = number(
-        1.75, "use finer cells if there are fewer taxels per axis and degree of freedom than this", tried=True
+        1.75, "use finer cells below this number of taxels per axis and degree of freedom", tried=True
     )
-    fine_spacing: float = number(
-        1.2, "the same for the finest cells on an area: the data then determine the cell of every taxel"
-    )
+    fine_spacing: float = number(1.2, "the same for the finest cells on an area: data determine the cell of each taxel")
     unknowns: int = number(4000, "most unknowns for finer cells: a factorisation of 4000 takes a second")
     unknowns_per_reading: float = number(
-        24.0,
-        "most unknowns per reading for finer cells: with 34 a frame of 6 x 6 x 3 took 1.4 to 13 s and had the same error",
+        24.0, "and per reading: with 34 a frame of 6 x 6 x 3 took 1.4 to 13 s and had the same error"
     )
     few_unknowns: int = number(1500, "the limit per reading is not applied below this number of unknowns")
 
@@ -391,26 +363,27 @@ class Extent:
     """Limits that decide which cells are in contact."""
 
     faint: float = number(
-        0.05,
-        "cells with less than this fraction of the peak pressure are not contact; the error bars of a tracker are calibrated with this value",
+        0.05, "cells below this fraction of the peak pressure are not contact; a tracker's error bars depend on it"
     )
-    margin: int = number(2, "number of cells around a contact that are solved with it")
+    margin: int = number(2, "number of cells around a contact that are solved with it, except by the adaptive method")
     trim: float = number(
         2.5,
-        "pressure below this many times the noise-to-signal ratio is noise: 1.2 % of Gaussian noise exceeds it",
+        "fraction of the peak below which pressure is noise, times the largest reading in units of the noise: 1.2 % of Gaussian noise exceeds it",
         tried=True,
     )
     quiet: float = number(
         1e-3, "cells below this fraction of the largest local scale and of the peak are outside the contact", tried=True
     )
-    noisy: float = number(0.3, "the same limit for noisy frames: this many times the noise-to-signal ratio", tried=True)
+    noisy: float = number(
+        0.3, "for noisy frames: that fraction of the peak, times the largest reading in units of the noise", tried=True
+    )
     most_quiet: float = number(0.03, "upper limit of that fraction: less than `faint`")
     at_edge: float = number(
-        0.3,
-        "if traction at the outermost taxels exceeds this fraction of the largest, contact may continue beyond them",
+        0.3, "if traction at the outermost taxels is above this fraction of the largest, contact may go on beyond"
     )
     goes_on: float = number(
-        0.5, "if traction outside them exceeds this fraction, contact continues there, and nothing shows how far"
+        0.5,
+        "if traction beyond them exceeds this fraction, contact crosses the edge; if pressure above all of them reaches it, the load has no bound",
     )
 
 
@@ -421,33 +394,27 @@ class Discs:
     radii: tuple[float, ...] = number(
         (0.5, 1.0, 1.5, 2.25, 3.25, 4.5, 6.0), "radii to try, in cells of the finer grid, up to one pitch"
     )
-    at_end: float = number(
-        0.8, "if more than this fraction of the weight is at the largest radius, the contact is larger than a disc"
-    )
+    at_end: float = number(0.8, "with more of the weight at the largest radius, contact is larger than a disc")
     taxels: tuple[float, float] = number(
-        (3.0, 6.0), "a contact is small if at most this many taxels read half of the peak or more (line, area)"
+        (3.0, 6.0), "a contact is small if pressure above half its peak covers at most this many taxels (line, area)"
     )
     drawn: int = number(8, "discs that become models")
     detail: float = number(
-        0.015, "accuracy of a disc as a fraction of the largest reading: real contacts have other edges"
+        0.015, "accuracy of discs over the largest reading, if noise is not given: real contacts have other edges"
     )
     least: float = number(
-        0.02,
-        "discs of less total weight are not solved: of 60 ordinary frames, discs have no weight in 40 and all of it in 16",
+        0.02, "discs of less total weight are not solved: 40 of 60 ordinary frames have none, 16 have only discs"
     )
     most: float = number(0.67, "largest total weight of discs: other shapes are always possible")
     worse: float = number(
-        2.0,
-        "discs are rejected if their residual exceeds the larger of the noise and the residual of a smooth field by this factor",
+        2.0, "discs are rejected if their residual exceeds noise, and that of a smooth field, by this factor"
     )
-    cells: int = number(4000, "most cells for which places are searched")
+    cells: int = number(4000, "with more cells than this, discs are not tried")
     places: int = number(200, "number of places, the best for the third radius, at which all radii are tried")
     best: int = number(24, "number of best discs around which places between cells are tried")
     steps: int = number(3, "interpolation steps per cell on either side")
     halvings: int = number(5, "number of times the search for the best place of each radius halves its step")
-    aside: int = number(
-        2, "steps to either side that are weighted: four taxels determine a place to a fiftieth of a cell"
-    )
+    aside: int = number(2, "steps to either side that are weighted: four taxels tell a place to 1/50 of a cell")
     few: int = number(6, "most cells of a contact in a few cells")
     scales: int = number(20, "rounds for the scale of Student's distribution: it converges in ten")
 
@@ -457,14 +424,15 @@ class Rims:
     """Limits for pull around a contact."""
 
     sought: float = number(
-        0.2, "misfit probability below which a rim is tried if the noise may have been learned from the pull"
+        0.2, "misfit probability to try a rim if noise was not given: it may have been learned from the pull"
     )
-    evident: float = number(12.0, "gain that a rim needs in that case: real rims gain 17 to 500, others 11 or less")
-    margin: float = number(0.5, "largest width of a rim as a fraction of the contact's radius")
+    evident: float = number(
+        12.0, "gain that a rim needs if the fit is above `fit.accepted`: real rims gain 17 to 500, others 11 or less"
+    )
+    margin: float = number(0.5, "largest width of a rim as a fraction of the contact's radius, plus one cell")
     unknowns: int = number(1500, "most unknowns of a contact with a rim: without bounds all of them are solved for")
     cancel: float = number(
-        3.0,
-        "reject the result if its traction exceeds that of the push by this factor: pushes and pulls then cancel in the readings",
+        3.0, "reject a rim whose traction exceeds the push's by this factor: pushes and pulls cancel in the readings"
     )
 
 
@@ -477,48 +445,44 @@ class Errors:
         4e-3, "the same for contacts too large for matrices: balls on 64 x 64 and 128 x 128 taxels were 0.2 % off"
     )
     sums_at_size: float = number(
-        1.25,
-        "factor on the standard deviations of forces of such contacts: in 12 frames of 128 x 128, errors were 1.2 standard deviations",
+        1.25, "factor on their standard deviations of force, moment and centre: errors in 12 frames were 1.2 of them"
     )
     beyond: float = number(
         0.5,
-        "standard deviation of the load outside the outermost taxels, as a fraction of the possible load: two of them cover all of it",
+        "fraction of the possible load outside the outermost taxels that, divided by `STATED`, is its standard deviation in the errors of moment and centre: two of them cover all of it",
     )
     much: float = number(
-        0.1, "note if this fraction of the load rests on one taxel, lies outside the array, or may be drift"
+        0.1, "note if this fraction of the load rests on one taxel, is outside the array, or may be drift"
     )
     hangs: float = number(
-        0.4, "note if this fraction of the normal force rests on one reading: a fifth of clean frames exceed it"
+        0.4, "note if this fraction of the normal force rests on one reading: true of a fifth of clean frames"
     )
-    stands_out: float = number(
-        4.0, "standard deviations from which a reading, or the sum of squares of many, is more than noise"
-    )
+    stands_out: float = number(4.0, "standard deviations of a reading, or of a sum of squares, that is more than noise")
     beside: float = number(1.5, "taxels within this many pitches are neighbours, diagonal ones included")
-    even_press: float = number(0.2, "an even press explains offsets if its residual is less than this fraction of them")
+    even_press: float = number(
+        0.2,
+        "an even press explains offsets if its residual is below this fraction of them; its components above this fraction of the largest have no bound",
+    )
     hidden_drift: float = number(
         0.1,
         "standard deviation of an offset that a loaded edge hides, and of drift of displacements, as a fraction of the largest reading: two of them are half of `largest_nuisance`",
     )
     ambiguous_force: float = number(
         0.05,
-        "relative error of the normal force if channels cannot separate pressure from shear: 1.86 to 1.95 N were found for 2 N (in_plane.md)",
+        "least relative error of the normal force if channels cannot separate pressure from shear: 1 to 4 % at 0.5 mm depth (docs/_generated/in_plane.md)",
     )
-    ambiguous_coupled: float = number(0.02, "the same if friction is given: errors of 1 to 3 %")
+    ambiguous_coupled: float = number(0.02, "the same if friction is given: 1 to 2 % there")
     ambiguous_shear: float = number(
-        0.005,
-        "error of the shear force in that case, as a fraction of the normal force: 0.1 to 0.8 % was found without shear",
+        0.005, "error of the shear force over the normal force in that case: 0.1 to 0.8 % was found without shear"
     )
     ambiguous_peak: float = number(
         0.035,
-        "relative error of the peak in that case, times 1/a - 1/`ambiguous_shape`, where a is the effect of pressure over that of shear",
+        "in that case, the relative error of the peak is this times 1/a - 1/`ambiguous_shape`, half of it if friction is given; a is the effect of pressure over that of shear",
     )
     ambiguous_shape: float = number(
-        0.2,
-        "above this a, the shape of the pressure is determined: peaks are 0.9 to 1 of the true ones from 0.5 mm below the surface",
+        0.2, "above this a, data determine the shape of pressure: peaks are 0.9 to 1 of true ones from 0.5 mm depth"
     )
-    most_ambiguous: float = number(
-        0.8, "largest relative error of the peak: markers on the surface show 0.1 to 0.5 of it"
-    )
+    most_ambiguous: float = number(0.8, "largest relative error of the peak: surface markers show 0.1 to 0.5 of it")
     ambiguous_cells: float = number(
         2.7, "factor on this error for a single cell, because its calibration constants are smaller by this factor"
     )
@@ -529,22 +493,20 @@ class Work:
     """Problem sizes at which the method switches to another algorithm or leaves a step out."""
 
     unknowns: int = number(9000, "most unknowns of a frame: a dense normal matrix of 650 MB")
-    second_order: int = number(
-        4096, "most readings for which the second derivative is tried: its spectrum doubles the cost"
-    )
-    hold: int = number(4096, "with more readings, the data alone determine where contact is")
+    second_order: int = number(4096, "most readings for trying the second derivative: its spectrum doubles the cost")
+    hold: int = number(4096, "with more readings, local weights are not tested: data alone show where contact is")
     likely: float = number(0.15, "start with the cells above this fraction of the linear solution's peak: saves time")
     cell_rounds: int = number(12, "rounds of adding cells")
-    few_cells: float = number(0.02, "stop adding cells if fewer than this fraction of the cells are missing")
+    few_cells: float = number(
+        0.02, "stop adding cells if the missing ones touch the others and are at most this fraction of them"
+    )
     entries: int = number(
-        2_000_000, "most entries of the columns of all cells in the search for contact in a few cells"
+        2_000_000, "search all cells for contact in a few cells if their columns have at most this many entries"
     )
-    nearest: int = number(9, "otherwise search at least this many cells nearest to the largest reading")
-    finest: int = number(
-        10_000, "most cells for which this search uses cells of half the size, to place the load within a cell"
-    )
-    blocks: int = number(32, "blocks that are multiplied together")
-    trace: float = number(1e-6, "noise added to noise-free readings, as a fraction of each")
+    nearest: int = number(9, "otherwise search at least this many cells nearest to the largest residual")
+    finest: int = number(10_000, "most cells of half the size, which place the load within a cell, for this search")
+    blocks: int = number(32, "blocks (`prior.sliding_unknowns`) whose products are computed together")
+    trace: float = number(1e-6, "noise added to readings if every channel is constant, as a fraction of each")
 
 
 @dataclass(frozen=True, kw_only=True)
