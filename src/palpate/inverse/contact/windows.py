@@ -159,10 +159,9 @@ def _suspicious(planes: Sequence[Floats], working: Sequence[Floats], rules: Scre
             ring = np.ones((9,) * values.ndim, dtype=bool)
             ring[(slice(2, 7),) * values.ndim] = False
             around = scipy.ndimage.maximum_filter(size, footprint=ring, mode="constant")
-            alone = rules.suspicious_alone
-            out = np.where(
-                (size > rules.suspicious) & (size > alone * np.minimum(around, size.max() / alone)), size, 0.0
-            )
+            # The largest is always one: two broken taxels three or four pitches apart hide each other.
+            far = size >= np.minimum(rules.suspicious_alone * around, size.max())
+            out = np.where((size > rules.suspicious) & far, size, 0.0)
             worst = out if worst is None else np.maximum(worst, out)
     if worst is None or not worst.any():
         return []
