@@ -40,6 +40,7 @@ RETURNS = frozenset(
         "_notes",
         "_notes_of",
         "look",
+        "one_taxel",
     }
 )
 #: Calls that say something at once: methods of sessions and listeners, warnings, and the shell's way to say things beside its answer.

@@ -123,7 +123,7 @@ REMEDIES = [
         lambda: model().prepared(pictures()[0])[0],
     ),
     told(
-        "nothing says how pixels become metres",
+        "the size of a pixel is unknown",
         f"calibrate {BALL} --skin plain.toml --out c.toml",
         f"calibrate {BALL} --skin gel.toml --out c.toml",
         room="cli.colour",

@@ -181,7 +181,7 @@ REMEDIES = [
         room="recordings.tabletext",
     ),
     table("holds NUL characters", WIDE.encode() + 2000 * b"2,0,3\n" + b"\0", TAXELS, new=WIDE, last=100.0),
-    table(": {} is not a number", WIDE + "2,high,3\n", TAXELS, new=WIDE + "2,5,3\n", last=75.0),
+    table("{}: {} is not a number.", WIDE + "2,high,3\n", TAXELS, new=WIDE + "2,5,3\n", last=75.0),
     table("is larger than numbers can be", WIDE + "2,1e999,3\n", TAXELS, new=WIDE + "2,1,3\n", last=75.0),
     table(
         "save it as CSV in UTF-8",
