@@ -376,7 +376,7 @@ BAD: dict[str, tuple[list[str], str | None, str]] = {
     "track into a folder": (["track", "skin.nc", "--skin", "skin.toml", "--out", "folder.nc"], None, "folder"),
     "track on no friction": (["track", "skin.nc", "--skin", "skin.toml", "--friction", "0"], None, "friction"),
     "topic of a table": (["convert", "skin.nc", "out.nc", "--topic", "/finger"], None, ".mcap"),
-    "fields of no topic": (["convert", "none.mcap", "out.nc", "--fields", "x,y"], None, "name it"),
+    "fields of no topic": (["convert", "none.mcap", "out.nc", "--fields", "x,y"], None, "give --topic too"),
     "shape of three": (["convert", "none.mcap", "out.nc", "--topic", "/a", "--shape", "4x4x4"], None, "--shape"),
     "scale in words": (["convert", "none.mcap", "out.nc", "--topic", "/a", "--scale", "big"], None, "--scale"),
     "mcap missing": (["convert", "none.mcap", "out.nc"], None, "no such file"),
