@@ -234,6 +234,7 @@ def test_a_periodic_gel_is_weighed_as_such() -> None:
     assert weigh(held, made, 2.0).factor == pytest.approx(1.0, rel=0.05)
 
 
+@pytest.mark.long
 def test_an_exact_modulus_is_known_better_than_presses_tell() -> None:
     exact = pp.Skin(
         gel(SAID), skin(SAID).planes[0], surface=skin(SAID).surface, uncertainty=pp.Uncertainty(youngs_modulus=0.0)

@@ -285,6 +285,7 @@ def test_a_contact_wider_than_its_coat_has_no_radius_of_a_ball() -> None:
     assert holds(found.patches[0].force[2], 0.5)
 
 
+@pytest.mark.long
 def test_a_table_has_no_modulus() -> None:
     """Presses alone do not tell how stiff the pad is: the radius of a ball was twenty kilometres."""
     array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=20.0)
@@ -323,6 +324,7 @@ def drifting(kind: str, skin: pp.Skin) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["ramp", "row", "offset"])
+@pytest.mark.long
 def test_what_the_touch_found_besides_contact_is_allowed_for(kind) -> None:
     """Offsets alone were: a ramp or the offset of a row was taken for a contact that is not round."""
     skin = skin_of(50.0)

@@ -287,6 +287,7 @@ def steps_of(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 @pytest.mark.parametrize("given", [True, False])
+@pytest.mark.long
 def test_scattered_outliers_are_removed_together(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two per cent of the readings are wrong, a third of them at the edge, where a load beyond it would reach neighbours too."""
     skin = skin_of(24, depth=1.8e-3)
@@ -309,6 +310,7 @@ def test_scattered_outliers_are_removed_together(given: bool, monkeypatch: pytes
     assert steps[0] < 2000  # 32 000 where those at the edge stay in
 
 
+@pytest.mark.long
 def test_noise_given_far_too_small_takes_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wide contacts that slide, deep below a given noise of a fifth of the true one."""
     skin = skin_of(24, depth=1.8e-3)

@@ -212,6 +212,7 @@ def test_a_press_at_the_end_of_a_pad_is_in_the_interval(place: float, response: 
 
 
 @pytest.mark.parametrize(("radius", "load"), [(4e-3, 2.0), (9e-3, 10.0)])
+@pytest.mark.long
 def test_a_force_that_nothing_explains_is_at_most_that_of_its_largest_reading(radius: float, load: float) -> None:
     """Wires of taxels and channels swapped at random, and signs turned: no contact explains such readings."""
     skin = pp.Skin(LAYER, pp.AreaArray(shape=(4, 4), pitch=4.7e-3, depth=4e-3, channels=THREE))

@@ -428,6 +428,7 @@ def test_energy_outside_goes_with_the_square_of_the_scale(found: CellForces) -> 
     assert known.std == pytest.approx(math.hypot(exact.std, 0.4 * exact.value), rel=1e-6, abs=0.0)
 
 
+@pytest.mark.long
 def test_another_cell_keeps_the_picture_and_the_notes() -> None:
     """Vectors in the middle of a larger picture: the mask of another cell is of this picture too."""
     u = 1e-9 * np.random.default_rng(0).standard_normal((2, 20, 30))

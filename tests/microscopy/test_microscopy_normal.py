@@ -136,6 +136,7 @@ def test_files_of_a_cell_hold_its_normal_traction(tmp_path: Path) -> None:
         assert np.allclose(held["displacement_normal"], forces.field.normal)
 
 
+@pytest.mark.long
 def test_normal_traction_leaves_no_shear_in_beads_below_the_surface() -> None:
     count, depth = 24, 2e-6
     pad = pp.HalfSpace(youngs_modulus=MODULUS, poissons_ratio=0.3)

@@ -123,7 +123,9 @@ def test_dates_that_may_be_meant_in_two_ways_are_refused(tmp_path: Path) -> None
 
 def test_dates_are_no_readings(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("t;S0;S1\n0;2017-07-30;1\n1;2017-07-31;2\n")
-    with pytest.raises(pp.InvalidInput, match="the column 'S0' holds dates or times of day, but stress_zz must be a number"):
+    with pytest.raises(
+        pp.InvalidInput, match="the column 'S0' holds dates or times of day, but stress_zz must be a number"
+    ):
         read_recording(tmp_path / "t.csv", mapping=TableMapping(time="t", channels=CHANNELS, scale=1.0))
 
 
