@@ -38,6 +38,15 @@ def test_a_block_of_equal_readings_is_flagged_and_nothing_else() -> None:
     assert found.sum() == 9
 
 
+def test_rounding_of_a_zero_hides_no_block() -> None:
+    frame, rng = pressed(16), np.random.default_rng(5)
+    frame[9:12, 2:5] = 0.13 * frame.max()
+    zero = 1e3 * rng.standard_normal(frame.shape)
+    again = (frame - zero) + zero
+    assert len(np.unique(again[9:12, 2:5])) > 1
+    assert flagged(again)[9:12, 2:5].all()
+
+
 @pytest.mark.parametrize("count", [4, 9, 16])
 def test_equal_readings_of_sound_sensors_are_not_flagged(count: int) -> None:
     noisy = pressed(count)

@@ -90,14 +90,7 @@ class CalibratedTracker(Tracker):
 
     @property
     def zero(self) -> list[Floats]:
-        """The zero in use, as `Tracker.zero`, in the unit of the sensor.
-
-        Examples
-        --------
-        >>> from palpate.tracking.calibrated import CalibratedTracker
-        >>> CalibratedTracker.zero.fget.__name__
-        'zero'
-        """
+        """The zero in use, as `Tracker.zero`, in the unit of the sensor."""
         return [z / np.where(u != 0, u, 1.0) for z, u in zip(super().zero, self.estimator.readings.planes(self._unit))]
 
     def _flat(self, reading: Any) -> tuple[Floats, Any]:

@@ -154,9 +154,10 @@ def stuck(
     import scipy.sparse.csgraph
 
     n, out = len(data), np.zeros(len(data), dtype=bool)
-    limited = ends.upper | ends.lower | (ends.step > 0.0) | (data == 0.0)
+    alike = 1e-12 * float(np.abs(data).max(initial=0.0))  # a zero that was subtracted and added again rounds
+    limited = ends.upper | ends.lower | (ends.step > 0.0) | (np.abs(data) <= alike)
     i, j = (side[~limited[pairs[0]] & ~limited[pairs[1]]] for side in pairs)
-    same = data[i] == data[j]
+    same = np.abs(data[i] - data[j]) <= alike
     if not same.any():
         return out
     graph = scipy.sparse.coo_array((np.ones(int(same.sum())), (i[same], j[same])), shape=(n, n))
