@@ -43,6 +43,7 @@ def test_with_every_part_it_is_the_automatic_method() -> None:
     assert np.array_equal(whole.std(), plain.std())
 
 
+@pytest.mark.long
 def test_parts_that_are_left_out_are_missed() -> None:
     sample = a_line()
     whole = error(sample)
@@ -74,6 +75,7 @@ def test_a_number_that_does_not_exist_is_not_changed() -> None:
         changed(Policy(), "extent.faintest", 1.0)
 
 
+@pytest.mark.long
 def test_what_does_not_act_on_a_frame_changes_nothing() -> None:
     sample = a_line()
     skipped = [v for v in variants().values() if not acts(sample, v)]

@@ -36,6 +36,7 @@ def test_frames_are_of_their_row(row: str) -> None:
     assert np.any(frame.typical.traction)
 
 
+@pytest.mark.long
 def test_a_frame_is_the_same_whatever_else_is_run() -> None:
     for row in ("mixed", "depth named"):
         one, again = trust.make_frame(row, 4), trust.make_frame(row, 4)
@@ -90,6 +91,7 @@ def test_what_is_stated_reaches_the_skin() -> None:
         assert getattr(frame.skin.uncertainty, name) == value
 
 
+@pytest.mark.long
 def test_violations_are_what_they_say() -> None:
     for index in range(2):
         clipped = trust.make_frame("clipped", index)

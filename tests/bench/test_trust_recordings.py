@@ -60,6 +60,7 @@ def test_a_recording_begins_with_thirty_frames_at_rest(row: str) -> None:
     assert np.array_equal(recording.rest, recording_of(again).rest)
 
 
+@pytest.mark.long
 def test_gains_differ_by_thirty_percent() -> None:
     ratios = []
     for index in range(12):
@@ -71,6 +72,7 @@ def test_gains_differ_by_thirty_percent() -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_the_side_of_a_pad_changes_shear_more_than_pressure() -> None:
     """Within a thickness of a free side the base feels a drag by a fifth more, and a push by a twentieth."""
     _, table = recorded._edge_table()
@@ -97,6 +99,7 @@ def test_a_push_at_the_pads_side_is_felt_on_that_side() -> None:
     assert (table[:, 1, 1].sum(axis=(1, 2)) > 0).all()
 
 
+@pytest.mark.long
 def test_a_lattice_leaves_a_tenth_to_a_third_unexplained() -> None:
     left = [off(pressed(f), endless(f)) for f in (trust.make_frame("lattice", i) for i in range(10))]
     assert min(left) > 0.05

@@ -90,6 +90,7 @@ def test_the_elastic_model_holds_and_its_unit_is_found(calibrated: pp.Skin) -> N
     assert "Forces and stress do not tell the modulus" in " ".join(found.said)
 
 
+@pytest.mark.long
 def test_markers_that_move_sideways_alone_are_tracked() -> None:
     array = pp.AreaArray(shape=(4, 4), pitch=2e-3, depth=2e-3, channels=["displacement_x", "displacement_y"])
     gel = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
@@ -160,6 +161,7 @@ def test_a_rejected_model_gives_force_alone(calibrated: pp.Skin) -> None:
         alone.reconstruct(readings, friction=0.5)
 
 
+@pytest.mark.long
 def test_track_takes_its_own_zero(calibrated: pp.Skin) -> None:
     readings = bench(4, 5003)[0]
     rng = np.random.default_rng(1)
@@ -183,6 +185,7 @@ def test_places_tell_the_centre(skin: pp.Skin) -> None:
     assert np.mean(np.abs(center[0] - known) < 2.5 * center[1]) > 0.85
 
 
+@pytest.mark.long
 def test_weights_in_words(skin: pp.Skin) -> None:
     readings, force, _ = bench(3, 21)
     time = np.arange(0.0, 40.0, 0.1)
@@ -224,6 +227,7 @@ def test_delay_between_clocks(skin: pp.Skin) -> None:
         calibrate(skin, frames, time=time, reference=force, reference_time=clock + 1000.0)
 
 
+@pytest.mark.long
 def test_calibration_travels_in_files(calibrated: pp.Skin, tmp_path: Path) -> None:
     (tmp_path / "skin.toml").write_text(
         '[pad]\nkind = "half_space"\nyoungs_modulus = "200 kPa"\npoissons_ratio = 0.48\n\n[[plane]]\nkind = "area"\nshape = [4, 4]\npitch = "4 mm"\ndepth = "3 mm"\nchannels = ["stress_zz"]\n'
@@ -314,6 +318,7 @@ def test_other_taxels_need_another_calibration(calibrated: pp.Skin) -> None:
         calibrated.masked(mask).track()
 
 
+@pytest.mark.long
 def test_lines_have_no_physics_but_a_map() -> None:
     skin = pp.Skin(PAD, pp.LineArray(count=5, pitch=1e-3, depth=1e-3, channels=["stress_zz"]))
     rng = np.random.default_rng(2)
@@ -474,6 +479,7 @@ def test_a_force_at_the_end_of_its_sensor_is_no_label(skin: pp.Skin) -> None:
     assert any("fz is exactly 3 N" in s for s in found.said)
 
 
+@pytest.mark.long
 def test_weights_written_by_hand_are_labels(skin: pp.Skin) -> None:
     """200 and 500 g, each at six places: the largest force comes again, and is no fault."""
     places = np.random.default_rng(3).uniform(-5e-3, 5e-3, (12, 2))

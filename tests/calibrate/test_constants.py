@@ -86,6 +86,7 @@ def test_modulus_and_unit_of_a_displacement_are_told_together_only(skin: pp.Skin
     assert found.covariance[0, 1] > 0.99 * found.std[0] * found.std[1]
 
 
+@pytest.mark.long
 def test_the_pad_that_made_the_presses_is_named() -> None:
     layers = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=1e5, poissons_ratio=0.48)])
     skin = pp.Skin(layers, array(["displacement_x", "displacement_z"]))
@@ -104,6 +105,7 @@ def test_the_pad_that_made_the_presses_is_named() -> None:
     assert found.best_model == "bonded"
 
 
+@pytest.mark.long
 def test_presses_that_no_pad_makes_give_no_constants(skin: pp.Skin) -> None:
     readings = np.random.default_rng(0).standard_normal((4, 2, *SHAPE))
     found = fit_constants(skin, readings, np.ones(4), constants=["depth", "unit"], noise=0.01)

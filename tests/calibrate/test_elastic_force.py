@@ -104,6 +104,7 @@ def test_the_weight_of_the_elastic_model_travels(elastic: pp.Skin, tmp_path: Pat
     assert old.elastic_weight == 0.0
 
 
+@pytest.mark.long
 def test_a_missing_taxel_leaves_the_zero_of_the_others() -> None:
     """With a taxel missing, the zero was not subtracted before the elastic model was asked."""
     mask = np.ones(SHAPE, dtype=bool)

@@ -112,6 +112,7 @@ def test_labels_of_the_run_are_solved_once(calibrated: pp.Skin, monkeypatch: pyt
     assert len(solved) == 1
 
 
+@pytest.mark.long
 def test_the_elastic_model_has_a_gain_of_its_own(calibrated: pp.Skin) -> None:
     """It got the gain of the map: forces that the map alone has wrong became wrong in the pressure map too."""
     assert calibrated.calibration is not None

@@ -117,6 +117,7 @@ def test_a_folder_of_bad_pictures_gives_a_row_for_each(tmp_path: Path) -> None:
     ("ending", "known", "other"),
     [(".mp4", b"avc1", b"zzzz"), (".mkv", b"V_MPEG4/ISO/AVC", b"V_MPEGX/ISO/XXX"), (".avi", b"H264", b"ZZZZ")],
 )
+@pytest.mark.long
 def test_a_codec_that_nobody_knows_is_said_with_what_to_do(
     tmp_path: Path, ending: str, known: bytes, other: bytes
 ) -> None:

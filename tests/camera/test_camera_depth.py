@@ -78,6 +78,7 @@ def test_maps_that_cannot_be_meant_are_refused(given: dict[str, object], says: s
         DepthMap(**whole)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_a_picture_without_a_map_and_a_tracker_are_refused() -> None:
     given = DepthMap(positions=PLACES, depth=np.full((2, len(PLACES)), np.nan), std=STD)
     with pytest.raises(pp.InvalidInput, match="2 pictures"):

@@ -111,6 +111,7 @@ def test_pictures_that_tell_nothing_say_why_and_the_next_goes_on() -> None:
     assert not flow.follow(SCENE.picture(rng=rng)).lost.any()
 
 
+@pytest.mark.long
 def test_thousands_of_places_are_read() -> None:
     """OpenCV takes no more than 32767 rows in one call."""
     rng = np.random.default_rng(0)

@@ -291,6 +291,7 @@ def test_what_a_thread_finds_is_raised_where_pictures_are_taken() -> None:
     latest.close()
 
 
+@pytest.mark.long
 def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_video(tmp_path / "press.mp4", filmed()[:2], rate=10.0)
     write_video(tmp_path / "none.mp4", [np.full((120, 160), 128, np.uint8)] * 4, rate=10.0)

@@ -86,6 +86,7 @@ def test_sharp_dots_have_no_others_on_their_rims_or_beside_them(radius: int) -> 
         assert len(found.positions) == len(dots)
 
 
+@pytest.mark.long
 def test_bright_dots_and_sixteen_bits() -> None:
     plain = scene().picture(rng=np.random.default_rng(1))
     assert len(find_dots(255 - plain).positions) == 63
@@ -167,6 +168,7 @@ def test_every_whole_dot_of_a_real_gel_is_found(number: int) -> None:
     ],
     ids=["still", "pressed", "shaded", "compressed", "noisy"],
 )
+@pytest.mark.long
 def test_displacements_and_their_standard_deviations(contact: Any, looks: dict[str, Any], worst: float) -> None:
     one = scene(**looks)
     rng = np.random.default_rng(3)
@@ -196,6 +198,7 @@ def test_standard_deviations_are_true() -> None:
             assert np.mean(np.concatenate(spread) ** 2) < 1.6, (looks, contact is None)
 
 
+@pytest.mark.long
 def test_a_press_between_two_pictures_moves_dots_past_their_neighbours_places() -> None:
     """23 pixels at once, with a pitch of 33."""
     hard = pp.solutions.hertz_point(contact_radius=2.5e-3, force=6.0).sliding(0.3)
@@ -225,6 +228,7 @@ def test_a_slide_over_two_pitches_keeps_every_name() -> None:
     assert not moved.lost.any()
 
 
+@pytest.mark.long
 def test_what_is_hidden_is_lost_and_taken_up_again() -> None:
     one, glared = scene(), scene(glare=((150.0, 110.0, 30.0),))
     rng = np.random.default_rng(0)
@@ -238,6 +242,7 @@ def test_what_is_hidden_is_lost_and_taken_up_again() -> None:
     assert not markers.follow(one.picture(BALL, rng=rng)).lost.any()
 
 
+@pytest.mark.long
 def test_bad_pictures_in_a_stream_are_said_and_passed_over() -> None:
     one = scene()
     rng = np.random.default_rng(0)

@@ -48,6 +48,7 @@ def centroids(picture: np.ndarray, near: np.ndarray) -> np.ndarray:
 # -- the renderer --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_dots_move_as_the_pad_says() -> None:
     """Against the pad's own displacement at scattered markers, from traction on a grid of its own."""
     one = scene()
@@ -241,6 +242,7 @@ def test_nothing_is_lost_where_one_picture_is_bad(tmp_path: Path) -> None:
     assert "64 x 48" in read[2].fault
 
 
+@pytest.mark.long
 def test_a_video_that_was_cut_off_is_used_as_far_as_it_goes(tmp_path: Path) -> None:
     whole = film(tmp_path / "press.mkv", 40).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) // 2])

@@ -92,6 +92,7 @@ def test_a_print_between_dust_is_one() -> None:
     assert int(found.whole.sum()) >= 68
 
 
+@pytest.mark.long
 def test_the_rim_of_the_gel_is_found_and_no_dots_beyond_it() -> None:
     picture = np.clip(housed(BASE.picture()), 0, 255).astype(np.uint8)
     region = Region.found(picture)

@@ -134,6 +134,7 @@ def test_numbers_are_overridden_and_others_refused(tmp_path: Path) -> None:
         sensors.preset("gelsight")
 
 
+@pytest.mark.long
 def test_a_scale_is_that_of_its_picture_size(tmp_path: Path) -> None:
     text = sensors.gelsight_mini(scale="0.05 mm").text
     (tmp_path / "a.toml").write_text(text)

@@ -53,6 +53,7 @@ def plain() -> pp.Skin:
 # -- displacements ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_displacements_are_those_of_the_pad_in_metres() -> None:
     with Displacements(film(), SCENE.view, reference=3, rate=30.0) as readings:
         recording = readings.recording()

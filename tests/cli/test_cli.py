@@ -182,6 +182,7 @@ def test_a_run_can_be_made_again(folder: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_recording(again).readings, read_recording(folder / "skin.nc").readings)
 
 
+@pytest.mark.long
 def test_convert(folder: Path, tmp_path: Path) -> None:
     for name in ("a.csv", "b.npz", "c.h5"):
         assert run("convert", "skin.nc", str(tmp_path / name), cwd=folder).returncode == 0
@@ -190,6 +191,7 @@ def test_convert(folder: Path, tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.long
 def test_missing_readings(folder: Path, tmp_path: Path) -> None:
     recording = read_recording(folder / "skin.nc")
     readings = recording.readings.copy()

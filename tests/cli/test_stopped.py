@@ -122,6 +122,7 @@ def test_killed_while_writing(folder: Path) -> None:
     assert len([p for p in folder.glob(".palpate-*") if p.suffix != ".lock"]) == 1
 
 
+@pytest.mark.long
 def test_rows_of_a_table_are_kept_where_a_run_is_stopped(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -86,6 +86,7 @@ def test_an_estimator_that_knows_the_shape_reaches_the_bound() -> None:
     assert (np.abs(scatter / expected - 1.0) < 0.3).all(), scatter / expected
 
 
+@pytest.mark.long
 def test_nothing_that_is_unknown_makes_a_bound_smaller() -> None:
     array = taxels(channels=["stress_xz", "stress_yz", "stress_zz"])
     how = {"force": 1.0, "contact_radius": 2e-3, "shear": 0.3}
@@ -98,6 +99,7 @@ def test_nothing_that_is_unknown_makes_a_bound_smaller() -> None:
     assert offsets.bound.force[2] > 0.02  # the scale is known to 2 %
 
 
+@pytest.mark.long
 def test_the_modulus_matters_for_displacement_and_not_for_stress() -> None:
     how = {"force": 1.0, "contact_radius": 2e-3}
     uncertain = pp.Uncertainty(youngs_modulus=0.15, depth=0.0, thickness=0.0, gain=0.0, scale=0.0)
@@ -120,6 +122,7 @@ def test_what_readings_do_not_tell_is_infinite() -> None:
     assert any("do not determine" in note for note in found.notes())
 
 
+@pytest.mark.long
 def test_finer_waves_need_less_depth_until_the_pitch_ends_them() -> None:
     waves = [pp.Skin(SOFT, taxels(depth=d, noise=500.0)).design().wavenumber["z"] for d in (0.5e-3, 2e-3, 6e-3)]
     assert waves[0] == (pytest.approx(math.pi / 2e-3), "pitch")
@@ -230,6 +233,7 @@ def test_a_scattered_array_and_a_regular_one_agree() -> None:
 # -- sweeps ----------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_sweep_ranks_and_says_where_a_goal_ends() -> None:
     found = sweep(pp.Skin(SOFT, taxels(noise=2e3)), depth=[1e-3, 2e-3, 6e-3], goals={"pair": 3.5e-3})
     assert found.notes() == ["Deeper than 2 mm a pair 3.5 mm apart cannot be resolved at this noise."]
@@ -240,12 +244,14 @@ def test_a_sweep_ranks_and_says_where_a_goal_ends() -> None:
     assert "goals" in found.text().splitlines()[0]
 
 
+@pytest.mark.long
 def test_a_sweep_keeps_the_area_or_the_taxels() -> None:
     skin = pp.Skin(SOFT, taxels())
     for keep, counts in (("taxels", [64, 64]), ("area", [64, 256])):
         assert [d.taxels for d in sweep(skin, keep=keep, pitch=[2e-3, 1e-3]).designs] == counts
 
 
+@pytest.mark.long
 def test_a_sweep_of_shapes_cannot_keep_the_area() -> None:
     """64 taxels were listed as a shape of 4 x 4."""
     skin = pp.Skin(SOFT, taxels())
@@ -266,6 +272,7 @@ def test_forces_of_a_line_have_the_unit_of_a_line() -> None:
     assert [a.get_ylabel() for a in found.plot("depth", columns=["force", "pair"]).axes] == ["[mN/m]", "[mm]"]
 
 
+@pytest.mark.long
 def test_combinations_that_cannot_be_built_are_left_out_with_a_reason() -> None:
     gel = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
     found = sweep(pp.Skin(gel, taxels()), depth=[1e-3, 4e-3])

@@ -52,6 +52,7 @@ def test_what_nobody_says_of_depth_and_thickness_is_a_tenth() -> None:
     assert assumed.reconstruct(readings, method="tikhonov")._errors.pad is None  # which takes both as described
 
 
+@pytest.mark.long
 def test_markers_on_the_surface_are_there() -> None:
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=0.0, channels=GEL)
@@ -60,6 +61,7 @@ def test_markers_on_the_surface_are_there() -> None:
 
 
 @pytest.mark.parametrize("index", [8, 12])
+@pytest.mark.long
 def test_taxels_that_are_not_as_deep_as_said(index: int) -> None:
     """0.7 and 1.4 times; the second is on a glued gel, whose forces are most sensitive. Without the room both lie outside."""
     frame = make_frame("depth", index, seed=1009)
@@ -93,6 +95,7 @@ def test_exact_says_so_of_everything() -> None:
 
 
 @pytest.mark.parametrize("method", ["adaptive", "tikhonov"])
+@pytest.mark.long
 def test_taxels_just_above_the_base(method: str) -> None:
     """A depth 2 % larger lies below the base: the effect of a smaller one is taken. It was refused."""
     pad = pp.BondedLayers([pp.Layer(thickness=2e-3, youngs_modulus=1e5, poissons_ratio=0.48)])

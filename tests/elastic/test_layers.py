@@ -139,6 +139,7 @@ def test_the_influence_in_space_transforms_back(depth: float) -> None:
     np.testing.assert_allclose(found, expected, atol=2e-3 if depth == 0 else 2e-7)
 
 
+@pytest.mark.long
 def test_area_and_line_agree() -> None:
     """A strip that is long in y is a line contact in its middle."""
     pad = pp.BondedLayers([layer(0.5, 1.0, 0.4), layer(0.5, 0.2, 0.5)])
@@ -162,6 +163,7 @@ def test_area_and_line_agree() -> None:
 @pytest.mark.parametrize(
     "case", ["h1__nu0.45__hertz_p", *long_runs("h1__nu0.3__strip_q", "h1__nu0.5__strip_q", "h0.5__nu0.5__strip_q")]
 )
+@pytest.mark.long
 def test_layers_against_mesh_free_solutions(oracle: Any, case: str) -> None:
     data = oracle("mfs_layer_2d")
     group, nu, load = case.split("__")

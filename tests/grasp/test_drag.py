@@ -66,6 +66,7 @@ def test_a_ball_that_slips_at_a_friction_of_a_quarter_is_noticed_under_three_per
     assert STICK[int(np.argmax(sticking))] < 0.5
 
 
+@pytest.mark.long
 def test_pressure_alone_has_no_drag() -> None:
     array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=5.0)
     skin = pp.Skin(PAD, array)

@@ -275,6 +275,7 @@ def test_a_coat_is_allowed_for(part, modulus) -> None:
     assert found == pytest.approx(1e-3, rel=0.03)
 
 
+@pytest.mark.long
 def test_a_contact_wider_than_its_coat_has_no_radius_of_a_ball() -> None:
     """Of a coat ten times stiffer than the gel, 0.4 mm thick, a ball's radius would be 37 % off."""
     skin = skin_of(20.0, pad=coated(1e6), pitch=1e-3, depth=1e-3)
@@ -337,6 +338,7 @@ def test_what_the_touch_found_besides_contact_is_allowed_for(kind) -> None:
 
 
 @pytest.mark.parametrize("offset", [700.0, 1e4])
+@pytest.mark.long
 def test_the_zero_of_the_touch_is_that_of_its_readings(offset) -> None:
     skin = skin_of(None)
     ball = hertz_point(contact_radius=hertz_contact_radius(PAD, radius=8e-3, force=1.5), force=1.5)
@@ -349,6 +351,7 @@ def test_the_zero_of_the_touch_is_that_of_its_readings(offset) -> None:
     assert found.patches[0].force[2].value == pytest.approx(1.5, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_pull_is_no_absence_of_contact() -> None:
     """It was "nothing touches", with a force of 0."""
     skin = skin_of(50.0)

@@ -169,6 +169,7 @@ def test_vmap_is_a_loop() -> None:
             assert abs(float(found[i]) / float(one) - 1) < 1e-6
 
 
+@pytest.mark.long
 def test_what_is_refused() -> None:
     of = skin()
     model = model_of(of, parameter=PARAMETER, friction=0.5, depth_range=0.2)

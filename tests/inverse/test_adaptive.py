@@ -164,6 +164,7 @@ def test_default_never_pulls_and_keeps_friction() -> None:
     assert np.linalg.norm(touch.values - truth) < 0.7 * np.linalg.norm(linear.values - truth)
 
 
+@pytest.mark.long
 def test_no_shear_outside_contact_without_friction_given() -> None:
     skin = skin_of(THREE)
     readings, _ = pressed(skin, BALL.sliding(0.4), 0.02)
@@ -215,6 +216,7 @@ def test_single_precision_is_kept() -> None:
 
 
 @pytest.mark.parametrize("noise", [None, *long_runs(30.0)])
+@pytest.mark.long
 def test_nothing_touches(noise: float | None) -> None:
     """Pure noise, and no reading at all: no contact is made up, and the force's interval holds zero."""
     skin = skin_of(noise=noise)
@@ -229,6 +231,7 @@ def test_nothing_touches(noise: float | None) -> None:
         assert any("no contact" in n for n in touch.notes)
 
 
+@pytest.mark.long
 def test_the_force_that_would_go_unnoticed_is_about_the_interval() -> None:
     """A contact a few times heavier than the empty frame's interval allows is found."""
     skin = skin_of(noise=30.0)
@@ -368,6 +371,7 @@ def test_pulling_is_said_not_hidden() -> None:
     assert low[2] < -1.0 < high[2] < 0.0
 
 
+@pytest.mark.long
 def test_push_and_pull_together_go_to_the_linear_method() -> None:
     """A ball that sticks: pressure in the middle, adhesion round it."""
     skin = skin_of(noise=30.0)
@@ -560,6 +564,7 @@ def test_a_broken_channel_is_left_out() -> None:
     assert error < 2.0 * before
 
 
+@pytest.mark.long
 def test_equal_channels_share_their_noise() -> None:
     skin = skin_of(THREE)
     touch = skin.reconstruct(pressed(skin, BALL.sliding(0.3), 0.02)[0], friction=0.5)
@@ -774,6 +779,7 @@ LONG_ACROSS = [pytest.param(*case, marks=pytest.mark.long) for case in (("cylind
 
 
 @pytest.mark.parametrize(("kind", "width"), [("strip", 3.5), *LONG_ACROSS])
+@pytest.mark.long
 def test_contact_across_the_edge(kind: str, width: float) -> None:
     """A wide contact, half of it beyond the array, comes out inside the array as well as it does in the middle."""
     layout = bench.LAYOUTS["line"]
@@ -828,6 +834,7 @@ def test_no_interval_without_error_bars() -> None:
             ask()
 
 
+@pytest.mark.long
 def test_a_railed_reading_beside_the_edge_is_left_out_alone() -> None:
     """The second taxel from the edge: seven good readings were left out with it; on 16 x 16 taxels 3.2 N were read after 150 s."""
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)

@@ -343,6 +343,7 @@ def test_a_clean_frame_of_displacement_takes_few_products(monkeypatch: pytest.Mo
     assert sum(taken) < 1500
 
 
+@pytest.mark.long
 def test_nothing_and_pulls_at_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
     skin = skin_of(10)

@@ -128,6 +128,7 @@ def test_traction_that_is_unknown_has_unknown_draws() -> None:
     assert np.isnan(np.asarray(touch.draws)).all()
 
 
+@pytest.mark.long
 def test_an_even_press_wider_than_the_array_has_no_upper_end() -> None:
     """Some 70 kPa all over 12 x 12 mm are 10 N on the array and any more beyond; without a zero it may be an offset as well."""
     skin = pp.Skin(PAD, pp.AreaArray(shape=(8, 8), pitch=1.5e-3, depth=2e-3, channels=["stress_zz"]))
@@ -152,6 +153,7 @@ def test_taxels_that_all_read_alike_may_be_pressed(count: int, radius: float, lo
     assert force(touch)[2] >= load
 
 
+@pytest.mark.long
 def test_readings_all_at_their_end_are_at_least_so_many_newtons() -> None:
     skin = pp.Skin(
         PAD,
@@ -183,6 +185,7 @@ def test_the_force_lies_above_the_lower_end_however_many_readings_are_cut(share:
     assert low < load < high
 
 
+@pytest.mark.long
 def test_pressure_above_the_modulus_asks_for_the_unit() -> None:
     skin = taxels(6, THREE, noise=500.0)
     ball = skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=5.0))

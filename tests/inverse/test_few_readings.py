@@ -178,6 +178,7 @@ def test_a_tensile_cell_without_shear_is_projected_on_nothing() -> None:
     )
 
 
+@pytest.mark.long
 def test_another_friction_shares_what_does_not_depend_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The products of the readings are made once; what follows from them is as if they were made anew."""
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)

@@ -54,6 +54,7 @@ def test_the_preconditioner_over_what_is_there_is_the_schur_complement(kind: str
 
 
 @pytest.mark.parametrize("missing", ["few", *long_runs("a patch")])
+@pytest.mark.long
 def test_missing_vectors_cost_hardly_a_step(missing: str) -> None:
     mask = holes((24, 26), 12)
     if missing == "a patch":
@@ -72,6 +73,7 @@ def test_missing_vectors_cost_hardly_a_step(missing: str) -> None:
     assert steps["gaps"] < 1.4 * steps["whole"]
 
 
+@pytest.mark.long
 def test_more_missing_than_a_factor_serves_is_solved_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     mask = holes((24, 26), 30)
     answers = []

@@ -299,6 +299,7 @@ def test_every_method_on_every_layout(method: Any, layout: str, rng: np.random.G
 
 
 @pytest.mark.parametrize("method", ["tikhonov", *long_runs("wiener", "hilgers", "truncated")])
+@pytest.mark.long
 def test_periodic_and_free_agree_far_from_the_edge(method: Any, rng: np.random.Generator) -> None:
     array = pp.AreaArray(
         shape=(20, 21), pitch=0.5, depth=0.6, channels=["stress_xz", "stress_yz", "stress_zz"], noise=1e-3
@@ -417,6 +418,7 @@ def test_notes_say_what_was_assumed() -> None:
     "channels",
     [*long_runs(["displacement_x", "displacement_y"]), ["displacement_x", "displacement_y", "displacement_z"]],
 )
+@pytest.mark.long
 def test_net_force_from_displacement(channels: list[str], nu: float) -> None:
     """A single off-centre sheared patch, its displacement by closed form: the net force within 1 %, not zero."""
     body = pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=nu)

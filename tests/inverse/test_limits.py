@@ -171,6 +171,7 @@ def test_simulated_readings_end_where_the_array_says() -> None:
 
 
 @pytest.mark.parametrize("method", ["tikhonov", "constrained"])
+@pytest.mark.long
 def test_what_a_method_makes_of_them_is_said(method: str) -> None:
     plain = pp.Skin(PAD, ARRAY)
     top, readings = ended(pressed(plain))

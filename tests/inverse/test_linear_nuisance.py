@@ -70,6 +70,7 @@ GEL = pp.HalfSpace(youngs_modulus=1e4, poissons_ratio=0.5)
 
 
 @pytest.mark.parametrize("drift", [*long_runs(0.0, 0.1), 0.5])
+@pytest.mark.long
 def test_a_drifting_stage_makes_no_net_force(drift: float) -> None:
     """Traction force microscopy on a free half-space: a shift of the image and a net force look alike, and the interval says so."""
     array, clean = cell()

@@ -223,6 +223,7 @@ def test_frames_of_a_batch_are_those_alone(monkeypatch):
     np.testing.assert_allclose(single.traction, batch.traction[1], atol=1e-3 * float(np.abs(batch.traction[1]).max()))
 
 
+@pytest.mark.long
 def test_an_iteration_that_does_not_converge_says_so(monkeypatch):
     from palpate.inverse.linear.matrix_free import solver
 
@@ -319,6 +320,7 @@ def test_what_a_solution_is_off_by_is_taken_out_of_its_forms(layout):
     assert (np.abs(found / true - 1) < 0.15 * np.abs(plain / true - 1)).all()
 
 
+@pytest.mark.long
 def test_degrees_of_freedom_are_those_of_the_spectrum():
     skin = pp.Skin(HALF_SPACE, area(shape=(16, 16)))
     operator, columns = skin.operator, (0, 1, 2)

@@ -88,6 +88,7 @@ def palpate(*arguments: str) -> Any:
 
 
 @pytest.mark.usefixtures("registered")
+@pytest.mark.long
 def test_a_method_of_ones_own(recording: Path) -> None:
     """One class and one call: Python, the command line and its help know it."""
     skin = pp.Skin(PAD, LINE)
@@ -324,6 +325,7 @@ def prepared(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return made
 
 
+@pytest.mark.long
 def test_what_does_not_change_is_not_prepared_again(prepared: list[str]) -> None:
     skin = pp.Skin(PAD, LINE, uncertainty=EXACT)
     readings = noisy(skin, solutions.hertz_line(half_width=2.0, force=0.3), 0.01)
@@ -348,6 +350,7 @@ def test_what_does_not_change_is_not_prepared_again(prepared: list[str]) -> None
     assert prepared.count("Operator") == 2
 
 
+@pytest.mark.long
 def test_friction_changes_the_prior_of_shear_and_nothing_else(prepared: list[str]) -> None:
     skin = pp.Skin(PAD, THREE, uncertainty=EXACT)
     readings = noisy(skin, BALL.sliding(0.3), 0.01)
@@ -498,6 +501,7 @@ def test_channels_noise_is_the_frames_own() -> None:
     assert np.ptp(touch.noise_std[1]) < size
 
 
+@pytest.mark.long
 def test_draws_do_not_depend_on_the_batch() -> None:
     skin = pp.Skin(PAD, replace(LINE, noise=1e-3))
     rng = np.random.default_rng(3)

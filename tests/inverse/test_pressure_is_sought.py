@@ -31,6 +31,7 @@ def test_pressure_is_sought_where_it_is_measured(channels: list[str], sought: tu
 
 
 @pytest.mark.parametrize("shear", ["stress_xz", "stress_yz"])
+@pytest.mark.long
 def test_a_ball_that_presses_reads_its_force_without_the_second_shear(shear: str) -> None:
     """It read 0 N: both shears were sought, and pressure was taken as zero."""
     array = pp.AreaArray(shape=(10, 10), pitch=2e-3, depth=2e-3, channels=["stress_zz", shear], noise=5.0)

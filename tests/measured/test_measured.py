@@ -261,6 +261,7 @@ def test_uncertainties_that_do_not_enter_are_refused() -> None:
         pp.Skin(found, found.array, uncertainty=pp.Uncertainty(youngs_modulus=0.1))
 
 
+@pytest.mark.long
 def test_what_asks_for_a_model_refuses() -> None:
     found = pad()
     skin = pp.Skin(found, found.array)

@@ -403,6 +403,7 @@ def test_what_is_known_of_the_gel_enters_the_map_or_is_said_not_to() -> None:
     assert not any("does not enter" in note for note in exact.notes)
 
 
+@pytest.mark.long
 def test_regions_that_overlap_have_their_whole_force(found: CellForces) -> None:
     """An adhesion outlined within a cell takes no force from the cell, in either order."""
     whole, adhesion = np.zeros((2, 300, 300), dtype=bool)
@@ -420,6 +421,7 @@ def test_principal_moments_add_up_to_the_contractile_moment(found: CellForces) -
     assert large + small == pytest.approx(found["contractile_moment"].value, rel=1e-9, abs=0.0)
 
 
+@pytest.mark.long
 def test_energy_outside_goes_with_the_square_of_the_scale(found: CellForces) -> None:
     _, u = cell()
     fields = {"mask": disc(60.0), "draws": 8, "method": "tikhonov"}

@@ -52,6 +52,7 @@ def test_noise_alone_has_hardly_an_arrow() -> None:
     assert len(arrows(forces_of(0.0).plot())) <= 0.05 * 20 * 24
 
 
+@pytest.mark.long
 def test_the_figure_says_the_largest_traction_with_its_interval_and_what_was_assumed() -> None:
     forces = forces_of(2.0)
     said = words(forces.plot())

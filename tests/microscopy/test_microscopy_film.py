@@ -53,6 +53,7 @@ def test_a_film_of_a_sheet_has_its_tension_and_that_of_its_cells(tmp_path: Path)
 
 
 @pytest.mark.parametrize("normal", ["up", *long_runs("down", "ignore")])
+@pytest.mark.long
 def test_a_film_of_three_displacements_has_normal_forces(normal: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     u = 0.02 * rng.standard_normal((3, 20, 24))

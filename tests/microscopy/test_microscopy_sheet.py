@@ -210,6 +210,7 @@ def test_tables_and_figures_are_written(scene, tmp_path):
     assert (tmp_path / "sheet.png").stat().st_size > 5000
 
 
+@pytest.mark.long
 def test_an_unbalanced_traction_is_said(scene):
     _, forces = scene
     pushed = forces.traction + np.array([40.0, 0.0])[:, None, None]
@@ -218,6 +219,7 @@ def test_an_unbalanced_traction_is_said(scene):
     assert abs(found["net_force_x"].value) > 1e-7
 
 
+@pytest.mark.long
 def test_a_sheet_that_is_pressed_is_questioned(scene):
     _, forces = scene
     found = sheet_tension(replace(forces, traction=-forces.traction, draws=-forces.draws), draws=8)
@@ -249,6 +251,7 @@ def test_wrong_options_are_refused(scene, options, said):
         sheet_tension(scene[1], **options)
 
 
+@pytest.mark.long
 def test_a_sheet_of_few_vectors_is_refused():
     u = 1e-8 * np.random.default_rng(0).standard_normal((2, 12, 12))
     field = Field(displacement=u, start=(2.0, 2.0), step=5.0, pixel=1e-6)

@@ -191,6 +191,7 @@ def test_sense_and_reconstruct(pad: Any, boundary: Any) -> None:
     assert np.linalg.norm(touch.values - traction) < 0.08 * np.linalg.norm(traction)
 
 
+@pytest.mark.long
 def test_line_contact() -> None:
     array = pp.LineArray(count=40, pitch=0.25, depth=0.3, channels=["stress_zz", "stress_xz"], noise=1e-4)
     skin = pp.Skin(PLY, array)
@@ -298,6 +299,7 @@ def test_rotation_is_the_curl_of_displacement() -> None:
 
 
 @pytest.mark.parametrize("boundary", ["free", "periodic"])
+@pytest.mark.long
 def test_rotation_senses_and_reconstructs(boundary: Any) -> None:
     """One number a taxel finds a twist: with shear alone sought from rotation and one shear stress."""
     pad = pp.HalfSpace(youngs_modulus=1.0, poissons_ratio=0.5)

@@ -117,6 +117,7 @@ def test_full_at_once_and_at_the_end(tmp_path: Path, suffix: str) -> None:
         check(saved)
 
 
+@pytest.mark.long
 def test_killed_between_any_two_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a kill leaves is what lies on the disk between two writes: all blocks before are there, and nothing else."""
     moments: list[tuple[int, Path]] = []

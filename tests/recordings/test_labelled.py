@@ -128,6 +128,7 @@ def same_fields(a: Any, b: Any) -> None:
 
 @settings(max_examples=10, deadline=None)
 @given(recordings())
+@pytest.mark.long
 def test_recordings_come_back_equal(recording: pp.Recording) -> None:
     same_recording(recording_of(recording_dataset(recording)), recording)
 

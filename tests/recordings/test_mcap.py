@@ -55,6 +55,7 @@ def test_round_trip(tmp_path: Path, scattered: bool) -> None:
     np.testing.assert_array_equal(read_recording(tmp_path / "b.nc").readings, before.readings)
 
 
+@pytest.mark.long
 def test_reference_readers_open_it(tmp_path: Path) -> None:
     """The library of the format, and the ROS 2 reader, agree on what was written."""
     skin = pp.Skin(PAD, ARRAY)
@@ -92,6 +93,7 @@ def test_reference_readers_open_it(tmp_path: Path) -> None:
     assert len(data) > pressure.size * 4 * fields
 
 
+@pytest.mark.long
 def test_what_others_recorded(tmp_path: Path) -> None:
     """A message of points (as xela_server's SensStream has) and one of numbers (as TactileState), definitions from the file."""
     from mcap.writer import Writer
@@ -245,6 +247,7 @@ def test_the_axes_of_a_frame_are_kept(tmp_path: Path, shape: tuple[int, ...]) ->
     assert read_recording(tmp_path / "a.mcap").readings.shape == before.readings.shape
 
 
+@pytest.mark.long
 def test_double_precision_is_kept_where_single_rounds(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     rounded = rng.normal(size=(3, 1, 4)).astype(np.float32)

@@ -140,6 +140,7 @@ def test_units_alone(tmp_path: Path) -> None:
     assert "no section [stream]" in str(result.exception)
 
 
+@pytest.mark.long
 def test_tactile_state_and_wrong_names(tmp_path: Path) -> None:
     """Pressure alone, from a bag of an older ROS, which carries no definitions."""
     types = store()
@@ -186,6 +187,7 @@ def test_tactile_state_and_wrong_names(tmp_path: Path) -> None:
         read_recording(folder)
 
 
+@pytest.mark.long
 def test_definitions_that_the_bag_lacks(tmp_path: Path) -> None:
     folder = bag(tmp_path / "old", xela(store()), store(), version=8)
     mapping = TopicMapping(topic="/xServTopic", channels=SHEAR, path="sensors[0].taxels", fields=("x", "y", "z"))
@@ -212,6 +214,7 @@ def test_definitions_that_the_bag_lacks(tmp_path: Path) -> None:
         read_recording(folder, mapping=TopicMapping(**{**mapping.__dict__, "definitions": str(tmp_path / "none")}))
 
 
+@pytest.mark.long
 def test_grid_from_foxglove(tmp_path: Path) -> None:
     """The Grids that palpate writes are Grids that it reads: pressure and shear of a touch, as readings of others."""
     skin = pp.Skin(
@@ -244,6 +247,7 @@ def test_grid_from_foxglove(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "own.mcap", mapping=elsewhere).channels == ("stress_zz",)
 
 
+@pytest.mark.long
 def test_markers(tmp_path: Path) -> None:
     """Positions of markers become displacements from the first message, and their places."""
     types = store()

@@ -28,6 +28,7 @@ def test_of_a_whole_file_nothing_is_lost(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kept", [0.99, 0.5])
+@pytest.mark.long
 def test_a_torn_mcap(kept: float, tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     rng = np.random.default_rng(1)

@@ -423,6 +423,7 @@ def test_a_field_that_appears_late_is_filled_up(folder: Path, skin: pp.Skin, who
     np.testing.assert_array_equal(found.sliding, whole.sliding)
 
 
+@pytest.mark.long
 def test_another_run_does_not_go_on(folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path) -> None:
     out = tmp_path / "t.zarr"
     broken_off(skin, folder, out, pieces=1, method="dft")
@@ -456,6 +457,7 @@ def test_a_folder_of_somebody_else_is_left_alone(folder: Path, skin: pp.Skin, tm
 
 
 @pytest.mark.parametrize("name", ["t.nc", "t.csv", "t.npz", "t.mcap"])
+@pytest.mark.long
 def test_other_files_are_there_when_they_are_whole(name: str, folder: Path, skin: pp.Skin, tmp_path: Path) -> None:
     (tmp_path / name).write_text("old")
     broken_off(skin, folder, tmp_path / name, pieces=2, method="dft", overwrite=True)
@@ -492,6 +494,7 @@ def test_a_disk_that_is_full_is_said_at_once(
         same(read_touch(tmp_path / name), plain)
 
 
+@pytest.mark.long
 def test_a_disk_without_room_for_the_numbers_is_said_and_the_run_goes_on_later(
     folder: Path, skin: pp.Skin, plain: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -605,6 +608,7 @@ def test_a_long_table_is_read_line_by_line(folder: Path, tmp_path: Path, monkeyp
         assert len(opened) == FRAMES
 
 
+@pytest.mark.long
 def test_the_command_takes_it_all(folder: Path, plain: Any, tmp_path: Path) -> None:
     command = ["reconstruct", str(folder / "r.zarr"), "--skin", str(folder / "skin.toml"), "--method", "dft"]
     options = ["--workers", "2", "--scheduler", "threads", "--chunk", str(CHUNK), "--resume"]

@@ -274,6 +274,7 @@ def test_a_marker_that_is_mistaken_in_one_frame_is_said(tmp_path: Path) -> None:
         read(tmp_path, text(lines), NOW)
 
 
+@pytest.mark.long
 def test_every_text_is_read_or_refused(tmp_path: Path) -> None:
     """Whatever a byte becomes: a recording or InvalidInput."""
     whole, rng = text(rows(places="now")), np.random.default_rng(7)
@@ -437,6 +438,7 @@ def test_from_the_table_to_newtons(tmp_path: Path) -> None:
         assert abs(np.load(tmp_path / f"{name}.npz")["force"][2, 2] - 1.0) < within
 
 
+@pytest.mark.long
 def test_what_the_command_line_refuses(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text(text([[*r, 0.0] for r in rows()], titles="frame,id,x,y,dx,dy,dz"))
     (tmp_path / "gel.toml").write_text(SKIN)

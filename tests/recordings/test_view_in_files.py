@@ -56,6 +56,7 @@ def test_a_result_of_a_camera_knows_where_its_picture_lies_after_it_was_in_a_fil
 
 
 @pytest.mark.parametrize("ending", [".zarr", *long_runs(".nc")])
+@pytest.mark.long
 def test_a_stream_records_where_its_pictures_lie_and_a_frame_of_it_is_drawn_over_one(
     tmp_path: Path, ending: str
 ) -> None:

@@ -98,6 +98,7 @@ def test_a_handful_of_taxels_in_which_no_noise_hides_contact_does_not_rule_it_ou
     assert low[2] < 0.15 < high[2]
 
 
+@pytest.mark.long
 def test_a_ramp_under_a_contact_is_found_though_nobody_named_it() -> None:
     array = pp.AreaArray(shape=(7, 7), pitch=2e-3, depth=3e-3, channels=["stress_zz"], noise=10.0)
     skin = pp.Skin(PAD, array)
@@ -125,6 +126,7 @@ def test_offsets_are_solved_with_the_contact_until_they_rest() -> None:
     assert ((high - low) < 0.05 * frame.load.force).all()
 
 
+@pytest.mark.long
 def test_drift_of_every_displacement_that_was_found_leaves_none_to_hide() -> None:
     frame = make_frame("ramp", 1, seed=857)  # two displacements on a line, each with a ramp of a fifth of the largest
     exact = {"youngs_modulus": 0.0, "thickness": 0.0, "depth": 0.0, "scale": 0.0}
@@ -135,6 +137,7 @@ def test_drift_of_every_displacement_that_was_found_leaves_none_to_hide() -> Non
     assert high[1] - low[1] < 0.5 * frame.load.force[1]
 
 
+@pytest.mark.long
 def test_a_hypothesis_that_is_refuted_gives_way_to_one_that_is_not() -> None:
     """Two channels of stress on a line, every reading off by a fifth of the largest: contact all along gained more, left no noise and was 1.4 of the force off."""
     frame = make_frame("offset", 5, seed=4242)

@@ -16,6 +16,7 @@ def said(touch: pp.Touch, words: str) -> bool:
     return any(words in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_a_taxel_stuck_far_from_the_contact_is_questioned() -> None:
     """A shallow line on a thin layer: its neighbours need not feel what presses on it, and 56 N/m were found of 37."""
     frame = make_frame("stuck", 7, seed=2203)
@@ -30,6 +31,7 @@ def test_a_taxel_stuck_far_from_the_contact_is_questioned() -> None:
     assert abs(touch.force[1] / frame.load.force[1] - 1.0) < 0.05
 
 
+@pytest.mark.long
 def test_no_contact_that_given_noise_explains_ill_has_a_wide_zero() -> None:
     """Two of 252 readings felt a ball that slid: noise alone explains them with a chance of 0.012, and 0.46 N lay outside +- 0.25 N."""
     frame = make_frame("clean", 25, seed=7741)
@@ -41,6 +43,7 @@ def test_no_contact_that_given_noise_explains_ill_has_a_wide_zero() -> None:
     assert (frame.load.force < high).all()
 
 
+@pytest.mark.long
 def test_a_ball_across_the_edge_is_said_to_be() -> None:
     array = pp.AreaArray(shape=(8, 8), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=50.0)
     skin = pp.Skin(PAD, array)
@@ -104,6 +107,7 @@ def test_what_noise_explains_ill_may_be_contact() -> None:
 
 
 @pytest.mark.filterwarnings("error")
+@pytest.mark.long
 def test_a_disc_of_shear_alone_overflows_nothing() -> None:
     """Noise with heavy tails over nothing: a disc without pressure had a penalty of 1e306, and its traction was not a number.
 

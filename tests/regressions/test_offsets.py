@@ -111,6 +111,7 @@ def test_an_offset_of_one_row_is_no_contact() -> None:
     assert any("offset of stress_zz in row 7" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_an_offset_of_one_column_in_all_channels_is_no_contact() -> None:
     """A ball of 1 N beside 30 % of the peak on one column of all channels: 5.72 N (1.79 to 7.92) at a fit of 1, where rows had no offset of their own."""
     array = pp.AreaArray(shape=(6, 6), pitch=2e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
@@ -129,6 +130,7 @@ def test_an_offset_of_one_column_in_all_channels_is_no_contact() -> None:
         assert any(f"offset of {channel} in column 0" in note for note in touch.notes)
 
 
+@pytest.mark.long
 def test_noise_given_half_too_small_leaves_room_for_an_offset() -> None:
     """A ball of 1 N above an offset of 30 % on 6 x 6 taxels, with half of the true noise given: 5.2 N (0 to 10.7) of an even press at a fit of 0.5."""
     pad = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=3e5, poissons_ratio=0.48)])

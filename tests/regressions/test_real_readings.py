@@ -69,6 +69,7 @@ def test_an_offset_of_the_readings_is_no_contact(part: float, given: bool) -> No
     assert touch.nuisance == pytest.approx([part * top, 0.0], abs=0.02 * top)  # and no ramp
 
 
+@pytest.mark.long
 def test_an_offset_under_a_ball() -> None:
     skin, readings, top = area()
     plain, shifted = (skin.reconstruct(r) for r in (readings, readings - 0.2 * top))
@@ -328,6 +329,7 @@ def test_an_offset_of_displacement_on_a_half_space_is_no_wide_pressure() -> None
 
 
 @pytest.mark.parametrize(("part", "seed"), [(0.2, 1), (-0.2, 2)])
+@pytest.mark.long
 def test_a_tilt_of_displacements_that_wide_pressure_hides_is_in_the_interval(part: float, seed: int) -> None:
     """Pressure all round moves the taxels of a half-space as a tilted stage does: the force is a fifth too large, and the interval must say so."""
     pad = pp.HalfSpace(youngs_modulus=3e4, poissons_ratio=0.5)

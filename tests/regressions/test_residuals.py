@@ -46,6 +46,7 @@ def test_gains_that_leave_too_little_for_a_misfit_widen_the_shear_force() -> Non
     assert np.all(np.abs(np.asarray(touch.force) - frame.load.force) < 1.5 * half)
 
 
+@pytest.mark.long
 def test_a_peak_at_the_outermost_taxel_is_said() -> None:
     """A ball of which one half lies past the end of a line: 8 bit row of the trust table, 94 N/m for 117."""
     frame = make_frame("8 bit", 165, seed=35791)

@@ -77,6 +77,7 @@ def test_a_contact_that_one_taxel_alone_feels_is_within_the_error_of_none(
 
 
 @pytest.mark.parametrize("known", [True, False])
+@pytest.mark.long
 def test_a_reading_of_one_taxel_alone_may_be_a_broken_taxel(known: bool) -> None:
     """A railed taxel on an untouched array, which a needle over it would read as well; a press that its neighbours feel is no such reading."""
     array = _array((6, 8), 0.4, ["stress_zz"])
@@ -186,6 +187,7 @@ def test_a_ball_in_the_middle_of_four_taxels(radius: float, seed: int) -> None:
     assert any(note.startswith("small contact") for note in touch.notes)
 
 
+@pytest.mark.long
 def test_a_spike_on_few_taxels_is_broken() -> None:
     """A ball of 1 N on 4 x 4 taxels, one reading of which is 20 times the largest: "undecided", up to 70 N, before readings were compared with all others."""
     pad = pp.HalfSpace(youngs_modulus=3e5, poissons_ratio=0.48)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import palpate as pp
 from palpate.elastic.pad import Floats
@@ -52,6 +53,7 @@ def test_a_dead_taxel_is_found_in_small_noise_and_no_other() -> None:
     assert np.flatnonzero(np.asarray(touch.outliers)).tolist() == [3 * 8 + 4]
 
 
+@pytest.mark.long
 def test_what_finer_cells_do_not_explain_either_is_said() -> None:
     readings, std, _ = _tilted_block()
     touch = pp.Skin(PAD, _array(noise=std, depth=1.5e-3)).reconstruct(readings)

@@ -287,6 +287,7 @@ def test_aperture_rule_integrates(width: float, depth: float, offset: float | No
 
 
 @pytest.mark.parametrize("nu", ["0.3", "0.5"])
+@pytest.mark.long
 def test_line_fields_against_oracle(oracle: Any, nu: str) -> None:
     """sense() of a Hertz contact, every channel, relative L2 below 1e-3, falling with the square of the spacing."""
     data = oracle("closed_form_2d")

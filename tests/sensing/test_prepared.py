@@ -192,6 +192,7 @@ def test_digests_tell_things_apart() -> None:
     assert _recall.digest(np.array([object()])) is None
 
 
+@pytest.mark.long
 def test_from_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "skin.toml").write_text(
         '[pad]\nkind = "half_space"\nyoungs_modulus = "100 kPa"\npoissons_ratio = 0.5\n\n[[plane]]\nkind = "line"\ncount = 11\n'

@@ -90,6 +90,7 @@ def test_sums_by_rows_are_sums() -> None:
     np.testing.assert_allclose(np.tensordot(flat.moment_rows(every), traction, 3), flat.total_moment(traction))
 
 
+@pytest.mark.long
 def test_a_flat_pad_in_a_mesh_chart_is_flat() -> None:
     """A round plate: its chart is seen from above, areas end at the rim."""
     from palpate.solid.shapes import disc

@@ -149,6 +149,7 @@ def test_frames_of_a_symmetric_pad_do_not_depend_on_its_symmetry(
         assert np.abs(here - there).max() < 1e-6 * np.abs(there).max()
 
 
+@pytest.mark.long
 def test_a_part_of_an_array_needs_no_solve_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Parts are at the same places but for rounding: a contact in closed form is integrated for them with other cells."""
     pad = pp.SolidPad.box(8e-3, 6e-3, 2e-3, element=1e-3, **MATERIAL)
@@ -159,6 +160,7 @@ def test_a_part_of_an_array_needs_no_solve_of_its_own(monkeypatch: pytest.Monkey
     assert np.asarray(skin.sense(BALL.shifted(5e-4, 0.0))).any()
 
 
+@pytest.mark.long
 def test_far_from_the_sides_it_is_the_layer() -> None:
     pad = pp.SolidPad.box(14e-3, 14e-3, 2e-3, element=1e-3, **MATERIAL)
     grid = 1e-3 * np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
@@ -185,6 +187,7 @@ def test_force_near_a_side() -> None:
     assert abs(float(endless.force[2]) - 1.0) > 3 * abs(float(solid.force[2]) - 1.0)
 
 
+@pytest.mark.long
 def test_a_tracker_on_a_solid_pad(pad: pp.SolidPad) -> None:
     array = pp.AreaArray(shape=(3, 4), pitch=1.5e-3, depth="base", channels=STRESS, noise=60.0)
     skin = pp.Skin(pad, array)
@@ -402,6 +405,7 @@ def test_from_a_skin_file(tmp_path: Path) -> None:
         assert skin.pad.outline == ((-4e-3, 4e-3), (-3e-3, 3e-3))
 
 
+@pytest.mark.long
 def test_the_error_of_the_mesh_travels_with_the_pad(tmp_path: Path) -> None:
     """Into skins, the file of responses and skin.toml."""
     array = pp.AreaArray(shape=(2, 2), pitch=1.5e-3, depth="base", channels=["stress_zz"], noise=20.0)

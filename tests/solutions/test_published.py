@@ -27,6 +27,7 @@ channels = ["displacement_x", "displacement_y"]
 """
 
 
+@pytest.mark.long
 def test_contact_table(tables: Path) -> None:
     """CONTACT: a unit square pressed and sheared (G = 1, nu = 0.28); one surface cell is that square."""
     table = np.loadtxt(tables / "contact_subsurf.csv", delimiter=",", skiprows=1)
@@ -51,6 +52,7 @@ def test_contact_table(tables: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "x", "y"), [("ELLEA1_halfspace", 0.0, 0.0), ("ELLEA1_halfspace_shear", 10.0, 20.0)])
+@pytest.mark.long
 def test_alva_homogeneous(tables: Path, name: str, x: float, y: float) -> None:
     """ELLEA1: 1.1 MPa on a disc of radius 150 mm; four printed decimals."""
     with (tables / f"{name.lower()}.csv").open() as file:

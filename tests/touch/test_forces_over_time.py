@@ -249,6 +249,7 @@ def test_rest_tells_noise_and_drift() -> None:
     np.testing.assert_allclose(zero_of(glitch), 300.0, atol=1.5)
 
 
+@pytest.mark.long
 def test_the_shell_says_the_answer_first(folder: Path, tmp_path: Path) -> None:
     out = run(
         *("reconstruct", "raw.csv", "--skin", "skin.toml", "--baseline", "10", "--friction", "0.5"),
@@ -289,6 +290,7 @@ def test_arrows_miss_no_small_adhesion() -> None:
     assert far[far > 0].min() >= 3.0
 
 
+@pytest.mark.long
 def test_figures(touch: pp.Touch) -> None:
     figure = touch.plot_forces(title="a press")
     assert [a.get_ylabel() for a in figure.axes] == ["net force [N/m]", "peak pressure\n[kPa]", "slip margin\n[Pa]"]

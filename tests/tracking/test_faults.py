@@ -196,6 +196,7 @@ def test_a_sensor_that_freezes_says_so(skin: pp.Skin, pressed: Any) -> None:
     assert status(tracker.step(pressed + NOISE * rng.standard_normal(pressed.shape))) is Status.SOLVED
 
 
+@pytest.mark.long
 def test_missing_frames_while_the_zero_is_captured_do_not_count(skin: pp.Skin, pressed: Any) -> None:
     rng = np.random.default_rng(0)
     offset = 500.0 * rng.standard_normal(pressed.shape)

@@ -52,6 +52,7 @@ def test_the_zero_does_not_follow_such_a_press() -> None:
     assert label(touches[-1]) == "undecided"
 
 
+@pytest.mark.long
 def test_a_press_that_the_neighbours_feel_is_solved() -> None:
     small, wide = press(0.1), press(2.0, radius=6e-3)
     _, touches = follow([small] * 20 + [wide] * 40)

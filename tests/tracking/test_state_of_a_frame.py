@@ -88,6 +88,7 @@ def test_a_missing_frame_lists_its_own_missing_readings() -> None:
     assert np.asarray(touch.outliers).sum() == PRESS.size
 
 
+@pytest.mark.long
 def test_a_calibrated_tracker_scales_its_map_once() -> None:
     """The map of a sensor whose counts are 37 times smaller than pascals was 69 N for 2 N."""
     pad = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=1e5, poissons_ratio=0.48)])

@@ -118,6 +118,7 @@ def test_an_even_press_wider_than_the_array_is_load_with_a_zero_just_taken() -> 
 # -- the end of the range, and readings that stand still -----------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_all_readings_at_their_end_are_an_overload_without_an_upper_end() -> None:
     skin = pp.Skin(PAD, replace(PRESSED, noise=100.0, limits=(-1e5, 13e3)))
     full = np.asarray(pp.Skin(PAD, PRESSED).sense(solutions.hertz_point(contact_radius=30e-3, force=40.0)))
@@ -165,6 +166,7 @@ def test_a_patch_that_freezes_after_a_press_is_no_load(top: bool) -> None:
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (4, 4)])
+@pytest.mark.long
 def test_fit_is_known_in_every_solved_frame_of_few_taxels(shape: tuple[int, int]) -> None:
     """Their gains differ by a fifth; contact takes up nearly all that they tell."""
     array = pp.AreaArray(shape=shape, pitch=3e-3, depth=2e-3, channels=["stress_zz"])

@@ -84,6 +84,7 @@ def test_dead_taxels_under_the_contact_do_not_change_the_force(
         assert any("left out" in n for n in touch.notes) or status(touch) is Status.NOT_PUSHING
 
 
+@pytest.mark.long
 def test_taxels_that_die_while_pressed_are_left_out_in_that_frame_and_taken_up_again(
     skin: pp.Skin, pressed: Any
 ) -> None:
@@ -218,6 +219,7 @@ def test_a_contact_over_the_whole_array_is_not_taken_for_drift(skin: pp.Skin) ->
     assert widths[-1] >= widths[2]
 
 
+@pytest.mark.long
 def test_a_sensor_that_restarts_with_another_zero(skin: pp.Skin, pressed: Any) -> None:
     """Its clock begins anew and each channel has another offset: the contact is still 1 N, and a note says what became of the zero."""
     stream = Stream(skin, pressed)

@@ -220,6 +220,7 @@ def test_bad_taxels_are_noticed_and_left_out(skin: pp.Skin, how: str) -> None:
     assert touch.outliers[index]
 
 
+@pytest.mark.long
 def test_a_taxel_comes_back(skin: pp.Skin) -> None:
     rng = np.random.default_rng(3)
     tracker = skin.track(baseline=10)
@@ -442,6 +443,7 @@ def test_excess_is_announced_with_its_certainty(skin: pp.Skin) -> None:
     assert not any(e.kind == "excess pressure" for e in monitor.events)
 
 
+@pytest.mark.long
 def test_monitor_refuses() -> None:
     with pytest.raises(pp.InvalidInput, match="friction"):
         GraspMonitor(friction=0.0)

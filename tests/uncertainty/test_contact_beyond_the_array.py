@@ -78,6 +78,7 @@ _THREE = [
 ]
 
 
+@pytest.mark.long
 def test_contact_over_all_of_a_short_line_may_be_what_reads_as_noise() -> None:
     pad = pp.HalfSpace(youngs_modulus=138682.0, poissons_ratio=0.39856)
     readings = 0.034463 * np.array(_THREE)
