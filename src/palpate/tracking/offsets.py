@@ -23,12 +23,17 @@ contact. d is a state of its own: an offset that appears together with a contact
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.whitening import Readings
+from palpate.sensing.arrays import Array
+from palpate.sensing.nuisance import nuisances
+from palpate.touch import Touch
 from palpate.tracking.health import Flags, Index, Single
 
 __all__ = ["Marginal", "Observed", "Offsets"]
@@ -212,6 +217,20 @@ class Offsets:
         self._both = np.zeros((2 * k, 2 * k))
         self._both[:k, :k] = (JUMP * self._scale) ** 2 * np.eye(k)
         self._model, self.rate = np.zeros(k), np.zeros(k)
+
+    def take(self, alone: Touch, planes: Sequence[Array], std: Floats) -> None:
+        """Take the offsets, and their errors, that a single solve of readings with the units ``std`` (reading,) found."""
+        labels = [n.label for n in nuisances(planes, ["offset"])]
+        names = [name for name, _ in alone.nuisance_names]
+        if alone.nuisance is None or alone.nuisance_std is None or not set(labels) <= set(names):
+            return
+        chosen, unit = (
+            [names.index(label) for label in labels],
+            std[np.searchsorted(self.index, np.arange(len(labels)))],
+        )
+        k = len(labels)
+        self.mean = np.asarray(to_numpy(alone.nuisance)[chosen] / unit, dtype=np.float64)
+        self._both[:k, :k] = np.diag((to_numpy(alone.nuisance_std)[chosen] / unit) ** 2)
 
     def may_have_jumped(self, actual: Floats) -> bool:
         """Whether the readings (NaN if missing) are small enough for a contact on a zero that jumped."""

@@ -38,8 +38,9 @@ SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 4
 #: Number of standard deviations assigned to the difference of two results that disagree: below 1.96, half of a 95 %
 #: interval, so that the interval includes both.
 REACH = 1.8
-#: A comparison is due after this many frames, or if the load has changed by this factor.
-AGAIN, ANOTHER = 512, 2.0
+#: A comparison is due after this many frames, or if the load has changed by the factor ANOTHER (UNZEROED: if the stream
+#: has not been at rest).
+AGAIN, ANOTHER, UNZEROED = 512, 2.0, 1.2
 
 
 class SingleSolve:
@@ -123,6 +124,11 @@ class Answer:
         with np.errstate(invalid="ignore"):
             return not bool(((other.force < self.low) | (other.force > self.high)).any())
 
+    def beyond(self, other: Answer) -> float:
+        """How far the finite ends of the other interval lie from this force: the largest distance of a component."""
+        gaps = np.abs(np.stack([other.low, other.high]) - self.force)
+        return float(gaps[np.isfinite(gaps)].max(initial=0.0)) if self.explained and other.explained else 0.0
+
     def parted(self, other: Answer) -> bool:
         """Whether the intervals of two results are disjoint; False if one of them is unknown."""
         if not (self.explained and other.explained):
@@ -135,10 +141,12 @@ class Comparison:
     """Decides when to compare a tracker's result with a single solve, and keeps the outcome.
 
     ``share`` is the error (standard deviation, as a fraction of the load) that makes the two results agree;
-    ``refuted``: the single solve does not explain the frame.
+    ``refuted``: the single solve does not explain the frame. ``rested``: whether frames at rest have shown the zero; if
+    not, an offset may pass for a wide contact, so that a smaller change of the load is compared.
     """
 
-    def __init__(self, readings: int) -> None:
+    def __init__(self, readings: int, *, rested: bool) -> None:
+        self.rested, self._unzeroed = rested, 0.0  # and how far the single solve's interval reached from the force
         self._slow = max(readings / READINGS, 1.0)
         self._since = math.inf
         self._load = math.nan  # at the last comparison of this contact
@@ -164,7 +172,8 @@ class Comparison:
 
     def _same(self, load: float) -> bool:
         """Whether the load is close to that of the last comparison."""
-        return self._load / ANOTHER < load < self._load * ANOTHER
+        factor = ANOTHER if self.rested else UNZEROED
+        return self._load / factor < load < self._load * factor
 
     def refutes(self, load: float) -> bool:
         """Whether the compared frame was unexplained, and this load is similar to its load."""
@@ -172,9 +181,10 @@ class Comparison:
 
     def reaching(self, carried: Floats, load: float) -> float:
         """The share that makes two results agree and includes the result without the single solve's correction (a
-        force ``carried``).
+        force ``carried``); before a rest, the interval of the single solve.
         """
-        return math.hypot(self.share, float(np.abs(carried).max(initial=0.0)) / (REACH * max(load, 1e-300)))
+        force = float(np.abs(carried).max(initial=0.0)) + (0.0 if self.rested else self._unzeroed)
+        return math.hypot(self.share, force / (REACH * max(load, 1e-300)))
 
     def begun(self, load: float) -> None:
         """Record that a comparison has begun."""
@@ -183,13 +193,14 @@ class Comparison:
     def settle(self, tracked: Answer, alone: Answer) -> bool:
         """Process the two results of a frame; False if the tracker must restart first."""
         self.refuted = not alone.explained
-        own = tracked.without(self.share)
+        own = tracked.without(self.reaching(np.zeros(1), tracked.load))
+        self._unzeroed = own.beyond(alone)
         if not own.parted(alone):
             # The results agree; widen the tracker's interval to contain the single solve's force.
             self.share = 0.0 if own.holds(alone) else self._reaching(own, alone)
             self.anew = False
             return True
-        if not self.anew and not self.share:
+        if not self.anew and not (self.share and self.rested):
             self.anew = True
             return False
         self.share, self.anew = self._reaching(tracked, alone), False

@@ -178,12 +178,12 @@ class Tracker:
             self.tolerance,
         )
         self._touching = False
-        self._comparison, self._anchor = Comparison(n), Anchor(estimator.cone, estimator.columns)
+        self._comparison = Comparison(n, rested=self._given_zero is None or bool(self._given_zero.any()))
+        self._anchor = Anchor(estimator.cone, estimator.columns)
         self._beside.forget()
         self._compared: tuple[Answer, Floats] | None = None  # of the frame that is solved by itself beside the stream
-        # Traction of the last frame without the single solve's correction, and the force of that correction.
-        self._own: Floats = np.zeros((0, 0))
-        self._carried: Floats = np.zeros(len(estimator.surface.components))
+        self._own: Floats = np.zeros((0, 0))  # traction of the last frame without the single solve's correction
+        self._carried: Floats = np.zeros(len(estimator.surface.components))  # force of that correction
         self._frame: Frame | None = None
         self._steady, self._restarted = Steady(), 0
         self._said: list[str] = []
@@ -348,18 +348,15 @@ class Tracker:
     def _stepped(self, reading: Any, time: float | None, std: Any) -> Touch:
         """`step`, while background work pauses."""
         started = clock.perf_counter()
-        (flat, like), noise = (
-            self._flat(reading),
-            None if std is None else typical_noise(self._flat(std)[0] / self._std),
-        )
+        flat, like = self._flat(reading)
+        noise = None if std is None else typical_noise(self._flat(std)[0] / self._std)
         frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
         try:
             with few_threads(self.unknowns):
                 status, converged = self._step(flat, frame.elapsed, started, noise)
         except np.linalg.LinAlgError:
-            # Start the next frame from nothing, so that it does not inherit the cause of the failure.
-            self._release()
+            self._release()  # the next frame does not inherit the cause of the failure
             self._offsets.clear()
             status, converged = Status.FAILED, False
 
@@ -397,7 +394,7 @@ class Tracker:
         if comparison.settle(compared, reference):
             self._hold_to(traction, single, compared, reference)
         else:
-            self._begin_anew()
+            self._begin_anew(single)
             unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
             self._said.append(comparison.words(compared, reference, unit))
             if not beside.threaded:
@@ -420,10 +417,12 @@ class Tracker:
         part = beyond(reference.force - compared.force, reference.discrepancy * reference.load)
         self._anchor.hold(traction, single if meet and self._contact.pushing else None, part)
 
-    def _begin_anew(self) -> None:
-        """Forget everything that the result depends on, except the readings, the zero and its noise."""
+    def _begin_anew(self, single: Touch) -> None:
+        """Forget what the result depends on, except readings, zero and noise; take the offsets of a single solve."""
         self._contact.release()
         self._offsets.clear()
+        if self.drift_time is not None:
+            self._offsets.take(single, self._layout.planes, self._std)
         self._offsets.rate = np.zeros_like(self._offsets.rate)
         self._anchor.clear()
         self._learning.anew()
@@ -506,6 +505,7 @@ class Tracker:
             if follows:
                 zero.shift(offsets.follow(y, unused))
             self._standing.look(y, unused)
+            self._comparison.rested |= learning.noise is not None and not self._standing.now
             if self._standing.now and not learning.discrepancy.zeroed:
                 self._said.append(STANDS)
             check.forgive(np.abs(actual) < UNEXPLAINED * noise, 1)
