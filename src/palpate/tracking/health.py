@@ -93,9 +93,9 @@ class Health:
         )
 
 
-def clipped(flat: Floats, index: npt.NDArray[np.intp]) -> Flags:
+def clipped(flat: Floats, index: npt.NDArray[np.intp], far: Flags) -> Flags:
     """Mask of saturated readings: several of one channel (``index``) have exactly its largest magnitude, while few
-    others are equal.
+    others are equal; or most of them have it, ``far`` from a known zero.
 
     A coarse converter repeats values everywhere, a saturated one only at its ends.
     """
@@ -110,7 +110,7 @@ def clipped(flat: Floats, index: npt.NDArray[np.intp]) -> Flags:
             mine = (index == channel) & finite
             others = came[mine & ~at]
             few = (mine & at).sum() <= ENOUGH * mine.sum()
-            if few and len(np.unique(others)) > ALIKE * len(others):
+            if len(np.unique(others)) > ALIKE * len(others) if few else far[mine & at].all():
                 out |= mine & at
     return out
 
@@ -212,8 +212,8 @@ class ReadingCheck:
         ``noise``.
         """
         high, low = at_ends(flat, self._ends, y * self._std)
-        self.clipped = clipped(flat, index) | high | low
         size = np.abs(y)
+        self.clipped = clipped(flat, index, (size > FAR * noise) & (y * self._std != flat)) | high | low
         self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
         came = np.bincount(index, np.isfinite(flat))
         # At rest, coarsely rounded readings are often equal; so saturation counts only far from zero.

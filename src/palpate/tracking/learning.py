@@ -119,7 +119,7 @@ class Learning:
 
     def doubt(self, used: Floats) -> None:
         """Discard a learned noise if the following frames are much quieter; otherwise contact would stay hidden in it."""
-        quiet = float(np.median(np.abs(used))) / NORMAL
+        quiet = float(np.median(np.abs(used))) / NORMAL if used.size else 0.0
         loud = self._from_contact and self.noise is not None and 0.0 < QUIETER * quiet < self.noise
         self._doubts = self._doubts + 1 if loud else 0
         if self._doubts >= DOUBTED_FRAMES:

@@ -232,6 +232,10 @@ class Offsets:
         self.mean = np.asarray(to_numpy(alone.nuisance)[chosen] / unit, dtype=np.float64)
         self._both[:k, :k] = np.diag((to_numpy(alone.nuisance_std)[chosen] / unit) ** 2)
 
+    def beyond(self, noise: float | None) -> bool:
+        """Whether an offset exceeds the noise."""
+        return float(np.abs(self.mean).max(initial=0.0)) > (noise or 0.0)
+
     def may_have_jumped(self, actual: Floats) -> bool:
         """Whether the readings (NaN if missing) are small enough for a contact on a zero that jumped."""
         largest = float(np.abs(actual[np.isfinite(actual)]).max(initial=0.0))

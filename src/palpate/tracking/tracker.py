@@ -387,7 +387,11 @@ class Tracker:
             self._compared = Answer.of(touch).without_move(self._carried), self._own
         planes, y = self.estimator.readings.planes, frame.actual * self._std
         zero_frames = [planes(f * self._std) for f in self._rest.frames]
-        single = beside.result("alone", lambda: alone(planes(y), zero_frames))
+        try:
+            single = beside.result("alone", lambda: alone(planes(y), zero_frames))
+        except InvalidInput:  # readings minus their offsets that no elastic pad gives
+            comparison.refuted = True
+            return rebuild(*self._status(bool(touch.converged)))
         if single is None or self._compared is None:
             return touch
         reference, (compared, traction) = Answer.of(single), self._compared
@@ -406,14 +410,11 @@ class Tracker:
 
     def _knows_no_more(self) -> bool:
         """Whether earlier frames give the tracker no more information on this frame than a single solve has."""
-        return not (self._offsets_beyond_noise() or self._check.unused.any() or self._restarted)
-
-    def _offsets_beyond_noise(self) -> bool:
-        return float(np.abs(self._offsets.mean).max(initial=0.0)) > (self._learning.noise or 0.0)
+        return not (self._offsets.beyond(self._learning.noise) or self._check.unused.any() or self._restarted)
 
     def _hold_to(self, traction: Floats, single: Touch, compared: Answer, reference: Answer) -> None:
         """Keep a single solve as a correction if both results agree and push, and if the tracker took no load for offsets."""
-        meet = reference.explained and not compared.parted(reference) and not self._offsets_beyond_noise()
+        meet = reference.explained and not compared.parted(reference) and not self._offsets.beyond(self._learning.noise)
         part = beyond(reference.force - compared.force, reference.discrepancy * reference.load)
         self._anchor.hold(traction, single if meet and self._contact.pushing else None, part)
 
@@ -609,8 +610,6 @@ class Tracker:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    # -- readings ------------------------------------------------------------------------------------------------------
 
     def _flat(self, reading: Any) -> tuple[Floats, Any]:
         """One vector of all readings, in SI units, and the caller's array."""

@@ -49,7 +49,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         plain = search(estimator, readings, rng)
         few = len(data) <= policy.detection.few_readings or plain.unproven > 0
         if not plain.contact:
-            return _undecided(plain) if few and np.any(data) else plain
+            return _undecided(estimator, plain, data) if few and np.any(data) else plain
         return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain
     ratio = data / estimator.readings.std
     far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
@@ -79,17 +79,17 @@ def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
     )
 
 
-def _undecided(frame: Frame) -> Frame:
+def _undecided(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
     """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact as large as
-    the largest reading.
+    the largest reading, or any if all readings of a channel are the same, as at the end of their range.
     """
-    return replace(frame.blanked(), undecided=True, bounds=_hidden(frame))
-
-
-def _hidden(frame: Frame) -> Floats:
-    """Bounds on the net force (component, 2) of a contact that would not be detected."""
-    force = 1.96 * frame.known.force
-    return np.stack([-force, force], axis=-1)
+    bounds, index = hidden(estimator, data), estimator.noise.index
+    if any(
+        np.ptp(mine) == 0.0 and mine.any() and len(mine) > 1
+        for mine in np.split(data, np.flatnonzero(np.diff(index)) + 1)
+    ):
+        bounds = np.copysign(math.inf, bounds)
+    return replace(frame.blanked(), undecided=True, bounds=bounds)
 
 
 def _explains(frame: Frame) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +62,17 @@ def ends_of_range(estimator: Prepared, readings: Sequence[Floats], data: Floats)
     given = None
     if estimator.given_ends is not None:
         given = at_ends(estimator.readings.flat(readings), estimator.given_ends)
-    return ceilings(as_read(estimator, data), estimator.noise.index, estimator.pairs, estimator.policy, given)
+    read = as_read(estimator, data)
+    found = ceilings(read, estimator.noise.index, estimator.pairs, estimator.policy, given)
+    if estimator.zero is None or not estimator.noise_known:
+        return found
+    # A channel whose readings are all the same, far from their zero, is at the end of its range.
+    far = np.abs(data) > estimator.policy.screening.deviations * estimator.readings.std
+    same = np.zeros(len(data), dtype=bool)
+    for channel in range(int(estimator.noise.index[-1]) + 1):
+        mine = estimator.noise.index == channel
+        same[mine] = np.ptp(read[mine]) <= 1e-12 * np.abs(read[mine]).max() and mine.sum() > 1
+    return replace(found, upper=found.upper | (same & far & (data > 0)), lower=found.lower | (same & far & (data < 0)))
 
 
 def as_read(estimator: Prepared, data: Floats) -> Floats:
