@@ -337,6 +337,8 @@ def test_what_is_said_of_frames_is_kept(touch: pp.Touch) -> None:
 
 
 def test_long_work_says_how_long_it_takes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    import rich.progress  # noqa: F401  takes the clock when it is first imported
+
     from palpate.cli import progress
 
     clock = iter([0.0, 10.0, 40.0, 50.0, 80.0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -27,7 +27,7 @@ from palpate.tracking.offsets import Observed, Offsets
 from palpate.tracking.pulling import Pulling, firm
 from palpate.tracking.region import NormalEquations
 
-__all__ = ["ErrorBars", "open_above"]
+__all__ = ["ErrorBars", "open_above", "unbounded"]
 
 #: Same value as in the contact method.
 FAINT = Policy().extent.faint
@@ -307,3 +307,8 @@ def _taken(model: ContactModel) -> float:
 def open_above(errors: Errors) -> Errors:
     """Errors of a load known only from below: the interval of its force has no upper bound."""
     return replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))
+
+
+def unbounded(names: Sequence[str]) -> Floats:
+    """Bounds of a net force (component, 2) of which nothing is known."""
+    return np.tile([-math.inf, math.inf], (len(names), 1))

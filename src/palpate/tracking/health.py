@@ -15,8 +15,8 @@ from palpate.sensing.limits import at_ends
 
 __all__ = ["Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
 
-#: Same value as in the contact method.
-FAR = Policy().screening.deviations
+#: Same values as in the contact method.
+FAR, MOVED = Policy().screening.deviations, Policy().screening.moved
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -41,9 +41,9 @@ SELDOM = 0.1
 #: differ.
 CEILING, ALIKE = 2, 0.9
 #: Above this fraction of saturated readings in a channel, the others do not determine the load. For balls on 6 x 6 and
-#: 10 x 10 taxels, the truth was above the interval in none of 16 frames with up to 15 % saturated, and in one of 6 with
-#: up to 25 %.
-MOST_CLIPPED = 0.2
+#: 10 x 10 taxels, the truth was above the interval in none of 16 frames with up to 15 % saturated, in one of 6 with up
+#: to 25 %, and on 8 x 8 in one with 19 %.
+MOST_CLIPPED = 0.15
 #: A frame is solved if at least this fraction of the readings is finite, in range and in use; with half of the taxels
 #: the spacing is 1.4 times as wide.
 ENOUGH = 0.5
@@ -109,8 +109,8 @@ def clipped(flat: Floats, index: npt.NDArray[np.intp], far: Flags) -> Flags:
         for channel in np.flatnonzero((ends != 0.0) & (np.add.reduceat(at, starts, dtype=np.intp) >= CEILING)):
             mine = (index == channel) & finite
             others = came[mine & ~at]
-            few = (mine & at).sum() <= ENOUGH * mine.sum()
-            if len(np.unique(others)) > ALIKE * len(others) if few else far[mine & at].all():
+            differ = not others.size or len(np.unique(others)) > ALIKE * len(others)
+            if differ and ((mine & at).sum() <= ENOUGH * mine.sum() or far[mine & at].all()):
                 out |= mine & at
     return out
 
@@ -213,12 +213,14 @@ class ReadingCheck:
         """
         high, low = at_ends(flat, self._ends, y * self._std)
         size = np.abs(y)
-        self.clipped = clipped(flat, index, (size > FAR * noise) & (y * self._std != flat)) | high | low
+        self.clipped = clipped(flat, index, (size > MOVED * noise) & (y * self._std != flat)) | high | low
         self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
         came = np.bincount(index, np.isfinite(flat))
         # At rest, coarsely rounded readings are often equal; so saturation counts only far from zero.
-        at_end = self.clipped & (size > FAR * noise)
-        self.overload = bool((np.bincount(index, at_end) > MOST_CLIPPED * np.maximum(came, 1)).any())
+        at_end = high | low | (self.clipped & (size > FAR * noise))
+        same = self.clipped & (size > MOVED * noise)
+        shares = [np.bincount(index, flags) / np.maximum(came, 1) for flags in (at_end, same)]
+        self.overload = bool((shares[0] > MOST_CLIPPED).any() or (shares[1] > ENOUGH).any())
         # If few readings are saturated, the others determine them. If many are, use their values as lower bounds.
         absent = ~np.isfinite(y) if self.overload else ~np.isfinite(y) | self.clipped
         self._absent = absent & ~self.health.left_out

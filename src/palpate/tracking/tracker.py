@@ -35,7 +35,7 @@ from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
 from palpate.tracking.discrepancy import widened, without_numbers
-from palpate.tracking.errors import open_above
+from palpate.tracking.errors import open_above, unbounded
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
@@ -545,7 +545,7 @@ class Tracker:
     def _status(self, converged: bool) -> tuple[Status, bool]:
         """The status of a frame in contact."""
         contact = self._contact
-        if self._check.overload and contact.pushing:
+        if self._check.overload:
             return Status.OVERLOAD, converged
         status = Status.SOLVED if converged else Status.NOT_CONVERGED
         if not contact.fits or self._comparison.refutes(contact.size):
@@ -647,7 +647,7 @@ class Tracker:
         elif self._touching and contact.cells is not None:
             values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
             errors, pad_std, share = contact.errors, contact.stated, learning.discrepancy.posterior
-            if status is Status.OVERLOAD and errors is not None:
+            if status is Status.OVERLOAD and errors is not None and contact.pushing:
                 errors = open_above(errors)
             self._own = values
             values = self._anchor.carried(values) if contact.pushing else values
@@ -688,6 +688,7 @@ class Tracker:
             case=self._case,
             friction=estimator.cone.friction,
             status=np.asarray(int(status), dtype=np.int8),
+            force_bounds=unbounded(self.names) if status is Status.OVERLOAD and not contact.pushing else None,
             pushing=np.asarray(pushing),
             drag=None if drag is None else drag.ratio,
             drag_std=None if drag is None else np.asarray(drag.std),

@@ -81,15 +81,9 @@ def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
 
 def _undecided(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
     """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact as large as
-    the largest reading, or any if all readings of a channel are the same, as at the end of their range.
+    the largest reading.
     """
-    bounds, index = hidden(estimator, data), estimator.noise.index
-    if any(
-        np.ptp(mine) == 0.0 and mine.any() and len(mine) > 1
-        for mine in np.split(data, np.flatnonzero(np.diff(index)) + 1)
-    ):
-        bounds = np.copysign(math.inf, bounds)
-    return replace(frame.blanked(), undecided=True, bounds=bounds)
+    return replace(frame.blanked(), undecided=True, bounds=hidden(estimator, data))
 
 
 def _explains(frame: Frame) -> bool:

@@ -13,7 +13,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.screening import Ceilings, ceilings, silent, stuck
 from palpate.sensing.limits import at_ends
 
-__all__ = ["Observed", "ends_of_range", "observe"]
+__all__ = ["Observed", "constant", "ends_of_range", "observe"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -66,13 +66,22 @@ def ends_of_range(estimator: Prepared, readings: Sequence[Floats], data: Floats)
     found = ceilings(read, estimator.noise.index, estimator.pairs, estimator.policy, given)
     if estimator.zero is None or not estimator.noise_known:
         return found
-    # A channel whose readings are all the same, far from their zero, is at the end of its range.
-    far = np.abs(data) > estimator.policy.screening.deviations * estimator.readings.std
-    same = np.zeros(len(data), dtype=bool)
-    for channel in range(int(estimator.noise.index[-1]) + 1):
-        mine = estimator.noise.index == channel
-        same[mine] = np.ptp(read[mine]) <= 1e-12 * np.abs(read[mine]).max() and mine.sum() > 1
-    return replace(found, upper=found.upper | (same & far & (data > 0)), lower=found.lower | (same & far & (data < 0)))
+    far = np.abs(data) > estimator.policy.screening.moved * estimator.readings.std
+    end = constant(estimator, data) & far
+    return replace(found, upper=found.upper | (end & (data > 0)), lower=found.lower | (end & (data < 0)))
+
+
+def constant(estimator: Prepared, data: Floats) -> Flags:
+    """Mask of the channels whose readings, with their zero, are all the same and not 0: at the end of their range, if
+    they are not at rest.
+    """
+    read, index = as_read(estimator, data), estimator.noise.index
+    out = np.zeros(len(data), dtype=bool)
+    for channel in range(int(index[-1]) + 1):
+        mine = index == channel
+        size = float(np.abs(read[mine]).max())
+        out[mine] = mine.sum() > 1 and size > 0.0 and np.ptp(read[mine]) <= 1e-12 * size
+    return out
 
 
 def as_read(estimator: Prepared, data: Floats) -> Floats:

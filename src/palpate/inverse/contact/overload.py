@@ -12,8 +12,9 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.discrepancy import solve_with_model_error
 from palpate.inverse.contact.frame import Frame
-from palpate.inverse.contact.observed import ends_of_range
+from palpate.inverse.contact.observed import constant, ends_of_range
 from palpate.inverse.contact.prepared import Prepared
+from palpate.sensing.limits import at_ends
 
 __all__ = ["solve_within_range"]
 
@@ -29,29 +30,37 @@ def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.
     data = estimator.readings.flat(estimator.operator.observed(readings))
     ends = ends_of_range(estimator, readings, data)
     if ends is None or not ends.any:
-        return solve_with_model_error(estimator, readings, rng)
+        return _unless_constant(estimator, solve_with_model_error(estimator, readings, rng), data)
     # At rest, coarsely rounded readings are often equal. So saturation counts only far from zero.
     far = (
         np.abs(data) > policy.screening.deviations * estimator.readings.std
         if estimator.noise_known
         else np.ones(len(data), dtype=bool)
     )
-    at_end = (ends.upper | ends.lower) & far
+    at_end = (ends.upper | ends.lower) & (far | constant(estimator, data))
+    if estimator.given_ends is not None:
+        at_end |= np.logical_or(*at_ends(estimator.readings.flat(readings), estimator.given_ends))
     count = np.bincount(estimator.noise.index)
     part = float((np.bincount(estimator.noise.index, at_end, len(count)) / count).max())
     if part < policy.screening.open_end:
-        return solve_with_model_error(estimator, readings, rng)
+        return _unless_constant(estimator, solve_with_model_error(estimator, readings, rng), data)
     trace.step(
         f"{part:.0%} of a channel at its end of range: solved as they are, for a lower bound, and again without them"
     )
     least = solve_with_model_error(estimator.as_they_are(), readings, rng)
-    found = least if at_end.all() else solve_with_model_error(estimator, readings, rng)
+    # The others determine a contact if they are at least half.
+    found = least if at_end.mean() > 0.5 else solve_with_model_error(estimator, readings, rng)
     push, force = float(np.nansum(least.traction[-1])), estimator.operator.surface.cell
     sign = -1.0 if push < 0 else 1.0
-    if not (found.contact and sign * float(np.nansum(found.traction[-1])) >= abs(push)):
+    without = sign * float(np.nansum(found.traction[-1])) if found.contact else 0.0
+    if without < abs(push):
         found = least
     bounds = np.full((len(found.traction), 2), math.nan)
     bounds[-1] = (force * push, math.inf) if sign > 0 else (-math.inf, force * push)
+    both = all(np.bincount(estimator.noise.index, at_end & flags).all() for flags in (ends.upper, ends.lower))
+    mixed = abs(push) < 0.5 * float(np.nansum(np.abs(least.traction[-1])))
+    if both or mixed or without < 0.0:  # nothing shows whether it is pushed
+        bounds[-1] = -math.inf, math.inf
     return replace(
         found,
         bounds=bounds,
@@ -63,3 +72,13 @@ def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.
         nuisance_std=np.zeros(len(estimator.terms)) if found is least else found.nuisance_std,
         outliers=np.zeros(len(data), dtype=bool) if found is least else found.outliers,
     )
+
+
+def _unless_constant(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
+    """The frame; undecided and without bounds if it shows no contact while all readings of a channel are the same, as
+    an offset makes them and the end of the range. After a zero they are the same because they are at rest.
+    """
+    if frame.contact or estimator.zero is not None or not constant(estimator, data).any():
+        return frame
+    bounds = np.tile([-math.inf, math.inf], (len(frame.traction), 1))
+    return replace(frame.blanked(), undecided=True, unexplained=False, bounds=bounds)

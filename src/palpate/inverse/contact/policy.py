@@ -205,6 +205,10 @@ class Fit:
 class Screening:
     """Limits for broken readings, saturation and outliers."""
 
+    moved: float = number(
+        3.0,
+        "standard deviations from the zero at which a channel whose readings are all the same is at the end of its range; noise does not move all of them by as much",
+    )
     deviations: float = number(
         6.0, "residual from which a reading is an outlier, in standard deviations: 2e-9 of Gaussian noise", tried=True
     )
