@@ -9,8 +9,8 @@ With z the readings over their scale, r = |z| and u = z/r, the covariance of the
     a3 (r r')^q exp(-|u - u'|^2 / 2 m^2)
                         any map that grows as a power q of the readings: q = 1 where pad and contact are linear,
                         and where the contact grows with the load force and readings have different powers
-    a4 exp(-|z - z'|^2 / 2 l^2)
-                        the rest, which no term above describes
+    a4 exp(-|z - z'| / l)
+                        the rest, which no term above describes; it need not be smooth (Matern 1/2)
     a5 (z . z')^2       quadratic maps
     a6                  a zero that is not exact
 
@@ -128,11 +128,11 @@ def terms(a: Scaled, b: Scaled, log: Floats, physics: Floats | None, without: tu
     straight = {k: v for k, v in straight.items() if k not in without}
     angle = np.maximum(2.0 - 2.0 * a.direction @ b.direction.T, 0.0) / value[AT["angle"]] ** 2
     squares = (a.z**2).sum(axis=1)[:, None] + (b.z**2).sum(axis=1)[None]
-    distance = np.maximum(squares - 2.0 * dot, 0.0) / value[AT["length"]] ** 2
+    distance = np.sqrt(np.maximum(squares - 2.0 * dot, 0.0)) / value[AT["length"]]
     parts = {
         **{k: v * (1.0 + bend) for k, v in straight.items()},
         "growing": value[AT["growing"]] * np.exp(value[AT["power"]] * log_size - 0.5 * angle),
-        "free": value[AT["free"]] * np.exp(-0.5 * distance),
+        "free": value[AT["free"]] * np.exp(-distance),
         "quadratic": value[AT["quadratic"]] * dot**2,
         "zero": np.full(dot.shape, value[AT["zero"]]),
     }
