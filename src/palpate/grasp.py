@@ -503,6 +503,8 @@ def _chance_of_pull(touch: Touch) -> float:
     if not touch.has_intervals:
         return 1.0
     low, high = touch.interval(0.6827, "force")
+    if not (math.isfinite(low[-1]) and math.isfinite(high[-1])):  # an overload: nothing shows its sign
+        return 0.5
     middle, std = 0.5 * (low[-1] + high[-1]), 0.5 * (high[-1] - low[-1])
     return 0.5 * math.erfc(float(middle) / (math.sqrt(2.0) * max(float(std), 1e-300)))
 

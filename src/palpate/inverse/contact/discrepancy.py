@@ -49,7 +49,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         plain = search(estimator, readings, rng)
         few = len(data) <= policy.detection.few_readings or plain.unproven > 0
         if not plain.contact:
-            return _undecided(estimator, plain, data) if few and np.any(data) else plain
+            return _undecided(plain) if few and np.any(data) else plain
         return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain
     ratio = data / estimator.readings.std
     far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
@@ -79,11 +79,12 @@ def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
     )
 
 
-def _undecided(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
-    """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact as large as
-    the largest reading.
+def _undecided(frame: Frame) -> Frame:
+    """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact that this
+    noise hides.
     """
-    return replace(frame.blanked(), undecided=True, bounds=hidden(estimator, data))
+    force = 1.96 * frame.known.force
+    return replace(frame.blanked(), undecided=True, bounds=np.stack([-force, force], axis=-1))
 
 
 def _explains(frame: Frame) -> bool:

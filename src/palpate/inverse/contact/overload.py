@@ -76,9 +76,13 @@ def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.
 
 def _unless_constant(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
     """The frame; undecided and without bounds if it shows no contact while all readings of a channel are the same, as
-    an offset makes them and the end of the range. After a zero they are the same because they are at rest.
+    an offset makes them and the end of the range. Displacements are the same if the image moved; after a zero, readings
+    are the same at rest.
     """
-    if frame.contact or estimator.zero is not None or not constant(estimator, data).any():
+    if frame.contact or estimator.zero is not None:
+        return frame
+    moves = [c.startswith("displacement") for a in estimator.operator.planes_of for c in a.channels]
+    if not (constant(estimator, data) & ~np.array(moves)[estimator.noise.index]).any():
         return frame
     bounds = np.tile([-math.inf, math.inf], (len(frame.traction), 1))
     return replace(frame.blanked(), undecided=True, unexplained=False, bounds=bounds)
