@@ -63,6 +63,7 @@ class ConstrainedEstimator(Prepared):
         noise: Floats,
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
+        near: ContactModel | None = None,
     ) -> Iterator[ContactModel]:
         """Yield the one model of a frame: the constrained solution on the contact and a margin around it.
 

@@ -11,16 +11,30 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 
-__all__ = ["Explanation", "Rough", "Solved"]
+__all__ = ["Beside", "Explanation", "Rough", "Solved"]
 
 Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What the readings tell of nuisances beside a contact on its face (`variances.told_of`): the ``information``
+    (nuisance, nuisance), the gradient ``pull`` (nuisance,), and the sum of squares ``left`` of the whitened residual.
+    ``unit`` (nuisance,): length of the whitened pattern of each; the others are for patterns of length one.
+    """
+
+    information: Floats
+    pull: Floats
+    left: float
+    unit: Floats
 
 
 @dataclass(frozen=True)
 class Rough:
     """A rough solution: gain (see `score.gain_of`), residual noise and degrees of freedom, traction (component, cell),
     predicted readings, the loaded fraction of the cells above the outermost taxels, and the change of the sizes of its
-    nuisances (nuisance,) if contact and they are solved together, with its standard deviations.
+    nuisances (nuisance,) if contact and they are solved together, with its standard deviations. ``beside``: what the
+    readings tell of all nuisances, where it was asked for.
     """
 
     gain: float
@@ -31,6 +45,7 @@ class Rough:
     ring: float
     change: Floats = field(default_factory=lambda: np.zeros(0))
     deviation: Floats = field(default_factory=lambda: np.zeros(0))
+    beside: Beside | None = None
 
 
 @dataclass(frozen=True)

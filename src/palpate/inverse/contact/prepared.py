@@ -316,10 +316,16 @@ class Prepared(ABC):
 
     @abstractmethod
     def models(
-        self, first: Floats, y: Floats, noise: Floats, observed: Flags, evidence: Mapping[int, LinearEvidence]
+        self,
+        first: Floats,
+        y: Floats,
+        noise: Floats,
+        observed: Flags,
+        evidence: Mapping[int, LinearEvidence],
+        near: ContactModel | None = None,
     ) -> Iterator[ContactModel]:
         """Yield the models of a frame with their weights, from a rough solution ``first`` and readings ``y`` in units
-        of the noise.
+        of the noise. ``near`` is a model of the same frame with other noise, from which solutions may start.
         """
 
     def models_over(
@@ -330,6 +336,7 @@ class Prepared(ABC):
         noise: Floats,
         observed: Flags,
         evidence: Mapping[int, LinearEvidence],
+        near: ContactModel | None = None,
     ) -> Iterator[ContactModel]:
         """The same as `models`, with contact only inside a ``region`` (*grid), if the method supports it."""
         raise NotImplementedError(f"{type(self).__name__} makes no models over a region")

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of, with_matrix
 from palpate.inverse.contact.cells import solved
-from palpate.inverse.contact.explanation import Explanation, Rough
+from palpate.inverse.contact.explanation import Beside, Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
@@ -32,12 +33,14 @@ def rough(
     noise_at_first: float | None = None,
     near: Floats | None = None,
     beat: float = -math.inf,
+    shifts: Floats | None = None,
 ) -> Rough:
     """Rough solution of pushing readings, with the largest noise level that equals its own residual, starting from
     ``noise_at_first``.
 
     ``patterns`` (reading, nuisance) are the nuisances that were subtracted, each of which takes a degree of freedom;
     ``near`` is passed to `cells.solved`. Stop lowering the noise once the gain decreases and is below ``beat``.
+    ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for.
     """
     policy = estimator.policy
     readings, certain = estimator.readings, estimator.noise_known
@@ -58,7 +61,14 @@ def rough(
         noise = readings.std * known
         weight = found.parameter / found.scale**2
         first, explained, model = solved(
-            estimator, found.traction, data / noise, noise, observed, weight, near, keep_face=used > 0
+            estimator,
+            found.traction,
+            data / noise,
+            noise,
+            observed,
+            weight,
+            near,
+            keep_face=used > 0 or shifts is not None,
         )
         near = first
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
@@ -88,7 +98,20 @@ def rough(
         told = rows.T @ rows if few else told_of(model, rows)
         change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0]) / unit
         deviation = deviations_of(told) / unit * (max(left, floor) / known)
-    return Rough(gain, left, free, first, explained, estimator.ring_load(first[-1]), change, deviation)
+    ring = estimator.ring_load(first[-1])
+    beside = None
+    if shifts is not None:
+        beside = _beside(estimator, model, shifts / noise[:, None], (data - explained) / noise, observed)
+    return Rough(gain, left, free, first, explained, ring, change, deviation, beside)
+
+
+def _beside(estimator: Prepared, model: ContactModel, columns: Floats, left: Floats, observed: Flags) -> Beside:
+    """`Beside` of a contact; nuisances ``columns`` and residual ``left`` are in units of the noise."""
+    rows = estimator.readings.white(columns[observed], observed)
+    white = estimator.readings.white(left[observed], observed)
+    unit = unit_of(rows)
+    rows = rows / unit
+    return Beside(told_of(with_matrix(model), rows), rows.T @ white, float(white @ white), unit)
 
 
 def steps_of(
@@ -97,6 +120,20 @@ def steps_of(
     """Sizes of the nuisances of each group if it alone is solved together with the contact of ``h``, on its face, and
     the log likelihood that it gains.
     """
+    beside = h.rough.beside or _solved_beside(estimator, h, data, observed)
+    out = []
+    for group in groups:
+        pull = beside.pull[group]
+        step = np.linalg.lstsq(beside.information[np.ix_(group, group)], pull, rcond=UNTOLD)[0]
+        free = max(h.rough.free - len(group), 1.0)
+        after = 1.0 - float(step @ pull) / max(beside.left, 1e-300)
+        sizes = np.asarray(h.sign * step / beside.unit[group])
+        out.append((sizes, -0.5 * free * math.log(max(after, 1e-12))))
+    return out
+
+
+def _solved_beside(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> Beside:
+    """`Beside` of an explanation, solved again with the noise that it leaves."""
     readings, floor = estimator.readings, estimator.least_noise(data)
     clean = h.sign * (data - estimator.shifts @ h.sizes)
     known = max(h.rough.left, floor, 1.0 if estimator.noise_known else 0.0)
@@ -108,16 +145,7 @@ def steps_of(
     _, explained, model = solved(
         estimator, found.traction, clean / noise, noise, observed, weight, h.rough.traction, keep_face=True
     )
-    rows = readings.white((estimator.shifts / noise[:, None])[observed], observed)
-    left = readings.white(((clean - explained) / noise)[observed], observed)
-    told, pull = told_of(with_matrix(model), rows), rows.T @ left
-    out = []
-    for group in groups:
-        step = np.linalg.lstsq(told[np.ix_(group, group)], pull[group], rcond=UNTOLD)[0]
-        free = max(h.rough.free - len(group), 1.0)
-        after = 1.0 - float(step @ pull[group]) / max(float(left @ left), 1e-300)
-        out.append((np.asarray(h.sign * step), -0.5 * free * math.log(max(after, 1e-12))))
-    return out
+    return _beside(estimator, model, estimator.shifts / noise[:, None], (clean - explained) / noise, observed)
 
 
 def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:

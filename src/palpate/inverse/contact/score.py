@@ -23,11 +23,12 @@ from typing import TypeVar
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.fit import MIN_DEGREES
 
 __all__ = [
+    "absorbs",
     "best_of",
     "gain_of",
     "gain_without_cone",
@@ -88,11 +89,17 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
     any case.
     """
     rules, rough = policy.explanations, simplest_of(tried, policy).rough
-    if rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained):
+    if absorbs(rough, policy):
         return list(tried)
     return [
         h for h in tried if not h.present.any() or gain_of(h.rough.free, h.rough.left, rough.left) < rules.per_nuisance
     ]
+
+
+def absorbs(rough: Rough, policy: Policy) -> bool:
+    """Whether a contact alone may have taken up nuisances: it loads the edge, or fits most readings freely."""
+    rules = policy.explanations
+    return rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained)
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:

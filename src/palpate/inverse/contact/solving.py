@@ -121,7 +121,9 @@ class _Solving:
             if not self.pressed:
                 break
             # Estimate noise and offsets from the first model only; make the others when these have settled.
-            self.models = self.estimator.models(self.first_traction, self.y, self.noise, self.observed, self.evidence)
+            self.models = self.estimator.models(
+                self.first_traction, self.y, self.noise, self.observed, self.evidence, self.leading
+            )
             self.leading = next(self.models)
             if not (self._offsets_moved() or self._noise_changed()):
                 break

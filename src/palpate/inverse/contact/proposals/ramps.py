@@ -29,7 +29,8 @@ def propose(search: Search) -> Iterator[Explanation]:
     tilted = edge_drift(estimator, search.data, observed, search.terms)
     if not (np.abs(tilted) * unit > estimator.policy.explanations.nuisance * level)[ramps].any():
         return
+    sought = np.array([term.kind != "group" for term in search.terms])
     for sign in likelier_signs(search.tried, search.hopeless):
-        found = with_nuisances(search, sign, tilted, np.array([term.kind != "group" for term in search.terms]))
+        found = with_nuisances(search, sign, tilted, sought) if search.promises(sign, sought) else None
         if found is not None:
             yield found

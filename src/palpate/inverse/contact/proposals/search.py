@@ -12,8 +12,9 @@ from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.prepared import Prepared
-from palpate.inverse.contact.proposals.levels import edge_levels
-from palpate.inverse.contact.score import hopeless_signs, same
+from palpate.inverse.contact.proposals.levels import edge_levels, reach
+from palpate.inverse.contact.rough import rough, steps_of
+from palpate.inverse.contact.score import absorbs, hopeless_signs, same
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["Search"]
@@ -52,6 +53,33 @@ class Search:
             return self.estimator.start.estimated_noise(self.data, self.total)
         return self.noise
 
+    def plain(self, sign: int) -> Explanation:
+        """Contact of one sign without nuisances."""
+        data = sign * self.data
+        found = rough(
+            self.estimator, data, self.observed, self.total, None, self.first_noise, shifts=self.columns if self.terms else None
+        )
+        return Explanation(sign, found, self.none, self.none > 0)
+
+    def promises(self, sign: int, sought: Flags) -> bool:
+        """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of them, together with
+        contact on its face, one is above the model's accuracy, and they gain more than it costs. Always, if contact
+        alone may have taken them up.
+        """
+        rules = self.estimator.policy.explanations
+        plain = next((h for h in self.tried if h.sign == sign and not h.present.any()), None)
+        if plain is None or absorbs(plain.rough, self.estimator.policy):
+            return True
+        ((sizes, gain),) = steps_of(self.estimator, plain, self.data, self.observed, [np.flatnonzero(sought)])
+        part = np.abs(sizes) / np.maximum(reach(self.columns[:, sought], self.data), 1e-300)
+        return bool(gain > rules.per_nuisance and (part > rules.smallest_nuisance).any())
+
+    @cached_property
+    def columns(self) -> Floats:
+        """Readings (reading, nuisance) that each nuisance of size one adds."""
+        n = len(self.data)
+        return np.stack([term.rows for term in self.terms], axis=1) if self.terms else np.zeros((n, 0))
+
     @property
     def none(self) -> Floats:
         """Zero for every nuisance."""
@@ -68,13 +96,15 @@ class Search:
         return edge_levels(self.estimator, self.data, self.observed, self.terms)
 
     def worth_more(self, h: Explanation) -> bool:
-        """Whether to try further explanations: this one leaves a large residual. On a large array, which is mostly
-        untouched, the residual must also exceed the noise of the linear model, which may pull.
+        """Whether to try further explanations: this one leaves a large residual, of more than the given noise. On a
+        large array, which is mostly untouched, it must also exceed the noise of the linear model, which may pull.
         """
         estimator, policy = self.estimator, self.estimator.policy
         if not h.rough.left > policy.explanations.doubt * self.total:
             return False
-        if not estimator.at_size or estimator.noise_known:
+        if estimator.noise_known:
+            return h.rough.left > policy.noise.again
+        if not estimator.at_size:
             return True
         linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(self.data), None)
         return h.rough.left > policy.noise.again * linear.scale
