@@ -39,11 +39,11 @@ class Place:
         counts = [int(np.clip(math.ceil(2 * half / spacing), 8, 16)) for half in (self.a, self.b)]
         u, v = (g.ravel() for g in np.meshgrid(*((np.arange(c) + 0.5) / c * 2 - 1 for c in counts)))
         r2 = u * u + v * v
-        weight = {
-            "ball": lambda: np.sqrt(np.clip(1 - r2, 0, None)),
-            "punch": lambda: np.where(r2 < 1, 1 / np.sqrt(np.clip(1 - 0.9 * r2, 0.1, None)), 0.0),
-            "block": lambda: np.ones_like(r2),
-        }[self.shape]()
+        weight = np.ones_like(r2)
+        if self.shape == "ball":
+            weight = np.sqrt(np.clip(1 - r2, 0, None))
+        if self.shape == "punch":
+            weight = np.where(r2 < 1, 1 / np.sqrt(np.clip(1 - 0.9 * r2, 0.1, None)), 0.0)
         on = weight > 0
         u, v, weight = u[on] * self.a, v[on] * self.b, weight[on] / weight[on].sum()
         c, s = math.cos(self.angle), math.sin(self.angle)
@@ -603,10 +603,19 @@ def any_sensor(rng: Rng) -> Sensor:
     return Sensor(n, pitch, pitch * rng.uniform(0.7, 2.0), aperture, channels, 10 ** rng.uniform(4.5, 6.0), nu, bonded)  # fmt: skip
 
 
+def start(name: str, seed: int, k: int) -> Rng:
+    return np.random.default_rng([seed, list(ROWS).index(name), k])
+
+
+def size_of(name: str, seed: int, k: int) -> int:
+    """Taxels along a side of the array of stream k."""
+    return any_sensor(start(name, seed, k)).n
+
+
 def make(name: str, seed: int, k: int) -> Stream:
     """Stream k of a row."""
     row = ROWS[name]
-    rng = np.random.default_rng([seed, list(ROWS).index(name), k])
+    rng = start(name, seed, k)
     sensor = any_sensor(rng)
     zeroed = bool(rng.random() < 2 / 3) if row.zero is None else row.zero
     zero = int(rng.integers(8, 16)) if zeroed else 0
