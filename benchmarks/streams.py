@@ -48,6 +48,7 @@ REPORTS = (
     "rotation of",
     "left out as unexplained",
     "no contact:",
+    "the zero of ",
     "error bars are not calibrated for this case",
 )
 
@@ -125,6 +126,7 @@ def judge(record: dict[str, Any]) -> list[dict[str, Any]]:
         inside = (low <= truth) & (truth <= high)
         kept = [bool(inside[2]), bool(inside[:2].all())]
         known = [math.isfinite(e) for e in error]
+        bounded = not math.isnan(high[2])
         wrong = [e > limit and not i for e, i in zip(error, kept, strict=True)]
         if not record["shear"]:
             wrong[1], known[1] = False, False
@@ -133,9 +135,9 @@ def judge(record: dict[str, Any]) -> list[dict[str, Any]]:
         beyond = [float(past[2]), float(past[:2].max())]
         doubts = [n for n in frame["notes"] if not n.lower().startswith(REPORTS)]
         word = frame["status"] not in ("solved", "no contact") or frame["fit"] < 0.01 or bool(doubts)
-        right = all(e <= limit and i for e, i, q in zip(error, kept, known, strict=True) if q) and known[0]
+        right = all(e <= limit and i for e, i, q in zip(error, kept, known, strict=True) if q and bounded) and known[0]
         found.append({
-            "k": frame["k"], "off": [e / max(so_far, floor) for e in error], "inside": kept, "known": known, "wrong": wrong, "word": word,
+            "k": frame["k"], "off": [e / max(so_far, floor) for e in error], "inside": kept, "known": known, "bounded": bounded, "wrong": wrong, "word": word,
             "right": right, "silent": [w and not word for w in wrong], "far": [w and not word and b > 0.5 for w, b in zip(wrong, beyond, strict=True)], "truth_known": frame["status"] != "capturing zero",
         })  # fmt: skip
     return found
@@ -147,7 +149,7 @@ def judge(record: dict[str, Any]) -> list[dict[str, Any]]:
 def table_rows(records: list[dict[str, Any]]) -> Iterator[str]:
     yield (
         "| row | streams / frames | wrong: normal, shear force | without a word: normal, shear force (far outside) | streams with such frames | wrong at the end: streams / without a word "
-        "| coverage at 95 %: normal, shear | needless warnings | no number | processor time p50, p99, max [ms] |"
+        "| coverage at 95 %: normal, shear | needless warnings | no number / no interval | processor time p50, p99, max [ms] |"
     )
     yield "|---|---|---|---|---|---|---|---|---|---|"
     for name in [r for r in ROWS if any(x["row"] == r for x in records)]:
@@ -162,7 +164,7 @@ def _row(name: str, records: list[dict[str, Any]]) -> str:
     judged = [judge(r) for r in records]
     frames = [f for found in judged for f in found]
     answered = [f for f in frames if f["truth_known"]]
-    cover = [[f["inside"][c] for f in answered if f["known"][c]] for c in (0, 1)]
+    cover = [[f["inside"][c] for f in answered if f["known"][c] and f["bounded"]] for c in (0, 1)]
     right = [f for f in answered if f["right"]]
     ends = [found[-1] for found in judged if found]
     seconds = 1e3 * np.array([f["seconds"] for r in records for f in r["frames"][1:]] or [math.nan])
@@ -175,7 +177,7 @@ def _row(name: str, records: list[dict[str, Any]]) -> str:
         f"| {name} | {len(records)} / {len(frames)}{f' ({ended} ended by an error)' if ended else ''} | {count('wrong', 0)}, {count('wrong', 1)} "
         f"| {count('silent', 0)} ({count('far', 0)}), {count('silent', 1)} ({count('far', 1)}) | {sum(any(any(f['silent']) for f in found) for found in judged)} "
         f"| {sum(any(f['wrong']) for f in ends)} / {sum(any(f['silent']) for f in ends)} | {_mean(cover[0])}, {_mean(cover[1])} "
-        f"| {100 * np.mean([f['word'] for f in right]) if right else math.nan:.0f} % | {sum(not f['known'][0] for f in answered)} "
+        f"| {100 * np.mean([f['word'] for f in right]) if right else math.nan:.0f} % | {sum(not f['known'][0] for f in answered)} / {sum(f['known'][0] and not f['bounded'] for f in answered)} "
         f"| {np.median(seconds):.1f}, {np.quantile(seconds, 0.99):.0f}, {seconds.max():.0f} |"
     )
 
@@ -204,7 +206,9 @@ def kinds(records: list[dict[str, Any]]) -> Iterator[str]:
     for name, test in tests.items():
         mine = [judge(r) for r in known if test(r)]
         frames = [f for found in mine for f in found]
-        cover = [[f["inside"][c] for f in frames if f["known"][c] and f["truth_known"]] for c in (0, 1)]
+        cover = [
+            [f["inside"][c] for f in frames if f["known"][c] and f["bounded"] and f["truth_known"]] for c in (0, 1)
+        ]
         bad = sum(any(f["silent"]) for f in frames)
         streams = sum(any(any(f["silent"]) for f in found) for found in mine)
         shares = ", ".join(_mean(c) for c in cover)
@@ -243,7 +247,8 @@ def meanings() -> Iterator[str]:
 
 def table(records: list[dict[str, Any]]) -> str:
     seeds = ", ".join(str(s) for s in sorted({r["seed"] for r in records}))
-    head = f"Made by `python benchmarks/streams.py`, seed {seeds}: {len(records)} streams."
+    last, largest = max(r["stream"] for r in records), max(r["n"] for r in records)
+    head = f"Made by `python benchmarks/streams.py --streams {last + 1} --largest {largest}`, seed {seeds}: {len(records)} streams."
     return "\n".join([head, "", *table_rows(records), "", *kinds(records), "", *needless(records), "", *meanings()]) + "\n"  # fmt: skip
 
 
