@@ -22,6 +22,7 @@ from palpate.inverse.fit import misfit_probability
 __all__ = ["rough", "rough_fit", "steps_of"]
 
 Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
 
 
 def rough(
@@ -115,19 +116,20 @@ def _beside(estimator: Prepared, model: ContactModel, columns: Floats, left: Flo
 
 
 def steps_of(
-    estimator: Prepared, h: Explanation, data: Floats, observed: Flags, groups: Sequence[Sequence[int]]
+    estimator: Prepared, h: Explanation, data: Floats, observed: Flags, groups: Sequence[Sequence[int] | Index]
 ) -> list[tuple[Floats, float]]:
     """Sizes of the nuisances of each group if it alone is solved together with the contact of ``h``, on its face, and
     the log likelihood that it gains.
     """
     beside = h.rough.beside or _solved_beside(estimator, h, data, observed)
-    out = []
+    out: list[tuple[Floats, float]] = []
     for group in groups:
-        pull = beside.pull[group]
-        step = np.linalg.lstsq(beside.information[np.ix_(group, group)], pull, rcond=UNTOLD)[0]
+        picks = np.asarray(group, dtype=np.intp)
+        pull = beside.pull[picks]
+        step = np.asarray(np.linalg.lstsq(beside.information[np.ix_(picks, picks)], pull, rcond=UNTOLD)[0])
         free = max(h.rough.free - len(group), 1.0)
         after = 1.0 - float(step @ pull) / max(beside.left, 1e-300)
-        sizes = np.asarray(h.sign * step / beside.unit[group])
+        sizes = np.asarray(h.sign * step / beside.unit[picks])
         out.append((sizes, -0.5 * free * math.log(max(after, 1e-12))))
     return out
 

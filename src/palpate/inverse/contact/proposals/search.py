@@ -57,7 +57,13 @@ class Search:
         """Contact of one sign without nuisances."""
         data = sign * self.data
         found = rough(
-            self.estimator, data, self.observed, self.total, None, self.first_noise, shifts=self.columns if self.terms else None
+            self.estimator,
+            data,
+            self.observed,
+            self.total,
+            None,
+            self.first_noise,
+            shifts=self.columns if self.terms else None,
         )
         return Explanation(sign, found, self.none, self.none > 0)
 
