@@ -219,7 +219,9 @@ class Offsets:
         self._model, self.rate = np.zeros(k), np.zeros(k)
 
     def take(self, alone: Touch, planes: Sequence[Array], std: Floats) -> None:
-        """Take the offsets, and their errors, that a single solve of readings with the units ``std`` (reading,) found."""
+        """Take the offsets, and their errors, that a single solve of readings with the units ``std`` (reading,) found, if
+        it found any.
+        """
         labels = [n.label for n in nuisances(planes, ["offset"])]
         names = [name for name, _ in alone.nuisance_names]
         if alone.nuisance is None or alone.nuisance_std is None or not set(labels) <= set(names):
@@ -228,7 +230,10 @@ class Offsets:
             [names.index(label) for label in labels],
             std[np.searchsorted(self.index, np.arange(len(labels)))],
         )
+        if not np.any(to_numpy(alone.nuisance)[chosen]):
+            return
         k = len(labels)
+        self.clear()  # the model error of this contact may hold a part of them
         self.mean = np.asarray(to_numpy(alone.nuisance)[chosen] / unit, dtype=np.float64)
         self._both[:k, :k] = np.diag((to_numpy(alone.nuisance_std)[chosen] / unit) ** 2)
 

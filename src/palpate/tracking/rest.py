@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.tracking.region import NormalEquations
+from palpate.tracking.search import TAKEN
 from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["Rest"]
@@ -20,7 +21,9 @@ class Rest:
     """Readings and scores (of every cell, in standard deviations under unit noise) of frames without contact.
 
     If the noise is independent and known, it is the standard deviation of a score. Noise shared between neighbours
-    adds up in a score, and so does that of one noisy taxel. A contact must exceed the scores seen at rest.
+    adds up in a score, and so does that of one noisy taxel. A contact must exceed the scores seen at rest. Scores that
+    are large beside their change from frame to frame are no noise, and are not learned from: a press that grows slowly
+    would hide itself.
 
     Examples
     --------
@@ -36,6 +39,8 @@ class Rest:
     def __init__(self) -> None:
         self.frames: list[Floats] = []  # the first ones, minus the zero; NaN if missing
         self._square: Floats | None = None
+        self._last: Floats | None = None  # scores of the frame before
+        self._steps: Floats | None = None  # half of the mean square of their changes
         self._count = 0
 
     @classmethod
@@ -51,11 +56,21 @@ class Rest:
 
     def look(self, y: Floats, score: Floats, *, largest: float) -> None:
         """Add a frame: readings minus the zero (NaN if missing), and scores, which are cut off at ``largest``."""
+        last, self._last = self._last, score
+        if last is not None:
+            change = 0.5 * np.minimum(np.abs(score - last), largest) ** 2
+            self._steps = change if self._steps is None else self._steps + (change - self._steps) / self._count
+        if self._steps is not None and self._count > FRAMES_FOR_NOISE and self._stands_out(score):
+            return
         if len(self.frames) < KEPT and np.isfinite(y).all():
             self.frames.append(y)
         square = np.minimum(np.abs(score), largest) ** 2
         self._count = min(self._count + 1, COUNTED)
         self._square = square if self._square is None else self._square + (square - self._square) / self._count
+
+    def _stands_out(self, score: Floats) -> bool:
+        """Whether a score is large beside its changes from frame to frame."""
+        return self._steps is not None and bool((score**2 > TAKEN**2 * self._steps).any())
 
     def level(self, noise: float) -> Floats:
         """Standard deviation of each cell's score at rest, at least the ``noise``; of shape () before the first frame."""

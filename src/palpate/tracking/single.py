@@ -31,16 +31,16 @@ Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
 #: The noise at rest is rounded up to powers of this, so that a prepared skin can be reused.
 NOISE_STEP = 1.1
 #: Smallest number of frames between two comparisons: SPACING for READINGS readings; DOUBTED if the last two results
-#: differed; GROWING while the load changes and the tracker has no more information than a single solve. With one even
-#: penalty the tracker reads a small contact up to 60 % too high, and presses of ten frames end before a longer wait
-#: does.
+#: differed; GROWING while the load changes. With one even penalty the tracker reads a small contact up to 60 % too high,
+#: and presses of ten frames end before a longer wait does; an offset that appears looks like such a change.
 SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 4
 #: Number of standard deviations assigned to the difference of two results that disagree: below 1.96, half of a 95 %
 #: interval, so that the interval includes both.
 REACH = 1.8
-#: A comparison is due after this many frames, or if the load has changed by the factor ANOTHER (UNZEROED: if the stream
-#: has not been at rest).
-AGAIN, ANOTHER, UNZEROED = 512, 2.0, 1.2
+#: A comparison is due after this many frames, if the load has changed by the factor ANOTHER (UNZEROED: if the stream has
+#: not been at rest), or, DOUBTED frames after the last one, if the shear has changed by the part TURNED of the load:
+#: drift of a shear channel looks like drag.
+AGAIN, ANOTHER, UNZEROED, TURNED = 512, 2.0, 1.2, 0.25
 
 
 class SingleSolve:
@@ -150,6 +150,7 @@ class Comparison:
         self._slow = max(readings / READINGS, 1.0)
         self._since = math.inf
         self._load = math.nan  # at the last comparison of this contact
+        self._shear: Floats = np.zeros(1)  # the same
         self.share, self.refuted = 0.0, False
         self.anew = False  # whether the tracker has just restarted
 
@@ -157,16 +158,13 @@ class Comparison:
         """Forget the load: the contact has ended."""
         self._load = math.nan
 
-    def due(self, load: float, *, alike: bool) -> bool:
-        """Whether to compare a frame with this load; call it once a frame.
-
-        ``alike``: the tracker has no more information on this frame than a single solve does (no offsets, no bad
-        readings, no restart).
-        """
+    def due(self, load: float, shear: Floats) -> bool:
+        """Whether to compare a frame with this load and shear (component,); call it once a frame."""
         self._since += 1
-        doubted = self.share > 0.0 or self.refuted or self.anew
+        turned = float(np.linalg.norm(shear - self._shear)) > TURNED * load
+        doubted = self.share > 0.0 or self.refuted or self.anew or turned
         same = self._same(load)
-        if self._since < (GROWING if alike and not same else DOUBTED if doubted else SPACING) * self._slow:
+        if self._since < (GROWING if not same else DOUBTED if doubted else SPACING) * self._slow:
             return False
         return doubted or not same or self._since >= AGAIN * self._slow
 
@@ -186,9 +184,9 @@ class Comparison:
         force = float(np.abs(carried).max(initial=0.0)) + (0.0 if self.rested else self._unzeroed)
         return math.hypot(self.share, force / (REACH * max(load, 1e-300)))
 
-    def begun(self, load: float) -> None:
+    def begun(self, load: float, shear: Floats) -> None:
         """Record that a comparison has begun."""
-        self._since, self._load = 0, load
+        self._since, self._load, self._shear = 0, load, shear
 
     def settle(self, tracked: Answer, alone: Answer) -> bool:
         """Process the two results of a frame; False if the tracker must restart first."""

@@ -378,12 +378,12 @@ class Tracker:
             left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
             if (
                 not self._contact.judged
-                or not comparison.due(self._contact.size, alike=self._knows_no_more())
+                or not comparison.due(self._contact.size, self._own[:-1].sum(axis=1))
                 or left_out.any()
                 or not np.isfinite(frame.actual).all()
             ):
                 return touch
-            comparison.begun(self._contact.size)
+            comparison.begun(self._contact.size, self._own[:-1].sum(axis=1))
             self._compared = Answer.of(touch).without_move(self._carried), self._own
         planes, y = self.estimator.readings.planes, frame.actual * self._std
         zero_frames = [planes(f * self._std) for f in self._rest.frames]
@@ -396,6 +396,8 @@ class Tracker:
             return touch
         reference, (compared, traction) = Answer.of(single), self._compared
         if comparison.settle(compared, reference):
+            if comparison.share and self.drift_time is not None:
+                self._offsets.take(single, self._layout.planes, self._std)
             self._hold_to(traction, single, compared, reference)
         else:
             self._begin_anew(single)
@@ -407,10 +409,6 @@ class Tracker:
                 comparison.settle(compared, reference)
                 self._hold_to(self._own, single, compared, reference)
         return rebuild(*self._status(bool(touch.converged)))
-
-    def _knows_no_more(self) -> bool:
-        """Whether earlier frames give the tracker no more information on this frame than a single solve has."""
-        return not (self._offsets.beyond(self._learning.noise) or self._check.unused.any() or self._restarted)
 
     def _hold_to(self, traction: Floats, single: Touch, compared: Answer, reference: Answer) -> None:
         """Keep a single solve as a correction if both results agree and push, and if the tracker took no load for offsets."""

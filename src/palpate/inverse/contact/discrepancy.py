@@ -59,7 +59,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         and (_rms(ratio) * policy.fit.shares[0] > policy.fit.faint or len(data) <= policy.detection.few_readings)
     ):
         return _with_shares(estimator, readings, data, None, rng)
-    plain = search(estimator, readings, rng)
+    plain = _settled(estimator, readings, rng)
     if plain.contact and not plain.fit < POOR_FIT:
         return replace(plain, discrepancy=_posterior(0.0, plain.free, len(data), policy)) if zeroed else plain
     if plain.contact and not zeroed:
@@ -68,7 +68,39 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < policy.screening.deviations
     ):
         return replace(plain, undecided=plain.undecided or plain.fit < POOR_FIT)
-    return _with_shares(estimator, readings, data, plain, rng)
+    drifted = _drifted(estimator, readings, rng)
+    return drifted or _with_shares(estimator, readings, data, plain, rng)
+
+
+def _settled(
+    estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None, factor: float = 1.0
+) -> Frame:
+    """The frame without the nuisances that the zero removed, with ``factor`` times the noise (`_at_noise`)."""
+    settled = estimator.settled
+    found = search(settled, readings, rng) if factor == 1.0 else _at_noise(settled, readings, factor, rng)
+    if settled is estimator:
+        return found
+    kept = np.isin([t.label for t in estimator.terms], [t.label for t in settled.terms])
+    sizes, std = np.zeros((2, len(kept)))
+    sizes[kept], std[kept] = found.nuisance, found.nuisance_std
+    return replace(found, nuisance=sizes, nuisance_std=std)
+
+
+def _drifted(
+    estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None, factor: float = 1.0
+) -> Frame | None:
+    """The frame with offsets that arose after its zero, if these explain it; for frames that nothing else explains.
+
+    An even press looks like offsets, but a contact without offsets explains it. A contact and offsets together may
+    explain anything about few readings.
+    """
+    policy = estimator.policy
+    if estimator.settled is estimator or len(estimator.readings.std) <= policy.detection.few_readings:
+        return None
+    trace.step("contact alone does not explain the readings: solved with offsets that arose after the zero")
+    found = search(estimator, readings, rng) if factor == 1.0 else _at_noise(estimator, readings, factor, rng)
+    explained = found.fit > policy.fit.accepted and (not found.contact or _explains(found))
+    return found if explained and np.any(found.nuisance) else None
 
 
 def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
@@ -110,13 +142,17 @@ def _with_shares(
     while share is not None:
         factor = math.hypot(1.0, share * ratio)
         trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
-        found = _at_noise(level, readings, factor, rng)
+        found = _settled(level, readings, rng, factor)
         left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if found.contact and _explains(found):
             found = _in_units_of(estimator, found, factor)
             return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, len(data), policy))
+        if plain is None and best is None:
+            drifted = _drifted(level, readings, rng, factor)
+            if drifted is not None:
+                return _in_units_of(estimator, drifted, factor)
         if found.contact and (best is None or left < best[0]):
             best = left, _in_units_of(estimator, found, factor)
         larger = [s for s in policy.fit.shares if s > share]

@@ -128,10 +128,10 @@ class Prepared(ABC):
         self.ambiguous = problem.ambiguous
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else USUAL
         self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
-        if problem.zeroed and problem.nuisance is None:
-            # The zero removed the offsets of stress and strain, but an image may still have moved. If the user names a
-            # drift, it is one after the zero.
-            self.terms = [t for t in self.terms if t.of_image]
+        #: Whether a zero removed the offsets of stress and strain; an image may still have moved. They come last. If the
+        #: user names a drift, it is one after the zero.
+        self.removed = problem.zeroed and problem.nuisance is None
+        self.terms.sort(key=lambda t: self.removed and not t.of_image)
         #: Number of terms, from the first, that may also occur together with noise alone. Ramps that the user did not
         #: name come after them: they are only tried together with contact, if the outermost taxels show one.
         self.usual = len(self.terms)
@@ -139,7 +139,8 @@ class Prepared(ABC):
             self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]
             if not problem.zeroed and self.taxels <= self.policy.explanations.many_taxels:
                 self.terms += groups(operator.planes_of)
-        windows = Windows(problem, self.columns, self.variances, kinds if self.terms else ())
+        shown = self.terms and (not self.removed or self.terms[0].of_image)
+        windows = Windows(problem, self.columns, self.variances, kinds if shown else ())
         self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
         self.ring = ring_of(self.outside)
         self.outermost = outermost(self.orders[1])
@@ -209,12 +210,24 @@ class Prepared(ABC):
         place: tuple[Any, ...] = (..., *self.window)
         return np.asarray(field[place])
 
+    @cached_property
+    def settled(self) -> Prepared:
+        """A copy without the nuisances that the zero removed; itself if there are none."""
+        kept = [t for t in self.terms if t.of_image or not self.removed]
+        if len(kept) == len(self.terms):
+            return self
+        out = copy.copy(self)
+        out.terms, out.usual = kept, sum(t.of_image for t in self.terms[: self.usual])
+        out.__dict__.pop("shifts", None)
+        return out
+
     def as_they_are(self) -> Prepared:
         """A copy that takes all readings as they are: no saturation, no outliers, no offsets."""
         out = copy.copy(self)
         out.policy = replace(self.policy, parts=replace(self.policy.parts, screening=False, outliers=False))
         out.given_ends, out.terms, out.usual = None, [], 0
-        out.__dict__.pop("shifts", None)
+        for made in ("shifts", "settled"):
+            out.__dict__.pop(made, None)
         even = out.__dict__.pop("even_noise", None)
         if even is not None:
             out.__dict__["even_noise"] = even.as_they_are()
