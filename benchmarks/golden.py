@@ -5,11 +5,13 @@
     python benchmarks/golden.py compare before.npz             the same frames by the code as it is now; exit status 1 where one differs by more than 1e-9
     python benchmarks/golden.py compare before.npz --every 8   every eighth frame of each part, for a quick look
     python benchmarks/golden.py compare before.npz --part few  one part
+    python benchmarks/golden.py compare before.npz --only "few 3"  one frame
+    python benchmarks/golden.py explain before.npz after.npz [--write]   both answers of each frame beside its truth, into docs/_generated/golden.md
     python benchmarks/golden.py compare before.npz --unreached reached.txt   also the lines of inverse/contact that no frame reached; a file that is there adds its own
 
 Frames come from seeds that nothing else uses: every row of `palpate.bench.trust` (recordings by their zero, without a tracker), the kinds of
 `palpate.bench.unseen`, arrays of 3 x 3 to 64 x 64 taxels, and few readings with a zero. Each answer is traction, force, their intervals, that of the peak,
-fit, status and notes. A difference is the largest one over the largest value of the quantity in that frame. It prints no times: other work on the machine
+fit, status and notes; the readings and the true traction and force are kept with it. A difference is the largest one over the largest value of the quantity in that frame. It prints no times: other work on the machine
 would be in them.
 """
 
@@ -411,7 +413,7 @@ def judged(kept: dict[str, Array]) -> Judged:
     )
 
 
-#: A frame that no longer has one of the second statuses had an answer; statuses that say that there is none.
+#: Statuses without an answer.
 UNKNOWN = ("unexplained", "undecided", "failed", "missing")
 
 
@@ -420,7 +422,7 @@ def worse(before: Judged, after: Judged) -> list[str]:
     out = []
     if before.status != after.status:
         if after.status in UNKNOWN or after.status not in ("solved", "no contact"):
-            lost = before.status == "solved" and after.status in UNKNOWN
+            lost = before.status == "solved" and before.held is not False and after.status in UNKNOWN
             out += [f"{before.status} -> {after.status}"] if lost else []
         elif (after.status == "solved") != after.contact:
             out.append(f"{before.status} -> {after.status}")
@@ -513,7 +515,7 @@ def page(before: dict[str, dict[str, Array]], after: dict[str, dict[str, Array]]
         "",
         "## By cause",
         "",
-        "The cause of a frame is the commit with the largest change of its answer.",
+        "The cause of a frame is the commit with the largest change of its answer (`benchmarks/golden_causes.py`). The rules that c70a0995 deleted were left out one by one in the code before it: the cause is the rule that changes the frame most.",
         "",
         *_head("cause", "commit", "changed", "error of force", "of traction", "of peak", "force held", "peak held", "status changed", "smaller error", "larger error", "worse"),
     ]  # fmt: skip
@@ -532,11 +534,11 @@ def page(before: dict[str, dict[str, Array]], after: dict[str, dict[str, Array]]
         "",
         "## Frames that became worse",
         "",
-        f"An error counts as worse if it grew by more than {100 * (LARGER - 1):.0f} % and exceeds one standard deviation of the new interval. Notes: what the new answer says.",
+        f"An error counts as worse if it grew by more than {100 * (LARGER - 1):.0f} % and exceeds one standard deviation of the new interval. A status counts as worse if a solved frame, whose interval did not exclude the truth, is not answered any more, or if contact is found where there is none. Notes: what the new answer says.",
         "",
-        *_head("frame", "what", "commit", "notes after"),
+        *_head("frame", "what", "cause", "notes after"),
     ]
-    out += [_row(n, "; ".join(ways[n]), cause_of.get(n, ""), _short(sides[n][1].notes)) for n in bad]
+    out += [_row(n, "; ".join(ways[n]), causes.get(cause_of.get(n, ""), ""), _short(sides[n][1].notes)) for n in bad]
     out += [
         "",
         "## Every frame that changed",

@@ -1,11 +1,12 @@
 """The commits that changed the answers of `golden.py`, found by halving the history for each frame.
 
-    python benchmarks/golden_causes.py before.npz after.npz --since 98c88178 --cache FOLDER    writes benchmarks/data/golden_causes.json
-    python benchmarks/golden_causes.py before.npz after.npz --since 98c88178 --cache FOLDER --minutes 20   stop after so long; begun again, it goes on
+    python benchmarks/golden_causes.py before.npz after.npz --since 98c88178 --cache FOLDER --above 0.1    writes benchmarks/data/golden_causes.json
+    python benchmarks/golden_causes.py before.npz after.npz --since 98c88178 --cache FOLDER --minutes 20   stops after so long; begun again, it goes on
 
 Both files are records of `golden.py record`. The history is the line of commits of the main branch that changed code, not only words, of the rooms that make or
 solve a frame. For each frame, the history is halved until one commit is left: before it, the answer is nearer to the old one, after it, to the new one. If a large
-change is left on either side, that side is halved too. If the commit is a merge, its branch is halved in the same way. The words of the causes are written by hand.
+change is left on either side, that side is halved too. If the commit is a merge, its branch is halved in the same way. If the time ends before, the cause is a range
+of commits; `--marks` gives commits to try first, which then end these ranges. The words of the causes are written by hand.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from golden import CAUSES, INTERVALS, NUMBERS, PARTS, SAME, answer, answers_in, difference, frames
+from golden import CAUSES, INTERVALS, NUMBERS, PARTS, answer, answers_in, frames
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Rooms whose code makes or solves a frame.
@@ -109,7 +110,7 @@ def distance(one: Answer | None, other: Answer | None) -> float:
             else float(np.abs(np.stack([a, b])[:, known]).max(initial=0.0))
         )
         if size > 0:
-            out = max(out, float(np.abs(a - b)[known].max(initial=0.0)) / size)
+            out = max(out, float(np.abs(a[known] - b[known]).max(initial=0.0)) / size)
     return max(out, STATUS) if "status" in one and one["status"] != other["status"] else out
 
 
@@ -181,13 +182,17 @@ class Job:
         return [job for job in (left, right) if job.last > job.first and distance(job.old, job.new) > 0]
 
 
-def halve(commits: Sequence[str], jobs: Sequence[Job], answers: Answers, until: float) -> None:
-    """Halve all jobs until each is left with one step."""
+def halve(
+    commits: Sequence[str], jobs: Sequence[Job], answers: Answers, until: float, marks: Sequence[int] = ()
+) -> None:
+    """Halve all jobs until each is left with one step; at ``marks`` first."""
     while time.time() < until:
         at: dict[int, list[Job]] = {}
         for job in jobs:
             if job.high - job.low > 1:
-                at.setdefault((job.low + job.high) // 2, []).append(job)
+                inside = [m for m in marks if job.low < m < job.high]
+                middle = inside[len(inside) // 2] if inside else (job.low + job.high) // 2
+                at.setdefault(middle, []).append(job)
         if not at:
             return
         for middle, them in sorted(at.items()):
@@ -206,20 +211,21 @@ def halve(commits: Sequence[str], jobs: Sequence[Job], answers: Answers, until: 
         print(f"{sum(j.high - j.low > 1 for j in jobs)} of {len(jobs)} searches are open", flush=True)
 
 
-def all_steps(commits: Sequence[str], jobs: list[Job], answers: Answers, until: float) -> dict[str, list[Job]]:
-    """The changes of each frame, the largest first."""
+def all_steps(
+    commits: Sequence[str], jobs: list[Job], answers: Answers, until: float, marks: Sequence[int] = ()
+) -> dict[str, list[Job]]:
+    """The changes of each frame, the largest first; without time, between two marks."""
     out: dict[str, list[Job]] = {}
     while jobs:
-        halve(commits, jobs, answers, until)
+        halve(commits, jobs, answers, until, marks)
         later: list[Job] = []
         for job in jobs:
-            if job.high - job.low == 1:
-                found = out.setdefault(job.name, [])
-                found.append(job)
-                largest = max(j.size for j in found)
-                if len(found) < MOST:
-                    later += [j for j in job.rest() if distance(j.old, j.new) > LEFT * largest]
-        jobs = later
+            found = out.setdefault(job.name, [])
+            found.append(job)
+            largest = max(j.size for j in found)
+            if len(found) < MOST and job.high - job.low == 1:
+                later += [j for j in job.rest() if distance(j.old, j.new) > LEFT * largest]
+        jobs = later if time.time() < until else []
     return {name: sorted(found, key=lambda j: -j.size) for name, found in out.items()}
 
 
@@ -231,7 +237,10 @@ def inside_merges(
     merges: dict[str, list[Job]] = {}
     for name, (job, *_) in found.items():
         commit = commits[job.high]
-        out[name] = commit
+        out[name] = commit[:8]
+        if job.high - job.low > 1:
+            out[name] = f"{commits[job.low][:8]}..{commit[:8]}"
+            continue
         if " " in git("log", "-1", "--format=%P", commit).strip():
             merges.setdefault(commit, []).append(job)
     for commit, jobs in merges.items():
@@ -244,7 +253,7 @@ def inside_merges(
         halve(branch, inner, answers, until)
         for job in inner:
             if job.high - job.low == 1:
-                out[job.name] = branch[job.high]
+                out[job.name] = branch[job.high][:8]
     return out
 
 
@@ -258,6 +267,8 @@ def main() -> int:
     parser.add_argument("--since", required=True, help="commit of the first record")
     parser.add_argument("--until", default="HEAD", help="commit of the second record")
     parser.add_argument("--cache", type=Path, required=True, help="folder for answers of commits between")
+    parser.add_argument("--above", type=float, default=0.0, help="smallest change to search, in parts of the load")
+    parser.add_argument("--marks", default="", help="commits to try first, with commas")
     parser.add_argument("--minutes", type=float, default=math.inf)
     given = parser.parse_args()
     given.cache.mkdir(exist_ok=True)
@@ -269,26 +280,20 @@ def main() -> int:
     commits = json.loads(file.read_text())
     print(f"{len(commits)} commits changed code")
     before, after = answers_in(given.before), answers_in(given.after)
-    jobs = [
-        Job(name, 0, len(commits) - 1, before[name], after[name])
-        for name in before
-        if name in after
-        and any(
-            q not in after[name] or difference(before[name][q], after[name][q]) > SAME
-            for q in NUMBERS
-            if q in before[name]
-        )
-    ]
+    names = [n for n in before if n in after and distance(before[n], after[n]) > given.above]
+    jobs = [Job(n, 0, len(commits) - 1, before[n], after[n]) for n in names]
+    tried = [m for m in given.marks.split(",") if m]
+    marks = [i for i, c in enumerate(commits) if any(c.startswith(m) for m in tried)]
     answers = Answers(given.cache)
-    found = all_steps(commits, jobs, answers, until)
+    found = all_steps(commits, jobs, answers, until, marks)
     causes = inside_merges(commits, found, answers, until)
-    words = json.loads(CAUSES.read_text())["causes"] if CAUSES.exists() else {}
+    words = json.loads(CAUSES.read_text(encoding="utf-8"))["causes"] if CAUSES.exists() else {}
     for commit in set(causes.values()):
-        words.setdefault(commit[:8], git("log", "-1", "--format=%s", commit).strip())
-    kept = {"causes": dict(sorted(words.items())), "frames": {n: c[:8] for n, c in sorted(causes.items())}}
+        words.setdefault(commit, git("log", "-1", "--format=%s", commit.partition("..")[2] or commit).strip())
+    kept = {"causes": dict(sorted(words.items())), "frames": dict(sorted(causes.items()))}
     kept["others"] = {n: [commits[j.high][:8] for j in js[1:]] for n, js in sorted(found.items()) if js[1:]}
     CAUSES.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-    print(f"causes of {len(causes)} of {len(jobs)} frames")
+    print(f"causes of {len(causes)} frames")
     return 0
 
 
