@@ -161,9 +161,9 @@ class Comparison:
     def due(self, load: float, shear: Floats) -> bool:
         """Whether to compare a frame with this load and shear (component,); call it once a frame."""
         self._since += 1
-        turned = float(np.linalg.norm(shear - self._shear)) > TURNED * load
-        doubted = self.share > 0.0 or self.refuted or self.anew or turned
-        same = self._same(load)
+        turned = float(np.linalg.norm(shear - self._shear)) / max(load, 1e-300)
+        doubted = self.share > 0.0 or self.refuted or self.anew or turned > TURNED
+        same = self._same(load) and turned < ANOTHER - 1.0
         if self._since < (GROWING if not same else DOUBTED if doubted else SPACING) * self._slow:
             return False
         return doubted or not same or self._since >= AGAIN * self._slow

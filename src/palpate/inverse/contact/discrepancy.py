@@ -61,6 +61,9 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         return _with_shares(estimator, readings, data, None, rng)
     plain = _settled(estimator, readings, rng)
     if plain.contact and not plain.fit < POOR_FIT:
+        # Pull around a contact can stand for an offset, which is simpler.
+        drifted = _drifted(estimator, readings, rng) if plain.sign > 1 else None
+        plain = drifted or plain
         return replace(plain, discrepancy=_posterior(0.0, plain.free, len(data), policy)) if zeroed else plain
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
@@ -68,8 +71,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < policy.screening.deviations
     ):
         return replace(plain, undecided=plain.undecided or plain.fit < POOR_FIT)
-    drifted = _drifted(estimator, readings, rng)
-    return drifted or _with_shares(estimator, readings, data, plain, rng)
+    return _drifted(estimator, readings, rng) or _with_shares(estimator, readings, data, plain, rng)
 
 
 def _settled(
@@ -99,7 +101,7 @@ def _drifted(
         return None
     trace.step("contact alone does not explain the readings: solved with offsets that arose after the zero")
     found = search(estimator, readings, rng) if factor == 1.0 else _at_noise(estimator, readings, factor, rng)
-    explained = found.fit > policy.fit.accepted and (not found.contact or _explains(found))
+    explained = found.fit > policy.fit.accepted and (not found.contact or (_explains(found) and found.sign < 2))
     return found if explained and np.any(found.nuisance) else None
 
 
@@ -147,9 +149,11 @@ def _with_shares(
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if found.contact and _explains(found):
+            if found.sign > 1:
+                found = _drifted(level, readings, rng, factor) or found
             found = _in_units_of(estimator, found, factor)
             return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, len(data), policy))
-        if plain is None and best is None:
+        if best is None:
             drifted = _drifted(level, readings, rng, factor)
             if drifted is not None:
                 return _in_units_of(estimator, drifted, factor)
