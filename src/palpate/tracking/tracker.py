@@ -30,7 +30,7 @@ from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
-from palpate.tracking.anchor import Anchor, beyond
+from palpate.tracking.anchor import Anchor, beyond, certain
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
@@ -647,8 +647,8 @@ class Tracker:
             errors, pad_std, share = contact.errors, contact.stated, learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None and contact.pushing:
                 errors = open_above(errors)
-            self._own = values
-            values = self._anchor.carried(values) if contact.pushing else values
+            self._own = certain(values, len(self._std)) if contact.pushing else values
+            values = self._anchor.carried(self._own) if contact.pushing else values
             traction = values.reshape(-1, *grid.shape)
             self._carried = grid.total_force(traction - self._own.reshape(traction.shape))
             spread = self._comparison.reaching(self._carried, float(grid.integral(np.sqrt((traction**2).sum(axis=0)))))
