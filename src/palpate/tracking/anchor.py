@@ -25,15 +25,17 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.contact.policy import Policy
 from palpate.touch import Touch
+from palpate.tracking.frames import Frame
 
 __all__ = ["Anchor", "beyond", "certain"]
 
 #: Largest load, relative to the load of the single solve, to which the difference is scaled: beyond it, noise in the
 #: difference would grow.
 FARTHEST = 1.0
-#: Fraction of the peak below which pressure is noise. On clean streams (benchmarks/streams.py) the median error of the
-#: force was 11 % without it, 9 % with 0.05, and 6 % with 0.1.
-FAINTEST = 0.1
+#: Pressure is noise below this many times the noise over the largest reading, and at most below this fraction of the
+#: peak: twice the numbers of the default method, because one even penalty keeps more noise. On clean streams
+#: (benchmarks/streams.py) the median error of the force was 11 % without it, 9 % with half of it, and 6 % with it.
+FAINT_NOISE, FAINTEST = 2.0 * Policy().extent.trim, 2.0 * Policy().extent.faint
 
 
 def beyond(difference: Floats, std: float) -> float:
@@ -50,15 +52,17 @@ def beyond(difference: Floats, std: float) -> float:
     return square / (square + std**2) if square > 0 else 0.0
 
 
-def certain(own: Floats, readings: int) -> Floats:
-    """The tracker's traction (component, cell) without faint pressure, if there are many ``readings``.
+def certain(own: Floats, frame: Frame | None, noise: float | None) -> Floats:
+    """The tracker's traction (component, cell) without pressure as faint as noise, if the frame has many readings.
 
     Pressure is never negative, so that noise presses many cells faintly; their sum was a tenth of the force. With few
     readings, errors of the pad's model are larger than noise, and real sensors had a larger error without these cells.
     """
-    if readings <= Policy().detection.few_readings:
+    if frame is None or noise is None or len(frame.actual) <= Policy().detection.few_readings:
         return own
-    return np.asarray(own * (own[-1] > FAINTEST * own[-1].max(initial=0.0)))
+    largest = max(float(np.nanmax(np.abs(frame.actual), initial=0.0)), 1e-300)
+    faint = min(FAINT_NOISE * noise / largest, FAINTEST)
+    return np.asarray(own * (own[-1] > faint * own[-1].max(initial=0.0)))
 
 
 class Anchor:
