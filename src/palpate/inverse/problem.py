@@ -167,6 +167,12 @@ class Problem:
             for channel, std in zip(array.channels, array.noise_std or (1.0,) * len(array.channels)):
                 squares.setdefault(find_channel(channel).kind.unit, []).append(std**2)
         level = {unit: math.sqrt(sum(values) / len(values)) for unit, values in squares.items()}
+        if all(
+            a.noise_std is not None
+            and all(math.isclose(s, level[find_channel(c).kind.unit]) for c, s in zip(a.channels, a.noise_std))
+            for a in self.planes
+        ):
+            return self  # the noise is even already: share the decompositions
         planes = [replace(a, noise=[level[find_channel(c).kind.unit] for c in a.channels]) for a in self.planes]
         found = Problem(
             self.pad,
