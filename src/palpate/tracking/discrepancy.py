@@ -117,16 +117,11 @@ def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Flo
     at least as wide as the interval before. ``readings`` are in units of their standard deviations, NaN if missing.
     The stream continues with the numbers found.
     """
-    parts = touch._errors
-    if parts is None:
-        bound, errors = None, None
-    else:
-        hides, known = (
-            hidden(estimator, np.nan_to_num(readings) * estimator.readings.std),
-            touch.interval(0.95, "force"),
-        )
-        low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in known)
-        bound = np.stack([np.fmin(hides[:, 0], low), np.fmax(hides[:, 1], high)], axis=-1)
+    parts, errors = touch._errors, None
+    bound = hidden(estimator, np.nan_to_num(readings) * estimator.readings.std)
+    if parts is not None:
+        low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in touch.interval(0.95, "force"))
+        bound = np.stack([np.fmin(bound[:, 0], low), np.fmax(bound[:, 1], high)], axis=-1)
         errors = replace(parts, posterior=nothing_known(parts.posterior), pad=None)
     return replace(
         touch,

@@ -71,7 +71,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < policy.screening.deviations
     ):
         return replace(plain, undecided=plain.undecided or plain.fit < POOR_FIT)
-    return _drifted(estimator, readings, rng) or _with_shares(estimator, readings, data, plain, rng)
+    return _with_shares(estimator, readings, data, plain, rng)
 
 
 def _settled(
@@ -139,28 +139,54 @@ def _with_shares(
     policy = estimator.policy
     level = estimator.even_noise
     ratio = _rms(data / level.readings.std)
-    share: float | None = policy.fit.shares[0]
+    tried: dict[float, tuple[float, Frame]] = {}
+    after_zero: dict[float, Frame | None] = {}
+
+    def solved(share: float) -> tuple[float, Frame]:
+        """The factor of the noise, and the frame."""
+        if share not in tried:
+            factor = math.hypot(1.0, share * ratio)
+            trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
+            tried[share] = factor, _settled(level, readings, rng, factor)
+        return tried[share]
+
+    def drifted(share: float) -> Frame | None:
+        if share not in after_zero:
+            after_zero[share] = _drifted(level, readings, rng, math.hypot(1.0, share * ratio))
+        return after_zero[share]
+
+    def promises() -> bool:
+        """Whether the largest discrepancy shows a contact or an offset: if not, a smaller one seldom does."""
+        largest = policy.fit.shares[-1]
+        return solved(largest)[1].contact or drifted(largest) is not None
+
     best: tuple[float, Frame] | None = None
+    share: float | None = policy.fit.shares[0]
+    if plain is not None and not plain.contact and not promises():
+        share = None
+    elif plain is not None and (offset := _drifted(estimator, readings, rng)) is not None:
+        return offset
     while share is not None:
-        factor = math.hypot(1.0, share * ratio)
-        trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
-        found = _settled(level, readings, rng, factor)
+        factor, found = solved(share)
         left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if found.contact and _explains(found):
             if found.sign > 1:
-                found = _drifted(level, readings, rng, factor) or found
+                found = drifted(share) or found
             found = _in_units_of(estimator, found, factor)
             return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, len(data), policy))
-        if best is None:
-            drifted = _drifted(level, readings, rng, factor)
-            if drifted is not None:
-                return _in_units_of(estimator, drifted, factor)
+        if best is None and (offset := drifted(share)) is not None:
+            return _in_units_of(estimator, offset, factor)
         if found.contact and (best is None or left < best[0]):
             best = left, _in_units_of(estimator, found, factor)
         larger = [s for s in policy.fit.shares if s > share]
-        share = next((s for s in larger if s >= 0.9 * left), None) if found.contact else next(iter(larger), None)
+        if found.contact:
+            # The noise explains a part of the residual: the discrepancy need not.
+            needed = math.sqrt(max(left**2 - 1.0 / ratio**2, 0.0))
+            share = next((s for s in larger if s >= 0.9 * needed), None)
+        else:
+            share = larger[0] if larger and promises() else None
     if best is not None and best[0] < policy.detection.most_left:
         left, found = best
         # No discrepancy makes the contact fit.

@@ -49,7 +49,7 @@ def rough(
     known = 1.0 if certain else noise_at_first or policy.screening.first_noise * total
     filled = data.copy()
     linear = estimator.orders[1]
-    if certain and estimator.large and noise_at_first is not None:
+    if certain and noise_at_first is not None and (estimator.large or _wide_and_wrong(estimator, near, noise_at_first)):
         # With a noise far below the residual, products take hundreds of steps.
         known = max(noise_at_first, 1.0)
     cells = estimator.operator.surface.shape
@@ -104,6 +104,14 @@ def rough(
     if shifts is not None:
         beside = _beside(estimator, model, shifts / noise[:, None], (data - explained) / noise, observed)
     return Rough(gain, left, free, first, explained, ring, change, deviation, beside)
+
+
+def _wide_and_wrong(estimator: Prepared, near: Floats | None, left: float) -> bool:
+    """Whether a solution presses on so many cells that products are used, and still leaves far more than noise."""
+    policy = estimator.policy
+    if near is None or left <= policy.screening.deviations:
+        return False
+    return int(np.count_nonzero(near[-1])) * len(near) > policy.grid.few_unknowns
 
 
 def _beside(estimator: Prepared, model: ContactModel, columns: Floats, left: Floats, observed: Flags) -> Beside:
