@@ -224,8 +224,8 @@ def test_a_tracker_that_a_single_solve_contradicts_begins_anew_and_its_interval_
     tracker, frame = pressed_tracker(skin)
     honest, asked = tracker._alone, []
 
-    def other(readings: Any, rest: Any) -> pp.Touch:
-        found = honest(readings, rest)
+    def other(readings: Any, rest: Any, noisier: float) -> pp.Touch:
+        found = honest(readings, rest, noisier)
         asked.append(len(rest))
         return replace(found, values=3.0 * found.values)
 
@@ -244,8 +244,8 @@ def test_a_frame_that_a_single_solve_does_not_explain_is_unexplained_when_it_is_
     tracker, frame = pressed_tracker(pp.Skin(PAD, TAXELS))
     honest = tracker._alone
 
-    def refuted(readings: Any, rest: Any) -> pp.Touch:
-        return replace(honest(readings, rest), status=np.asarray(int(Status.UNEXPLAINED), dtype=np.int8))
+    def refuted(readings: Any, rest: Any, noisier: float) -> pp.Touch:
+        return replace(honest(readings, rest, noisier), status=np.asarray(int(Status.UNEXPLAINED), dtype=np.int8))
 
     tracker._alone = refuted
     monitor = pp.GraspMonitor()

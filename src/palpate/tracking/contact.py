@@ -14,7 +14,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
@@ -34,6 +33,7 @@ from palpate.tracking.offsets import Marginal, Offsets
 from palpate.tracking.pulling import Pulling
 from palpate.tracking.region import Making, NormalEquations, Region
 from palpate.tracking.search import TAKEN, Search
+from palpate.tracking.trial import residual_by_penalty
 
 __all__ = ["EVERY", "Contact"]
 
@@ -46,6 +46,8 @@ EVERY = 8
 UNEXPLAINED, GROSS = 8.0, 0.1
 #: A bad reading distorts the solution around it. So only residuals above this fraction of the largest are judged in each turn; those hidden by them follow, in at most TURNS turns.
 WORST, TURNS = 0.6, 8
+#: With many unknowns, where each turn takes a second, those turns are spread over frames.
+TURNS_OF_MANY = 3
 #: If at most FEW of the readings (or FEWEST of them) are bad, accept the contact. Above that, compare it with pull. Above MOST, the contact is judged wrong, not the readings.
 FEW, FEWEST, MOST = 0.02, 3, 0.2
 #: Rounds in which a jumped zero is estimated: non-negative pressure fits part of it in each.
@@ -169,9 +171,9 @@ class Contact:
         """Errors due to pad properties that are not known exactly."""
         return self._errors.stated
 
-    def undetected(self, noise: float | None) -> Errors | None:
+    def undetected(self, noise: float | None, y: Floats | None) -> Errors | None:
         """Errors of a frame without contact: the largest contact that would not be detected."""
-        return self._errors.without_contact(noise)
+        return self._errors.without_contact(noise, y)
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
@@ -278,26 +280,10 @@ class Contact:
         return changed
 
     def _leaving(self, y: Floats, noise: float) -> Callable[[float], float]:
-        """A function from penalty to the residual of pushing contact (root mean square per degree of freedom), in the present region or in the region it would start with. All cells might leave a
-        smaller residual, but would take a hundred times as long.
-        """
-        equations, estimator = self._equations, self._estimator
-        region, nothing = self._solution.region if self.pushing else None, np.zeros(len(y), dtype=bool)
-        cells_of_region = None if region is None else self._enough(region)
-
-        def residual_rms(parameter: float) -> float:
-            slope = equations.adjoint_of(y, nothing)
-            cells = self._search.first(equations.score(slope) / noise) if cells_of_region is None else cells_of_region
-            trial = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
-            trial.move(Making(equations, cells, parameter, nothing)())
-            give_way()
-            trial.solve(slope, tolerance=self._tolerance, deadline=math.inf)
-            residual = estimator.readings.white(y - equations.explained(trial.region, trial.traction), ~nothing)
-            share = min(float(np.count_nonzero(trial.pressure)) / estimator.taxels, 1.0)
-            free = max(len(residual) - share * estimator.effective_freedom(parameter), 1.0)
-            return math.sqrt(float(residual @ residual) / free)
-
-        return residual_rms
+        """A function from penalty to the residual of pushing contact, in the present region or where it would start."""
+        region = self._solution.region if self.pushing else None
+        cells = None if region is None else self._enough(region)
+        return residual_by_penalty(self._estimator, self._equations, self._search, y, noise, cells, self._tolerance)
 
     def _finish(self, frame: Frame, converged: bool) -> None:
         """Update offsets and error bars."""
@@ -311,10 +297,12 @@ class Contact:
             self._offsets.seen(y, frame.noise)
         if self.pushing:
             self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
-        else:
+        elif self.fits:
             self._errors.refresh_pulling(
                 self._pulling, y, self.noise, unused, self._parameter, self._background, self._offsets
             )
+        else:
+            self._errors.clear()  # what no traction explains has no numbers
         self._bars, self.drag = self._errors.errors, None
         if self.pushing:
             self.drag = self._dragging.found(
@@ -404,14 +392,17 @@ class Contact:
         gain = marginal.gain if marginal.gain.any() else None
         if gain is not None:
             slope = slope - equations.of_offsets(gain @ marginal.sums, unused)
-        self._renew()
+        region, parameter = solution.region, self._learning.parameter
+        if not self._at_once or region is None or region.parameter != parameter:
+            self._renew()  # otherwise after the move: that one may build the same region with more cells
         if solution.region is None and self._check.clipped.any():
             # Pressure is highest where readings are saturated.
             score = equations.score(
                 equations.adjoint(np.where(self._check.clipped, frame.actual, y), unused & ~self._check.clipped)
             )
             score = score / frame.noise
-        self._move(score)
+        self._move(score, y, frame.noise)
+        self._renew()
         converged = solution.solve(slope, gain, tolerance=self._tolerance, deadline=frame.deadline)
         self._marginal = marginal
         white = y if self._estimator.readings.independent else self._estimator.readings.white(y[~unused], ~unused)
@@ -555,7 +546,9 @@ class Contact:
     def _taken(self, count: int) -> float:
         """Degrees of freedom that the contact uses of ``count`` readings, at most one less than these."""
         freedom = self._errors.taken
-        if math.isnan(freedom):
+        if math.isnan(freedom) and not self.pushing:
+            freedom = self._estimator.effective_freedom(self._parameter)
+        elif math.isnan(freedom):
             pressed = np.count_nonzero(self._solution.pressure) / self._estimator.taxels
             freedom = min(pressed, 1.0) * self._estimator.effective_freedom(self._parameter)
         return min(freedom, count - 1.0)
@@ -580,7 +573,9 @@ class Contact:
         else:
             converged = True
         pulls = False
-        for turn in range(TURNS):
+        region = solution.region
+        turns = TURNS_OF_MANY if region is not None and self._search.many(len(region.cells)) else TURNS
+        for turn in range(turns):
             residual = self._push_residual(frame)
             wrong, _ = self._wrong(frame, residual)
             plausible = bool(wrong.mean() <= MOST)
@@ -597,10 +592,11 @@ class Contact:
                 score[solution.region.cells] = 0.0
             missing = score > TAKEN
             if missing.any() and not changed:  # a wrong reading bends the solution round it
-                self._search.missing(missing)
+                y = np.where(residual.unused, 0.0, frame.actual)
+                self._search.missing(missing, y, frame.noise, residual.unused, self._parameter)
             check.suspects = wrong
             # With a time budget, missing cells are added in later frames.
-            if turn == TURNS - 1 or not (changed or (missing.any() and self._at_once)):
+            if turn == turns - 1 or not (changed or (missing.any() and self._at_once)):
                 break
             region = solution.region
             converged = self._push(frame)
@@ -664,11 +660,11 @@ class Contact:
             return self._holds(region)
         return np.array_equal(region.unused, self._check.unused)
 
-    def _move(self, score: Floats) -> None:
+    def _move(self, score: Floats, y: Floats, noise: float) -> None:
         """Keep the contact and a margin inside the region."""
         region = self._solution.region
         if region is None:
-            self._moved(self._making(self._search.first(score))())
+            self._moved(self._making(self._search.first(score, y, noise, self._check.unused, self._parameter))())
         elif "move" in self._background:
             matrix = self._background.result("move", lambda: None)
             if matrix is not None:

@@ -21,9 +21,11 @@ from palpate.inverse.contact.discrepancy import posterior
 from palpate.inverse.contact.policy import Fit
 from palpate.inverse.estimate import Stated
 from palpate.sensing.grids import Grid
+from palpate.status import Status
 from palpate.touch import Touch
+from palpate.tracking.errors import unbounded
 
-__all__ = ["LARGEST", "Discrepancy", "share_of", "widened", "without_numbers"]
+__all__ = ["LARGEST", "Discrepancy", "bounds_of", "share_of", "widened", "without_numbers"]
 
 _POLICY = Fit()
 #: Smallest and largest share, if a zero gives the noise. Beyond the largest, the model does not fit the readings.
@@ -110,6 +112,16 @@ def widened(stated: Stated | None, traction: Floats, grid: Grid, share: float) -
         "peak": np.asarray(share * float(np.abs(traction[-1]).max())),
     }
     return Stated.added(stated, more)
+
+
+def bounds_of(status: Status, estimator: ConstrainedEstimator, y: Floats | None, *, pushing: bool) -> Floats | None:
+    """Bounds of the net force (component, 2) besides its interval; None: the interval is enough.
+
+    ``y`` (reading,) are the readings of a frame without contact if the noise is not known: contact may explain them all.
+    """
+    if status is Status.OVERLOAD and not pushing:
+        return unbounded(estimator.surface.components)
+    return hidden(estimator, y * estimator.readings.std) if status is Status.UNDECIDED and y is not None else None
 
 
 def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Floats) -> Touch:

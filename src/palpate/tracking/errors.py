@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.factors import cholesky
+from palpate.inverse.constrained.factors import Dense, cholesky
 from palpate.inverse.constrained.model import ContactModel, Later, Normal
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
@@ -43,6 +43,8 @@ REFRESH, CHANGED = 200, 0.25
 SAME = 100.0
 #: Name of the background work on error bars of a pull.
 PULLING = "errors of a pull"
+#: Ratio of successive sizes of unknown noise for which the errors without contact are computed.
+SIZES = 1.2
 #: Frames after which error bars are recomputed if the set of readings changed, which may change back.
 SOON = 8
 
@@ -81,10 +83,17 @@ class ErrorBars:
         """
         self._age = REFRESH - 1 if later else REFRESH + 1
 
-    def without_contact(self, noise: float | None) -> Errors | None:
-        """Errors of a frame without contact: the largest contact that would not be detected."""
+    def without_contact(self, noise: float | None, y: Floats | None) -> Errors | None:
+        """Errors of a frame without contact: the largest contact that would not be detected.
+
+        ``noise`` is None if it is unknown. Then, as in a single frame, all of the readings ``y`` may be noise: their root
+        mean square is rounded up so that the errors serve many frames.
+        """
         if noise is None:
-            return self.errors
+            if y is None:
+                return self.errors
+            size = float(np.sqrt(np.mean(y**2)))
+            noise = SIZES ** math.ceil(math.log(size) / math.log(SIZES)) if size > 0.0 else 0.0
         if self._no_contact is None or self._no_contact[0] != noise:
             self._no_contact = noise, self._estimator.undetected(noise)
         return self._no_contact[1]
@@ -168,11 +177,10 @@ class ErrorBars:
                 self._owe(either, shrink, y, frame.std, unused)
                 summary = Summary([either], estimator.posterior)
                 errors, stated = summary.errors(), summary.stated()
-                model = pulling.model(frame.data, weight, traction)
-                observed = self._observed(frame, model.penalty.dense(), unused)
+                observed = self._observed(frame, either.penalty.dense(), unused)
             except np.linalg.LinAlgError:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
-            return (errors, stated, observed, _taken(model)), len(cells)
+            return (errors, stated, observed, _taken(either)), len(cells)
 
         # A result needs error bars, so the first are computed at once.
         found = work() if self.errors is None else background.result(PULLING, work)
@@ -301,7 +309,8 @@ def _taken(model: ContactModel) -> float:
     face, factor = model.solution.face, model.solution.factor
     if face is None or factor is None or not len(face.index):
         return 0.0
-    return float(np.trace(factor.inverse(face.restrict(model.data.gram))))
+    gram = face.restrict(model.data.gram)
+    return factor.trace(gram) if isinstance(factor, Dense) else float(np.trace(factor.inverse(gram)))
 
 
 def open_above(errors: Errors) -> Errors:

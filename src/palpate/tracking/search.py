@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import dilated
+from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
 from palpate.tracking.health import Flags, Index, Single
@@ -32,6 +33,9 @@ SURELY_PRESSED = 4.0
 TOO_LARGE, FEWEST = 2, 9
 #: Frames between two such tests, which are not urgent.
 SHRINK_EVERY = 8
+#: With more unknowns than this, choose cells by a rough solution instead of by scores. A displacement falls off as 1/r,
+#: so that a contact of ten cells scores on the whole surface: 8700 unknowns, whose inverse took 30 s.
+MANY = 1500
 
 
 def only_reading(equations: NormalEquations, y: Floats, level: Floats, unused: Flags) -> Flags | None:
@@ -47,20 +51,53 @@ class Search:
     """Decides which cells the region should have."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
-        self._grid = estimator.operator.surface
-        self._depth = estimator.depth
+        self._estimator, self._grid, self._depth = estimator, estimator.operator.surface, estimator.depth
         self.clear()
 
     def clear(self) -> None:
         self._missing = np.zeros(math.prod(self._grid.shape), dtype=bool)  # cells where pressure is missing
         self._pressed = self._frames = 0
 
-    def first(self, score: Floats) -> Index:
-        """Cells of the first region of a contact, from every cell's score in standard deviations."""
-        depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
+    def first(self, score: Floats, y: Floats, noise: float, unused: Flags, parameter: float) -> Index:
+        """Cells of the first region of a contact, from every cell's score in standard deviations; the other arguments
+        are those of `rough`.
+        """
+        by_score = self.scored(score)
+        if not self.many(len(by_score)):
+            return by_score
+        pressed = self._pressing(y, noise, unused, parameter)
+        by_solution = np.flatnonzero(self._around(pressed))
+        return by_solution if pressed.any() and len(by_solution) < len(by_score) else by_score
+
+    def scored(self, score: Floats) -> Index:
+        """The cells with the highest scores, and those around them."""
         peak = float(score.max())  # negative if the whole surface is pulled
-        likely = score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)
-        return np.flatnonzero(dilated(likely.reshape(self._grid.shape), depth))
+        return np.flatnonzero(self._around(score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)))
+
+    def many(self, cells: int) -> bool:
+        """Whether so many cells are too many to invert their matrix without need."""
+        return cells * len(self._estimator.columns) > MANY
+
+    def rough(self, y: Floats, noise: float, unused: Flags, parameter: float) -> tuple[Floats, Floats]:
+        """Pressure (cell,) of a rough solution, and the readings that it explains.
+
+        ``y`` (reading,) and ``noise`` are in units of the readings' standard deviations; ``parameter`` is the penalty.
+        """
+        estimator, std = self._estimator, self._estimator.readings.std
+        linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(y * std), noise)
+        weight = parameter / noise**2
+        traction, explained, _ = solved(estimator, linear.traction, y / noise, noise * std, ~unused, weight)
+        return traction[-1], explained / std
+
+    def _pressing(self, y: Floats, noise: float, unused: Flags, parameter: float) -> Flags:
+        """Cells that press in a rough solution."""
+        pressure = self.rough(y, noise, unused, parameter)[0]
+        return np.asarray(pressure > FAINT * float(pressure.max(initial=0.0)))
+
+    def _around(self, cells: Flags) -> Flags:
+        """The cells, and all around them as far as the taxels are deep."""
+        depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
+        return dilated(cells.reshape(self._grid.shape), depth).ravel()
 
     def next(self, region: Region, pressure: Single) -> Index | None:
         """Cells of the region to move to, which contains the contact and a margin; None if it stays."""
@@ -95,7 +132,13 @@ class Search:
         """Restart the count of frames that press at the border: the region has moved."""
         self._pressed = 0
 
-    def missing(self, cells: Flags) -> None:
-        """Request cells outside the region where pressure is missing, and their neighbours."""
-        if cells.any():
-            self._missing |= dilated(cells.reshape(self._grid.shape), 1).ravel()
+    def missing(self, cells: Flags, y: Floats, noise: float, unused: Flags, parameter: float) -> None:
+        """Request cells outside the region where pressure is missing, and their neighbours; the other arguments are
+        those of `rough`.
+        """
+        if not cells.any():
+            return
+        wanted = dilated(cells.reshape(self._grid.shape), 1).ravel()
+        if self.many(int(wanted.sum())) and (pressed := wanted & self._pressing(y, noise, unused, parameter)).any():
+            wanted = pressed
+        self._missing |= wanted

@@ -26,10 +26,12 @@ __all__ = ["BEGUN", "Alone", "Answer", "Comparison", "SingleSolve"]
 #: Beginning of the note when a contact is restarted.
 BEGUN = "tracked from frame to frame, this contact read"
 #: A function that solves readings minus their zero (one array per plane), with the noise of frames at rest (a list of
-#: the same).
-Alone = Callable[[list[Floats], list[list[Floats]]], Touch]
+#: the same), or the given noise times the factor by which that of the zero increases it.
+Alone = Callable[[list[Floats], list[list[Floats]], float], Touch]
 #: The noise at rest is rounded up to powers of this, so that a prepared skin can be reused.
 NOISE_STEP = 1.1
+#: Largest change of the zero's share of the noise, a factor, with which a prepared skin is used again.
+ZERO_STEP = 1.05
 #: Smallest number of frames between two comparisons: SPACING for READINGS readings; DOUBTED if the last two results
 #: differed; GROWING while the load changes. With one even penalty the tracker reads a small contact up to 60 % too high,
 #: and presses of ten frames end before a longer wait does; an offset that appears looks like such a change.
@@ -49,27 +51,31 @@ class SingleSolve:
     def __init__(self, skin: Any, components: Sequence[str], friction: float | None) -> None:
         self._skin, self._components = skin, components
         self._options = {} if friction is None else {"friction": friction}
-        self._made: tuple[tuple[float, ...], Any] | None = None
+        self._made: tuple[tuple[float, ...], float, Any] | None = None  # noise at rest, factor of the zero, skin
 
-    def __call__(self, readings: list[Floats], rest: list[list[Floats]]) -> Touch:
+    def __call__(self, readings: list[Floats], rest: list[list[Floats]], noisier: float = 1.0) -> Touch:
         planes = self._skin.planes
         frames = [np.stack(parts) for parts in zip(*rest)] if len(rest) >= FRAMES_FOR_NOISE else []
         levels = [np.sqrt((f[:, :, a.valid] ** 2).mean(axis=(0, 2))) for f, a in zip(frames, planes)]
         known = bool(levels) and all((level > 0).all() for level in levels)
         steps = tuple(np.ceil(np.log(np.concatenate(levels)) / math.log(NOISE_STEP)).tolist()) if known else ()
-        if self._made is None or self._made[0] != steps:
-            self._made = steps, self._zeroed(NOISE_STEP ** np.array(steps), known)
-        found: Touch = self._made[1].reconstruct(
+        made = self._made
+        if made is None or made[0] != steps or not made[1] / ZERO_STEP <= noisier <= made[1] * ZERO_STEP:
+            made = self._made = steps, noisier, self._zeroed(NOISE_STEP ** np.array(steps), known, noisier)
+        found: Touch = made[2].reconstruct(
             readings if len(readings) > 1 else readings[0], components=self._components, **self._options
         )
         return found
 
-    def _zeroed(self, noise: Floats, known: bool) -> Any:
-        """The skin with this noise (channel of all planes,), without saturation limits, which apply to raw readings."""
+    def _zeroed(self, noise: Floats, known: bool, noisier: float) -> Any:
+        """The skin with this noise (channel of all planes,), or the given noise times ``noisier``; without saturation
+        limits, which apply to raw readings.
+        """
         planes = []
         for a in self._skin.planes:
             mine, noise = noise[: len(a.channels)], noise[len(a.channels) :]
-            planes.append(replace(a, limits=None, noise=mine.tolist() if known and a.noise is None else a.noise))
+            given = None if a.noise_std is None else [noisier * std for std in a.noise_std]
+            planes.append(replace(a, limits=None, noise=mine.tolist() if known and given is None else given))
         out = self._skin._with(self._skin.pad, planes)
         out._calibration = None  # the tracker's readings have the unit of the pad already
         out._problem.zeroed = known
@@ -78,7 +84,10 @@ class SingleSolve:
 
 @dataclass(frozen=True)
 class Answer:
-    """Net force (component,) with its 95 % interval (NaN: unknown), whether readings are explained, total load."""
+    """Net force (component,) with its 95 % interval (NaN: unknown), whether readings are explained, total load.
+
+    ``decided`` is False for a result that has bounds but no number; ``force`` is then their middle.
+    """
 
     force: Floats
     low: Floats
@@ -86,6 +95,7 @@ class Answer:
     explained: bool
     load: float
     discrepancy: float = 0.0
+    decided: bool = True
 
     @classmethod
     def of(cls, touch: Touch) -> Answer:
@@ -97,13 +107,17 @@ class Answer:
             low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in touch.interval(0.95, "force"))
         size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=0))
         share = getattr(touch, "discrepancy", None)
+        decided = bool(np.isfinite(force).all())
+        if not decided:
+            force = 0.5 * (low + high)
         return cls(
             force,
             low,
             high,
-            status.known and status is not Status.UNEXPLAINED,
-            float(touch.surface.integral(size)),
+            status.known and status is not Status.UNEXPLAINED and bool(np.isfinite(force).all()),
+            float(touch.surface.integral(size)) if decided else 0.0,
             0.0 if share is None else float(np.nan_to_num(share)),
+            decided,
         )
 
     def without_move(self, by: Floats) -> Answer:
@@ -128,6 +142,10 @@ class Answer:
         """How far the finite ends of the other interval lie from this force: the largest distance of a component."""
         gaps = np.abs(np.stack([other.low, other.high]) - self.force)
         return float(gaps[np.isfinite(gaps)].max(initial=0.0)) if self.explained and other.explained else 0.0
+
+    def meets(self, other: Answer) -> bool:
+        """Whether this is a number, and the intervals are not disjoint."""
+        return self.explained and self.decided and not other.parted(self)
 
     def parted(self, other: Answer) -> bool:
         """Whether the intervals of two results are disjoint; False if one of them is unknown."""

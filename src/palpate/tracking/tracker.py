@@ -34,8 +34,8 @@ from palpate.tracking.anchor import Anchor, beyond, certain
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
-from palpate.tracking.discrepancy import widened, without_numbers
-from palpate.tracking.errors import open_above, unbounded
+from palpate.tracking.discrepancy import bounds_of, widened, without_numbers
+from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
@@ -189,6 +189,7 @@ class Tracker:
         self._said: list[str] = []
         self._creep = None if self._make_creep is None else Creep(self._make_creep(), self._layout, estimator.readings)
         self._residual = self._fit = math.nan
+        self._quiet: Floats | None = None  # readings of the last frame without contact
 
     def rezero(self, channels: Sequence[str] | None = None, *, frames: int = FRAMES_OF_ZERO) -> None:
         """Take the zero anew from the next frames, in which nothing must touch.
@@ -388,7 +389,7 @@ class Tracker:
         planes, y = self.estimator.readings.planes, frame.actual * self._std
         zero_frames = [planes(f * self._std) for f in self._rest.frames]
         try:
-            single = beside.result("alone", lambda: alone(planes(y), zero_frames))
+            single = beside.result("alone", lambda: alone(planes(y), zero_frames, frame.noisier))
         except InvalidInput:  # readings minus their offsets that no elastic pad gives
             comparison.refuted = True
             return rebuild(*self._status(bool(touch.converged)))
@@ -412,7 +413,7 @@ class Tracker:
 
     def _hold_to(self, traction: Floats, single: Touch, compared: Answer, reference: Answer) -> None:
         """Keep a single solve as a correction if both results agree and push, and if the tracker took no load for offsets."""
-        meet = reference.explained and not compared.parted(reference) and not self._offsets.beyond(self._learning.noise)
+        meet = reference.meets(compared) and not self._offsets.beyond(self._learning.noise)
         part = beyond(reference.force - compared.force, reference.discrepancy * reference.load)
         self._anchor.hold(traction, single if meet and self._contact.pushing else None, part)
 
@@ -503,6 +504,7 @@ class Tracker:
             health.rezeroed += zero.follow(np.where(alone, math.nan, scaled), elapsed, noise)
             if follows:
                 zero.shift(offsets.follow(y, unused))
+            self._quiet = np.where(unused, 0.0, y)
             self._standing.look(y, unused)
             self._comparison.rested |= learning.noise is not None and not self._standing.now
             if self._standing.now and not learning.discrepancy.zeroed:
@@ -657,13 +659,13 @@ class Tracker:
         elif status is Status.UNDECIDED:
             values[:] = math.nan
         else:
-            errors = contact.undetected(noise)
+            errors = contact.undetected(noise, self._quiet)
             if errors is not None and status is Status.NO_CONTACT:
                 errors, slow = self._slow.room(errors, self._zero.wandered, noise or 0.0)
                 self._said += slow
         proven = learning.noise_known or len(self._std) > estimator.policy.detection.few_readings
         if status is Status.NO_CONTACT and (not proven or self._fit < POOR_FIT):
-            status, values = Status.UNDECIDED, values if errors is not None else math.nan * values
+            status, values = Status.UNDECIDED, values if noise is not None else math.nan * values
         pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
         drag = contact.drag if status.known and self._touching else None
         if status is Status.NOT_CONVERGED:
@@ -686,7 +688,7 @@ class Tracker:
             case=self._case,
             friction=estimator.cone.friction,
             status=np.asarray(int(status), dtype=np.int8),
-            force_bounds=unbounded(self.names) if status is Status.OVERLOAD and not contact.pushing else None,
+            force_bounds=bounds_of(status, estimator, self._quiet if noise is None else None, pushing=contact.pushing),
             pushing=np.asarray(pushing),
             drag=None if drag is None else drag.ratio,
             drag_std=None if drag is None else np.asarray(drag.std),
