@@ -379,12 +379,12 @@ class Tracker:
             left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
             if (
                 not self._contact.judged
-                or not comparison.due(self._contact.size, self._own[:-1].sum(axis=1))
+                or not comparison.due(self._contact.size, self._contact.traction[:-1].sum(axis=1))
                 or left_out.any()
                 or not np.isfinite(frame.actual).all()
             ):
                 return touch
-            comparison.begun(self._contact.size, self._own[:-1].sum(axis=1))
+            comparison.begun(self._contact.size, self._contact.traction[:-1].sum(axis=1))
             self._compared = Answer.of(touch).without_move(self._carried), self._own
         planes, y = self.estimator.readings.planes, frame.actual * self._std
         zero_frames = [planes(f * self._std) for f in self._rest.frames]
@@ -397,7 +397,7 @@ class Tracker:
             return touch
         reference, (compared, traction) = Answer.of(single), self._compared
         if comparison.settle(compared, reference):
-            if comparison.share and self.drift_time is not None:
+            if (comparison.share or comparison.rested) and self.drift_time is not None:
                 self._offsets.take(single, self._layout.planes, self._std)
             self._hold_to(traction, single, compared, reference)
         else:

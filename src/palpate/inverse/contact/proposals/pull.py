@@ -6,11 +6,16 @@ from collections.abc import Iterator
 
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.score import absorbs
 
 __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """Yield a pull if a push leaves a large residual."""
-    if -1 in search.signs and search.worth_more(search.tried[0]):
+    """Yield a pull if a push leaves a large residual, or may have taken it up: displacements of a pull in the middle
+    look like those of a push all round.
+    """
+    push = search.tried[0]
+    doubted = search.worth_more(push) or (search.estimator.far and absorbs(push.rough, search.estimator.policy))
+    if -1 in search.signs and doubted:
         yield search.plain(-1)
