@@ -20,6 +20,7 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import cache
 
 import numpy as np
 
@@ -139,21 +140,18 @@ def _with_shares(
     policy = estimator.policy
     level = estimator.even_noise
     ratio = _rms(data / level.readings.std)
-    tried: dict[float, tuple[float, Frame]] = {}
-    after_zero: dict[float, Frame | None] = {}
 
+    @cache
     def solved(share: float) -> tuple[float, Frame]:
         """The factor of the noise, and the frame."""
-        if share not in tried:
-            factor = math.hypot(1.0, share * ratio)
-            trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
-            tried[share] = factor, _settled(level, readings, rng, factor)
-        return tried[share]
+        factor = math.hypot(1.0, share * ratio)
+        trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
+        return factor, _settled(level, readings, rng, factor)
 
+    @cache
     def drifted(share: float) -> Frame | None:
-        if share not in after_zero:
-            after_zero[share] = _drifted(level, readings, rng, math.hypot(1.0, share * ratio))
-        return after_zero[share]
+        """The frame with offsets after the zero."""
+        return _drifted(level, readings, rng, math.hypot(1.0, share * ratio))
 
     def promises() -> bool:
         """Whether the largest discrepancy shows a contact or an offset: if not, a smaller one seldom does."""
@@ -161,11 +159,10 @@ def _with_shares(
         return solved(largest)[1].contact or drifted(largest) is not None
 
     best: tuple[float, Frame] | None = None
-    share: float | None = policy.fit.shares[0]
-    if plain is not None and not plain.contact and not promises():
-        share = None
-    elif plain is not None and (offset := _drifted(estimator, readings, rng)) is not None:
+    hopeless = plain is not None and not plain.contact and not promises()
+    if plain is not None and not hopeless and (offset := _drifted(estimator, readings, rng)) is not None:
         return offset
+    share: float | None = None if hopeless else policy.fit.shares[0]
     while share is not None:
         factor, found = solved(share)
         left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
