@@ -58,9 +58,9 @@ def check(touch: pp.Touch) -> None:
         assert np.isnan(values).all()
         assert np.isnan(touch.force).all()
         assert np.isfinite(touch.interval(0.95, "force")).all()
-    elif status(touch) is Status.UNDECIDED:  # a number where an interval bounds it, else none
+    elif status(touch) is Status.UNDECIDED:  # a number, bounds, or both
         assert np.isfinite(values).all() or np.isnan(values).all()
-        assert np.isnan(values).any() == (not touch.has_intervals)
+        assert np.isfinite(values).all() == touch.has_intervals or not np.isnan(touch.interval(0.95, "force")).any()
     elif known:
         assert np.isfinite(values).all()
     else:

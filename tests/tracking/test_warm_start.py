@@ -18,7 +18,7 @@ CONE = Cone(("x", "y", "z"), 0.5)
 
 @pytest.fixture(scope="module")
 def stream() -> tuple[Any, list[tuple[float, float]]]:
-    """Forces that a tracker answers, and its own before the single solve is added, of a ball that presses with 1 N."""
+    """Forces that a tracker answers, and that of one even penalty alone, of a ball that presses with 1 N."""
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
     skin = pp.Skin(pad, array, uncertainty=EXACT)
@@ -29,7 +29,9 @@ def stream() -> tuple[Any, list[tuple[float, float]]]:
     with skin.track(baseline=10) as tracker:
         for load in np.r_[np.zeros(12), np.ones(30), -np.ones(20)]:
             touch = tracker.step(load * ball + 0.01 * np.abs(ball).max() * rng.standard_normal(ball.shape))
-            found.append((float(touch.force[2]), float(tracker._own[-1].sum()) * skin.surface.cell if load else 0.0))
+            found.append(
+                (float(touch.force[2]), float(tracker._contact.traction[-1].sum()) * skin.surface.cell if load else 0.0)
+            )
     return skin, found
 
 

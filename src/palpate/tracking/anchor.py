@@ -57,6 +57,7 @@ def certain(own: Floats, frame: Frame | None, noise: float | None) -> Floats:
 
     Pressure is never negative, so that noise presses many cells faintly; their sum was a tenth of the force. With few
     readings, errors of the pad's model are larger than noise, and real sensors had a larger error without these cells.
+    Where channels cannot tell pressure from shear, the tracker keeps them too: cells of no pressure drag.
     """
     if frame is None or noise is None or len(frame.actual) <= Policy().detection.few_readings:
         return own

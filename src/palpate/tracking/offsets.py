@@ -230,11 +230,12 @@ class Offsets:
             [names.index(label) for label in labels],
             std[np.searchsorted(self.index, np.arange(len(labels)))],
         )
-        if not np.any(to_numpy(alone.nuisance)[chosen]):
+        sizes = to_numpy(alone.nuisance)[chosen]
+        if not (np.isfinite(sizes).all() and sizes.any()):
             return
         k = len(labels)
         self.clear()  # the model error of this contact may hold a part of them
-        self.mean = np.asarray(to_numpy(alone.nuisance)[chosen] / unit, dtype=np.float64)
+        self.mean = np.asarray(sizes / unit, dtype=np.float64)
         self._both[:k, :k] = np.diag((to_numpy(alone.nuisance_std)[chosen] / unit) ** 2)
 
     def beyond(self, noise: float | None) -> bool:

@@ -649,7 +649,7 @@ class Tracker:
             errors, pad_std, share = contact.errors, contact.stated, learning.discrepancy.posterior
             if status is Status.OVERLOAD and errors is not None and contact.pushing:
                 errors = open_above(errors)
-            self._own = certain(values, self._frame, noise) if contact.pushing else values
+            self._own = certain(values, self._frame, noise) if contact.pushing and not estimator.ambiguous else values
             values = self._anchor.carried(self._own) if contact.pushing else values
             traction = values.reshape(-1, *grid.shape)
             self._carried = grid.total_force(traction - self._own.reshape(traction.shape))

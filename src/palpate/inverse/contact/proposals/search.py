@@ -70,11 +70,13 @@ class Search:
     def promises(self, sign: int, sought: Flags) -> bool:
         """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of them, together with
         contact on its face, one is above the model's accuracy, and they gain more than it costs. Always, if contact
-        alone leaves a large residual or may have taken them up.
+        alone leaves a large residual, covers much of the array, or may have taken them up.
         """
         rules = self.estimator.policy.explanations
         plain = next((h for h in self.tried if h.sign == sign and not h.present.any()), None)
         if plain is None or self.worth_more(plain) or absorbs(plain.rough, self.estimator.policy):
+            return True
+        if np.count_nonzero(plain.rough.traction[-1]) > rules.edge * self.estimator.taxels:
             return True
         ((sizes, gain),) = steps_of(self.estimator, plain, self.data, self.observed, [np.flatnonzero(sought)])
         part = np.abs(sizes) / np.maximum(reach(self.columns[:, sought], self.data), 1e-300)
