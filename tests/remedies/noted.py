@@ -609,15 +609,15 @@ def overloaded(load: float) -> list[pp.Touch]:
 
 
 def slow_press(rezeroed: bool) -> list[pp.Touch]:
-    """Normal stress that grows evenly for 8 s; then a new zero, and a press."""
+    """Normal stress that grows evenly for 32 s; then a new zero, and a press."""
     tracker, grown = line()[0].track(), np.array([0.0, 400.0])[:, None]
-    ramp = np.concatenate([readings(0.0, offset=k / 400 * grown, seed=k) for k in range(400)])
+    ramp = np.concatenate([readings(0.0, offset=k / 1600 * grown, seed=k) for k in range(1600)])
     found = tracked(ramp, tracker=tracker)
     if not rezeroed:
         return found[-1:]
     tracker.rezero(frames=5)
-    tracked(readings(*REST, offset=grown, seed=1), tracker=tracker, begin=9.0)
-    return tracked(readings(0.5, offset=grown, seed=2), tracker=tracker, begin=10.0)
+    tracked(readings(*REST, offset=grown, seed=1), tracker=tracker, begin=33.0)
+    return tracked(readings(0.5, offset=grown, seed=2), tracker=tracker, begin=34.0)
 
 
 def frozen(*, runs: bool) -> list[pp.Touch]:
