@@ -115,7 +115,7 @@ class Dense:
         """The lower triangle of H^-1."""
         from scipy.linalg import lapack
 
-        return np.asarray(lapack.dpotri(self.lower, lower=1)[0])
+        return np.asarray(lapack.dpotri(self.lower, lower=1)[0]) if len(self.lower) else self.lower
 
     def variances(self, rows: Rows) -> Floats:
         if not len(self.lower):
