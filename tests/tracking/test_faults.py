@@ -57,6 +57,7 @@ def check(touch: pp.Touch) -> None:
     if status(touch) is Status.UNEXPLAINED:  # no number, and a bound
         assert np.isnan(values).all()
         assert np.isnan(touch.force).all()
+        assert touch.has_intervals
         assert np.isfinite(touch.interval(0.95, "force")).all()
     elif status(touch) is Status.UNDECIDED:  # a number, bounds, or both
         assert np.isfinite(values).all() or np.isnan(values).all()

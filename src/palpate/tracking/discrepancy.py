@@ -23,6 +23,7 @@ from palpate.inverse.estimate import Stated
 from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
 from palpate.tracking.errors import unbounded
 
 __all__ = ["LARGEST", "Discrepancy", "bounds_of", "share_of", "widened", "without_numbers"]
@@ -129,12 +130,13 @@ def without_numbers(touch: Touch, estimator: ConstrainedEstimator, readings: Flo
     at least as wide as the interval before. ``readings`` are in units of their standard deviations, NaN if missing.
     The stream continues with the numbers found.
     """
-    parts, errors = touch._errors, None
+    parts = touch._errors
     bound = hidden(estimator, np.nan_to_num(readings) * estimator.readings.std)
     if parts is not None:
         low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in touch.interval(0.95, "force"))
         bound = np.stack([np.fmin(bound[:, 0], low), np.fmax(bound[:, 1], high)], axis=-1)
-        errors = replace(parts, posterior=nothing_known(parts.posterior), pad=None)
+    posterior = nothing_known(estimator.undetected(1.0) if parts is None else parts.posterior)
+    errors = ErrorParts(posterior, scale=estimator.problem.common_std if parts is None else parts.scale)
     return replace(
         touch,
         values=math.nan * touch.values,
