@@ -134,7 +134,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         near: ContactModel | None = None,
     ) -> Iterator[ContactModel]:
         """The models of a frame with contact in a region, with their weights. Solutions start from ``near``, a model
-        of the same frame with other noise, if it has the same cells; this saves steps.
+        of the same frame with other noise, if it is on the same grid; this saves steps.
         """
         policy = self.policy
         grid, c = self.operator.surface, len(self.columns)

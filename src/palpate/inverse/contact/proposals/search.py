@@ -63,7 +63,7 @@ class Search:
             self.total,
             None,
             self.first_noise,
-            shifts=self.columns if self.terms else None,
+            shifts=self.estimator.shifts if self.terms else None,
         )
         return Explanation(sign, found, self.none, self.none > 0)
 
@@ -79,14 +79,8 @@ class Search:
         if np.count_nonzero(plain.rough.traction[-1]) > rules.edge * self.estimator.taxels:
             return True
         ((sizes, gain),) = steps_of(self.estimator, plain, self.data, self.observed, [np.flatnonzero(sought)])
-        part = np.abs(sizes) / np.maximum(reach(self.columns[:, sought], self.data), 1e-300)
+        part = np.abs(sizes) / np.maximum(reach(self.estimator.shifts[:, sought], self.data), 1e-300)
         return bool(gain > rules.per_nuisance and (part > rules.smallest_nuisance).any())
-
-    @cached_property
-    def columns(self) -> Floats:
-        """Readings (reading, nuisance) that each nuisance of size one adds."""
-        n = len(self.data)
-        return np.stack([term.rows for term in self.terms], axis=1) if self.terms else np.zeros((n, 0))
 
     @property
     def none(self) -> Floats:
