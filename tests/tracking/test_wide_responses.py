@@ -71,5 +71,5 @@ def test_the_single_solve_knows_the_noise_of_the_zero() -> None:
     rng = np.random.default_rng(1)
     readings = press + 20.0 * rng.standard_normal(press.shape) - 20.0 * rng.standard_normal(press.shape)
     solve = SingleSolve(skin, ("z",), None)
-    assert float(solve([readings], [], 1.0).fit) < 0.01
-    assert float(solve([readings], [], 2.0**0.5).fit) > 0.01
+    assert float(solve([readings], [], 1.0).touch.fit) < 0.01
+    assert float(solve([readings], [], 2.0**0.5).touch.fit) > 0.01

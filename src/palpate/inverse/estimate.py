@@ -20,6 +20,16 @@ from palpate.status import Status
 __all__ = ["Errors", "Estimate", "Stated", "batch_of", "frames_of"]
 
 
+#: Fields of `Errors` and `Stated` that do not grow with the readings.
+_FIXED = ("center", "outside_center", "variance_reduction")
+
+
+def _times(errors: Errors | Stated, factor: float) -> dict[str, Any]:
+    """Each field times ``factor``, if it grows with the readings."""
+    each = {f.name: getattr(errors, f.name) for f in fields(errors)}
+    return {name: value if name in _FIXED else value * factor for name, value in each.items()}
+
+
 @dataclass(frozen=True)
 class Errors:
     """Standard deviations, in closed form, before calibration (`palpate.touch`).
@@ -53,6 +63,10 @@ class Errors:
     def work_out(self) -> None:
         """Compute all lazy fields; they share intermediate results."""
 
+    def times(self, factor: float) -> Errors:
+        """The errors of a load and a noise that are ``factor`` times as large."""
+        return Errors(**_times(self, factor))
+
     @classmethod
     def gathered(cls, parts: Sequence[Errors | None], gather: Callable[[list[Any]], Any]) -> Errors:
         """Concatenate the arrays of the parts (None if a part is None)."""
@@ -85,6 +99,10 @@ class Stated:
 
     def __post_init__(self) -> None:
         freeze(self)
+
+    def times(self, factor: float) -> Stated:
+        """The errors of a load and a noise that are ``factor`` times as large."""
+        return Stated(**_times(self, factor))
 
     @classmethod
     def added(cls, one: Stated | None, more: Mapping[str, Any]) -> Stated:

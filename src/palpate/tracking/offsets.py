@@ -141,6 +141,11 @@ class Offsets:
         self._gain: _Gain | None = None
         self._unused = None
 
+    def forget(self) -> None:
+        """Forget the offsets and the rate of their drift."""
+        self.clear()
+        self.rate = np.zeros_like(self.rate)
+
     # -- present knowledge
     # ----------------------------------------------------------------------------------------------
 

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from palpate.errors import InvalidInput, Unsupported
+import numpy as np
+import numpy.typing as npt
 
-__all__ = ["MISREAD", "check_settings", "check_sought"]
+from palpate.errors import InvalidInput, Unsupported
+from palpate.sensing.arrays import Array
+
+__all__ = ["MISREAD", "check_settings", "check_sought", "chosen_channels"]
 
 
 def check_settings(**settings: float | None) -> None:
@@ -17,6 +21,16 @@ def check_settings(**settings: float | None) -> None:
             continue
         if isinstance(value, bool) or not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
             raise InvalidInput(f"{name} must be a positive number; got {value!r}.")
+
+
+def chosen_channels(channels: Sequence[str] | None, arrays: Sequence[Array]) -> npt.NDArray[np.bool_]:
+    """Mask of the channels of all arrays (channel,) that are named; all of them for None. `InvalidInput` if one is unknown."""
+    every = [c for a in arrays for c in a.channels]
+    chosen = every if channels is None else [channels] if isinstance(channels, str) else list(channels)
+    for name in chosen:
+        if name not in every:
+            raise InvalidInput(f"no channel {name!r} to take a zero of; there are {', '.join(dict.fromkeys(every))}.")
+    return np.isin(np.array(every), chosen)
 
 
 def check_sought(components: Sequence[str], boundary: str) -> None:

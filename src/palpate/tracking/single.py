@@ -11,23 +11,43 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.again import Models, keeping
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.zero import FRAMES_FOR_NOISE
 
-__all__ = ["BEGUN", "Alone", "Answer", "Comparison", "SingleSolve"]
+__all__ = ["BEGUN", "Alone", "Answer", "Compared", "Comparison", "Single", "SingleSolve"]
 
 #: Beginning of the note when a contact is restarted.
 BEGUN = "tracked from frame to frame, this contact read"
+
+
+class Single(NamedTuple):
+    """A single solve: its touch, and the models that later frames of the contact can be solved with, if there are any."""
+
+    touch: Touch
+    models: Models | None
+
+
+class Compared(NamedTuple):
+    """What the tracker answered to a frame, the net force (component,) by its own model, and the readings (reading,) minus
+    their zero.
+    """
+
+    answer: Answer
+    own: Floats
+    readings: Floats
+
+
 #: A function that solves readings minus their zero (one array per plane), with the noise of frames at rest (a list of
 #: the same), or the given noise times the factor by which that of the zero increases it.
-Alone = Callable[[list[Floats], list[list[Floats]], float], Touch]
+Alone = Callable[[list[Floats], list[list[Floats]], float], Single]
 #: The noise at rest is rounded up to powers of this, so that a prepared skin can be reused.
 NOISE_STEP = 1.1
 #: Largest change of the zero's share of the noise, a factor, with which a prepared skin is used again.
@@ -53,7 +73,7 @@ class SingleSolve:
         self._options = {} if friction is None else {"friction": friction}
         self._made: tuple[tuple[float, ...], float, Any] | None = None  # noise at rest, factor of the zero, skin
 
-    def __call__(self, readings: list[Floats], rest: list[list[Floats]], noisier: float = 1.0) -> Touch:
+    def __call__(self, readings: list[Floats], rest: list[list[Floats]], noisier: float = 1.0) -> Single:
         planes = self._skin.planes
         frames = [np.stack(parts) for parts in zip(*rest)] if len(rest) >= FRAMES_FOR_NOISE else []
         levels = [np.sqrt((f[:, :, a.valid] ** 2).mean(axis=(0, 2))) for f, a in zip(frames, planes)]
@@ -62,10 +82,10 @@ class SingleSolve:
         made = self._made
         if made is None or made[0] != steps or not made[1] / ZERO_STEP <= noisier <= made[1] * ZERO_STEP:
             made = self._made = steps, noisier, self._zeroed(NOISE_STEP ** np.array(steps), known, noisier)
-        found: Touch = made[2].reconstruct(
-            readings if len(readings) > 1 else readings[0], components=self._components, **self._options
-        )
-        return found
+        one = readings if len(readings) > 1 else readings[0]
+        with keeping() as kept:
+            touch = made[2].reconstruct(one, components=self._components, **self._options)
+        return Single(touch, kept.models)
 
     def _zeroed(self, noise: Floats, known: bool, noisier: float) -> Any:
         """The skin with this noise (channel of all planes,), or the given noise times ``noisier``; without saturation
@@ -120,10 +140,6 @@ class Answer:
             decided,
         )
 
-    def without_move(self, by: Floats) -> Answer:
-        """The result before a force ``by`` was added to it."""
-        return replace(self, force=self.force - by, low=self.low - by, high=self.high - by)
-
     def without(self, share: float) -> Answer:
         """The result without the part of its interval that an error of ``share`` times the load causes."""
         room = (1.96 * share * self.load) ** 2
@@ -176,12 +192,14 @@ class Comparison:
         """Forget the load: the contact has ended."""
         self._load = math.nan
 
-    def due(self, load: float, shear: Floats) -> bool:
-        """Whether to compare a frame with this load and shear (component,); call it once a frame."""
+    def due(self, load: float, shear: Floats, *, stale: bool = False, missing: bool = False) -> bool:
+        """Whether to compare a frame with this load and shear (component,); call it once a frame. ``stale``: the models of
+        the last single solve do not explain it; ``missing``: it had none.
+        """
         self._since += 1
         turned = float(np.linalg.norm(shear - self._shear)) / max(load, 1e-300)
-        doubted = self.share > 0.0 or self.refuted or self.anew or turned > TURNED
-        same = self._same(load) and turned < ANOTHER - 1.0
+        doubted = self.share > 0.0 or self.refuted or self.anew or missing or turned > TURNED
+        same = self._same(load) and turned < ANOTHER - 1.0 and not stale
         if self._since < (GROWING if not same else DOUBTED if doubted else SPACING) * self._slow:
             return False
         return doubted or not same or self._since >= AGAIN * self._slow
@@ -195,11 +213,11 @@ class Comparison:
         """Whether the compared frame was unexplained, and this load is similar to its load."""
         return self.refuted and self._same(load)
 
-    def reaching(self, carried: Floats, load: float) -> float:
-        """The share that makes two results agree and includes the result without the single solve's correction (a
-        force ``carried``); before a rest, the interval of the single solve.
+    def reaching(self, apart: float, load: float) -> float:
+        """The share that makes two results agree and reaches as far as the force ``apart``; before a rest, as far as the
+        interval of the single solve.
         """
-        force = float(np.abs(carried).max(initial=0.0)) + (0.0 if self.rested else self._unzeroed)
+        force = apart + (0.0 if self.rested else self._unzeroed)
         return math.hypot(self.share, force / (REACH * max(load, 1e-300)))
 
     def begun(self, load: float, shear: Floats) -> None:
@@ -209,7 +227,7 @@ class Comparison:
     def settle(self, tracked: Answer, alone: Answer) -> bool:
         """Process the two results of a frame; False if the tracker must restart first."""
         self.refuted = not alone.explained
-        own = tracked.without(self.reaching(np.zeros(1), tracked.load))
+        own = tracked.without(self.reaching(0.0, tracked.load))
         self._unzeroed = own.beyond(alone)
         if not own.parted(alone):
             # The results agree; widen the tracker's interval to contain the single solve's force.

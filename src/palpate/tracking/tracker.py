@@ -30,7 +30,6 @@ from palpate.sensing.zero import MOVED, STANDS
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
-from palpate.tracking.anchor import Anchor, beyond, certain
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
@@ -38,6 +37,7 @@ from palpate.tracking.discrepancy import bounds_of, widened, without_numbers
 from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
+from palpate.tracking.held import Held, own_traction
 from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
 from palpate.tracking.misfit import Misfit
 from palpate.tracking.offsets import Offsets
@@ -45,8 +45,8 @@ from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.rest import Rest
 from palpate.tracking.search import LOST, TAKEN, only_reading
-from palpate.tracking.settings import MISREAD, check_settings
-from palpate.tracking.single import Alone, Answer, Comparison
+from palpate.tracking.settings import MISREAD, check_settings, chosen_channels
+from palpate.tracking.single import Alone, Answer, Compared, Comparison
 from palpate.tracking.slow import SlowPress
 from palpate.tracking.standing import Standing, Steady
 from palpate.tracking.times import AFTER_RESTART, FrameTime, FrameTimes
@@ -179,11 +179,9 @@ class Tracker:
         )
         self._touching = False
         self._comparison = Comparison(n, rested=self._given_zero is None or bool(self._given_zero.any()))
-        self._anchor = Anchor(estimator.cone, estimator.columns)
+        self._held = Held(estimator)
         self._beside.forget()
-        self._compared: tuple[Answer, Floats] | None = None  # of the frame that is solved by itself beside the stream
-        self._own: Floats = np.zeros((0, 0))  # traction of the last frame without the single solve's correction
-        self._carried: Floats = np.zeros(len(estimator.surface.components))  # force of that correction
+        self._compared: Compared | None = None  # the frame that is solved by itself beside the stream
         self._frame: Frame | None = None
         self._steady, self._restarted = Steady(), 0
         self._said: list[str] = []
@@ -218,18 +216,9 @@ class Tracker:
         """
         if isinstance(frames, bool) or not (isinstance(frames, int) and frames >= 1):
             raise InvalidInput(f"frames must be a whole number of at least 1; got {frames!r}.")
-        arrays = self.estimator.readings.arrays
-        every = [c for a in arrays for c in a.channels]
-        chosen_channels = every if channels is None else [channels] if isinstance(channels, str) else list(channels)
-        for name in chosen_channels:
-            if name not in every:
-                raise InvalidInput(
-                    f"no channel {name!r} to take a zero of; there are {', '.join(dict.fromkeys(every))}."
-                )
-        only = np.isin(np.array(every), chosen_channels)[self._offsets.index]
+        only = chosen_channels(channels, self.estimator.readings.arrays)[self._offsets.index]
         self._release()
-        self._offsets.clear()
-        self._offsets.rate = np.zeros_like(self._offsets.rate)
+        self._offsets.forget()
         self._zero.again(frames, only)
 
     @property
@@ -377,54 +366,60 @@ class Tracker:
             return touch
         if "alone" not in beside:
             left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
-            if (
-                not self._contact.judged
-                or not comparison.due(self._contact.size, self._contact.traction[:-1].sum(axis=1))
-                or left_out.any()
-                or not np.isfinite(frame.actual).all()
-            ):
+            load, shear = self._contact.size, self._contact.traction[:-1].sum(axis=1)
+            due = self._contact.judged and comparison.due(
+                load, shear, stale=self._held.stale, missing=self._held.missing
+            )
+            if not due or left_out.any() or not np.isfinite(frame.actual).all():
                 return touch
-            comparison.begun(self._contact.size, self._contact.traction[:-1].sum(axis=1))
-            self._compared = Answer.of(touch).without_move(self._carried), self._own
-        planes, y = self.estimator.readings.planes, frame.actual * self._std
-        zero_frames = [planes(f * self._std) for f in self._rest.frames]
+            comparison.begun(load, shear)
+            self._compared = Compared(Answer.of(touch), self._own_force(), frame.actual * self._std)
+        zero_frames = [self.estimator.readings.planes(f * self._std) for f in self._rest.frames]
+        y = self.estimator.readings.planes(frame.actual * self._std)
         try:
-            single = beside.result("alone", lambda: alone(planes(y), zero_frames, frame.noisier))
+            single = beside.result("alone", lambda: alone(y, zero_frames, frame.noisier))
         except InvalidInput:  # readings minus their offsets that no elastic pad gives
             comparison.refuted = True
             return rebuild(*self._status(bool(touch.converged)))
         if single is None or self._compared is None:
             return touch
-        reference, (compared, traction) = Answer.of(single), self._compared
-        if comparison.settle(compared, reference):
+        reference, compared = Answer.of(single.touch), self._compared
+        if comparison.settle(compared.answer, reference):
             if (comparison.share or comparison.rested) and self.drift_time is not None:
-                self._offsets.take(single, self._layout.planes, self._std)
-            self._hold_to(traction, single, compared, reference)
+                self._offsets.take(single.touch, self._layout.planes, self._std)
+            self._held.hold(single, compared, reference, pushing=self._contact.pushing)
         else:
-            self._begin_anew(single)
+            self._begin_anew(single.touch)
             unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
-            self._said.append(comparison.words(compared, reference, unit))
+            self._said.append(comparison.words(compared.answer, reference, unit))
             if not beside.threaded:
                 touch = rebuild(*self._in_contact(frame, 0.0, regular=True, restarted=False))
-                compared = Answer.of(touch).without_move(self._carried)
-                comparison.settle(compared, reference)
-                self._hold_to(self._own, single, compared, reference)
+                compared = compared._replace(answer=Answer.of(touch), own=self._own_force())
+                comparison.settle(compared.answer, reference)
+                self._held.hold(single, compared, reference, pushing=self._contact.pushing)
+        self._answer_by_held()
         return rebuild(*self._status(bool(touch.converged)))
 
-    def _hold_to(self, traction: Floats, single: Touch, compared: Answer, reference: Answer) -> None:
-        """Keep a single solve as a correction if both results agree and push, and if the tracker took no load for offsets."""
-        meet = reference.meets(compared) and not self._offsets.beyond(self._learning.noise)
-        part = beyond(reference.force - compared.force, reference.discrepancy * reference.load)
-        self._anchor.hold(traction, single if meet and self._contact.pushing else None, part)
+    def _own_force(self) -> Floats:
+        """Net force (component,) by the tracker's own model."""
+        return np.asarray(self.estimator.surface.total_force(own_traction(self.estimator, self._contact)))
+
+    def _answer_by_held(self) -> None:
+        """Solve the frame with the models of the last single solve."""
+        # Offsets that only the tracker found: drift since the single solve, or too few readings to show them in one frame.
+        drifted = self._offsets.beyond(self._learning.noise) and not self._held.has_offsets
+        if self._frame is None or drifted or not self._contact.pushing:
+            self._held.answer = None
+        else:
+            self._held.follow(self._frame.actual * self._std, self._check.unused)
 
     def _begin_anew(self, single: Touch) -> None:
         """Forget what the result depends on, except readings, zero and noise; take the offsets of a single solve."""
         self._contact.release()
-        self._offsets.clear()
+        self._offsets.forget()
         if self.drift_time is not None:
             self._offsets.take(single, self._layout.planes, self._std)
-        self._offsets.rate = np.zeros_like(self._offsets.rate)
-        self._anchor.clear()
+        self._held.clear()
         self._learning.anew()
         self._check.pardon()
 
@@ -537,6 +532,7 @@ class Tracker:
         contact = self._contact
         converged = contact.solve(frame, regular=regular, restarted=restarted)
         self._residual, self._fit = contact.residual, contact.fit
+        self._answer_by_held()
         self._say(elapsed)
         if not converged:
             self.health.approximate += 1
@@ -547,6 +543,8 @@ class Tracker:
         contact = self._contact
         if self._check.overload:
             return Status.OVERLOAD, converged
+        if self._held.answer is not None:
+            return self._unless_frozen(Status.SOLVED), True
         status = Status.SOLVED if converged else Status.NOT_CONVERGED
         if not contact.fits or self._comparison.refutes(contact.size):
             status = Status.UNEXPLAINED
@@ -627,7 +625,7 @@ class Tracker:
         self._touching = False
         self._contact.release()
         self._comparison.release()
-        self._anchor.clear()
+        self._held.clear()
         self._beside.forget()
         self._steady = Steady()
         self._fit = math.nan
@@ -638,6 +636,7 @@ class Tracker:
         estimator, learning, contact = self.estimator, self._learning, self._contact
         grid, noise = estimator.surface, learning.noise
         values: Floats = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
+        held = self._held.answer if self._touching and status.known else None
         errors: Errors | None = None
         pad_std: Stated | None = None
         share = 0.0
@@ -645,15 +644,16 @@ class Tracker:
             self.health.unknown += 1
             values[:] = math.nan
         elif self._touching and contact.cells is not None:
-            values[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
-            errors, pad_std, share = contact.errors, contact.stated, learning.discrepancy.posterior
+            traction, errors, pad_std = own_traction(estimator, contact), contact.errors, contact.stated
+            share = learning.discrepancy.posterior
+            if held is not None:
+                traction, errors, pad_std = held.traction, held.errors, held.stated
+                share = held.discrepancy
             if status is Status.OVERLOAD and errors is not None and contact.pushing:
                 errors = open_above(errors)
-            self._own = certain(values, self._frame, noise) if contact.pushing and not estimator.ambiguous else values
-            values = self._anchor.carried(self._own) if contact.pushing else values
-            traction = values.reshape(-1, *grid.shape)
-            self._carried = grid.total_force(traction - self._own.reshape(traction.shape))
-            spread = self._comparison.reaching(self._carried, float(grid.integral(np.sqrt((traction**2).sum(axis=0)))))
+            values = traction.reshape(values.shape)
+            load = float(grid.integral(np.sqrt((traction**2).sum(axis=0))))
+            spread = self._comparison.reaching(self._held.apart * load if held is None else 0.0, load)
             if spread and values.any():
                 pad_std = widened(pad_std, traction, grid, spread)
         elif status is Status.UNDECIDED:
@@ -674,18 +674,18 @@ class Tracker:
             from_numpy(values.reshape(-1, *estimator.operator.surface.shape), like),
             grid,
             self.names,
-            "constrained",
+            "constrained" if held is None else held.single.method,
             (*self.notes, *(() if note is None else (note,)), *self._said),
             None if learning.parameter is None else np.asarray(learning.parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
-            np.asarray(self._residual if status.known else math.nan),
+            np.asarray(self._residual if held is None else held.residual) if status.known else np.asarray(math.nan),
             _errors=ErrorParts.of(errors, pad_std, estimator.problem.common_std),
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),
             outliers=self._check.unused,
             time=np.asarray(now),
             resolution=None if learning.resolution is None else np.asarray(learning.resolution),
-            case=self._case,
+            case=self._case if held is None else held.single.case,
             friction=estimator.cone.friction,
             status=np.asarray(int(status), dtype=np.int8),
             force_bounds=bounds_of(status, estimator, self._quiet if noise is None else None, pushing=contact.pushing),

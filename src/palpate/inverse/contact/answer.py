@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.again import Models
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, proportional_part
@@ -127,6 +128,7 @@ def combined(
         alone=alone,
         beyond=prepared.posterior.beyond(summary.mean),
         hangs=0.0 if prepared.given_ends or not prepared.readings.independent else summary.largest_part(),
+        models=Models.of(prepared, *runs),
     )
 
 

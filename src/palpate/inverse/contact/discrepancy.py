@@ -19,7 +19,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -31,14 +31,9 @@ from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.policy import Fit, Policy
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.search import search
-from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 
 __all__ = ["posterior", "solve_with_model_error"]
-
-
-#: Fields of the errors and of a frame that do not grow with the readings.
-_FIXED = ("center", "outside_center", "variance_reduction")
 
 
 def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
@@ -54,13 +49,14 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain
     ratio = data / estimator.readings.std
     far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
-    if (
-        zeroed
-        and far
-        and (_rms(ratio) * policy.fit.shares[0] > policy.fit.faint or len(data) <= policy.detection.few_readings)
+    few = zeroed and far and len(data) <= policy.detection.few_readings
+    if (zeroed and far and _rms(ratio) * policy.fit.shares[0] > policy.fit.faint) or (
+        few and len(data) <= policy.fit.proves
     ):
         return _with_shares(estimator, readings, data, None, rng)
     plain = _settled(estimator, readings, rng)
+    if few and not (plain.contact and not plain.fit < POOR_FIT and plain.free > policy.fit.proves):
+        return _with_shares(estimator, readings, data, None, rng)
     if plain.contact and not plain.fit < POOR_FIT:
         # Pull around a contact can stand for an offset, which is simpler.
         drifted = _drifted(estimator, readings, rng) if plain.sign > 1 else None
@@ -208,23 +204,19 @@ def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rn
         scaled.given_ends = (estimator.given_ends[0] / factor, estimator.given_ends[1] / factor)
     scaled.zero = None if estimator.zero is None else estimator.zero / factor
     found = search(scaled, [r / factor for r in readings], rng)
-    errors = found.known
-    changed = {f.name: getattr(errors, f.name) for f in fields(Errors)}
-    stated = found.stated
-    if stated is not None:
-        stated = Stated(**{f.name: _grown(f.name, getattr(stated, f.name), factor) for f in fields(Stated)})
     return replace(
         found,
         traction=found.traction * factor,
-        errors=Errors(**{name: _grown(name, value, factor) for name, value in changed.items()}),
+        errors=found.known.times(factor),
         parameter=found.parameter / factor**2,
         one_penalty=True,
         noise=found.noise * factor,
         draws=None if found.draws is None else found.draws * factor,
         nuisance=found.nuisance * factor,
         nuisance_std=found.nuisance_std * factor,
-        stated=stated,
+        stated=None if found.stated is None else found.stated.times(factor),
         bounds=found.bounds * factor,
+        models=None if found.models is None else found.models.times(factor),
     )
 
 
@@ -244,10 +236,6 @@ def _size_probability(frame: Frame, count: int) -> float:
     if not frame.free >= 1.0:
         return math.nan
     return float(scipy.special.gammaincc(0.5 * frame.free, 0.5 * count * frame.residual**2))
-
-
-def _grown(name: str, value: Floats, factor: float) -> Floats:
-    return value if name in _FIXED else value * factor
 
 
 def posterior(share: float, free: float, policy: Fit) -> float:

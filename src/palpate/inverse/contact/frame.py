@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.again import Models
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated
 
@@ -32,6 +33,7 @@ class Frame:
     (`palpate.inverse.contact.discrepancy`). ``overload``: so many readings are saturated that the load has no upper
     bound. ``bounds`` (component, 2): net forces that the readings do not exclude beyond the interval, NaN if there are
     none. ``free``: degrees of freedom of the residual. ``resolution`` [m]: NaN if it follows from ``parameter``.
+    ``models``: those that later frames of this contact can be solved with, if there are any.
     """
 
     traction: Floats
@@ -65,6 +67,7 @@ class Frame:
     bounds: Floats = field(default_factory=lambda: np.full((1, 2), math.nan))
     free: float = math.nan
     resolution: float = math.nan
+    models: Models | None = None
 
     @property
     def known(self) -> Errors:

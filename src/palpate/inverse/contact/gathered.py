@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from palpate._arrays import from_numpy
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.again import keep
 from palpate.inverse.contact.deferred_errors import ContactErrors
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.notes import notes_of
@@ -37,6 +38,7 @@ def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...
         errors: Errors = ContactErrors.of(frames[0].errors, estimator.cut, np.zeros(batch, dtype=np.intp))
     else:
         errors = Errors.gathered([f.known for f in frames], stacked)
+    keep(frames[-1].models if frames[-1].contact and frames[-1].sign == 1 else None)
     values = np.stack([estimator.cut(f.traction) for f in frames])
     sampled = None
     if estimator.draws:

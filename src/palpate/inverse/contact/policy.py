@@ -196,6 +196,10 @@ class Fit:
     shares: tuple[float, ...] = number(
         (0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies to try in this order, as fractions of the readings"
     )
+    proves: float = number(
+        10.0,
+        "degrees of freedom that a contact must leave for its fit to show that the pad's model has no error: with fewer, finer models fit that error",
+    )
     faint: float = number(
         3.0, "skip solving without discrepancy if the smallest is more than this many times the noise of the zero"
     )

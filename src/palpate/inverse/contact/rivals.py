@@ -110,6 +110,7 @@ def _mean(
         alone=found.alone,
         beyond=found.beyond,
         hangs=found.hangs,
+        models=found.models,
         converged=frame.converged and other.converged,
     )
 

@@ -1,0 +1,136 @@
+"""Answer frames with the models of the last single solve of the same contact.
+
+The tracker's own model has one even penalty on cells of the surface, because it has to serve any frame: noise presses
+each of its cells a little, and on 4 x 4 taxels of three channels it reads 1.8 times the force. A single solve also finds
+fine cells, local penalties and discs. Its models serve the following frames while the same contact presses
+(`palpate.inverse.contact.again`), for no more time than the tracker's own. A frame is of the same contact if they leave
+no more of it than of the frame of the single solve, up to noise. If they leave more, the tracker answers by itself until
+the next comparison; its interval then reaches from its own result as far as the last single solve was from it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.elastic.pad import Floats
+from palpate.inverse.contact.again import Again
+from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.estimate import Errors, Stated
+from palpate.status import Status
+from palpate.touch import Touch
+from palpate.touch.fields import ErrorParts
+from palpate.tracking.contact import Contact
+from palpate.tracking.health import Flags
+from palpate.tracking.single import Answer, Compared, Single
+
+__all__ = ["Held", "HeldAnswer", "own_traction"]
+
+#: The models do not explain a frame if they leave more than they left of theirs, by this many standard deviations of the
+#: sum of squares of noise.
+UNUSUAL = 6.0
+
+
+class HeldAnswer(NamedTuple):
+    """Traction (component, *surface) of a frame by the models of a single solve, its errors, the discrepancy, the single
+    solve and the root mean square of the residual in units of the noise.
+    """
+
+    traction: Floats
+    errors: Errors
+    stated: Stated | None
+    discrepancy: float
+    single: Touch
+    residual: float
+
+
+@dataclass
+class _Kept:
+    """Models, the single solve they come from, its errors, its load [N], and the residual they left of its frame."""
+
+    again: Again
+    single: Touch
+    errors: ErrorParts
+    load: float
+    left: float
+
+
+class Held:
+    """Holds the models of the last single solve of this contact.
+
+    ``answer`` is that to the last frame, None if they do not explain it; ``apart`` how far the single solve was from the
+    tracker's own result, as a part of the load.
+    """
+
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        self._estimator = estimator
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the models: the contact has ended."""
+        self._kept: _Kept | None = None
+        self.answer: HeldAnswer | None = None
+        self.apart = 0.0
+        self.stale = False  # whether the models do not explain the last frame
+        self.missing = False  # whether the last single solve has no models that push
+
+    @property
+    def has_offsets(self) -> bool:
+        """Whether the single solve found offsets or other patterns in the readings."""
+        sizes = None if self._kept is None else self._kept.single.nuisance
+        return sizes is not None and bool(np.nan_to_num(sizes).any())
+
+    def hold(self, single: Single, compared: Compared, reference: Answer, *, pushing: bool) -> None:
+        """Hold the models of a single solve that agrees with the tracker; ``reference`` are its numbers."""
+        self.clear()
+        load = max(reference.load, compared.answer.load)
+        if reference.explained and load > 0.0:
+            self.apart = float(np.abs(reference.force - compared.own).max()) / load
+        touch, models = single.touch, single.models
+        solved = int(np.asarray(touch.status)) == Status.SOLVED and reference.meets(compared.answer)
+        if models is None or touch._errors is None or not (solved and pushing):
+            self.missing = True
+        elif not models.at_size:  # for larger contacts, the tracker's own model is as good
+            again = Again(models)
+            traction, left = again.solve(self._planes(compared.readings))
+            if (size := self._load(traction)) > 0.0:
+                self._kept = _Kept(again, touch, touch._errors, size, left)
+
+    def follow(self, readings: Floats, unused: Flags) -> None:
+        """Answer a frame (reading,), in SI units, if the models explain it and need no reading that is ``unused``."""
+        kept, self.answer, self.stale = self._kept, None, False
+        if kept is None or (unused & kept.again.observed).any():
+            return
+        traction, left = kept.again.solve(self._planes(readings))
+        grows = max(self._load(traction) / kept.load, 1.0)
+        noise = 1.0 + UNUSUAL * math.sqrt(2.0 / kept.again.count)
+        self.stale = not left**2 <= (grows * kept.left) ** 2 * noise
+        if not self.stale:
+            errors, pad, share = kept.errors.posterior.times(grows), kept.errors.pad, kept.single.discrepancy
+            self.answer = HeldAnswer(
+                traction,
+                errors,
+                None if pad is None else pad.times(grows),
+                0.0 if share is None else float(np.nan_to_num(share)),
+                kept.single,
+                left,
+            )
+
+    def _planes(self, readings: Floats) -> list[Floats]:
+        return self._estimator.readings.planes(np.nan_to_num(readings))
+
+    def _load(self, traction: Floats) -> float:
+        """The normal load."""
+        return float(self._estimator.surface.integral(np.abs(traction[-1])))
+
+
+def own_traction(estimator: ConstrainedEstimator, contact: Contact) -> Floats:
+    """Traction (component, *surface) by the tracker's own model."""
+    grid = estimator.operator.surface
+    out = np.zeros((len(grid.components), math.prod(grid.shape)))
+    if contact.cells is not None:
+        out[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
+    return out.reshape(-1, *grid.shape)
