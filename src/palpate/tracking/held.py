@@ -11,6 +11,7 @@ the next comparison; its interval then reaches from its own result as far as the
 from __future__ import annotations
 
 import math
+import time as clock
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -56,6 +57,7 @@ class _Kept:
     errors: ErrorParts
     load: float
     left: float
+    seconds: float = 0.0  # that the last frame took
 
 
 class Held:
@@ -99,12 +101,16 @@ class Held:
             if (size := self._load(traction)) > 0.0:
                 self._kept = _Kept(again, touch, touch._errors, size, left)
 
-    def follow(self, readings: Floats, unused: Flags) -> None:
-        """Answer a frame (reading,), in SI units, if the models explain it and need no reading that is ``unused``."""
+    def follow(self, readings: Floats, unused: Flags, deadline: float) -> None:
+        """Answer a frame (reading,), in SI units, if the models explain it, need no reading that is ``unused`` and can be
+        solved before the ``deadline``, in `time.perf_counter`.
+        """
         kept, self.answer, self.stale = self._kept, None, False
-        if kept is None or (unused & kept.again.observed).any():
+        started = clock.perf_counter()
+        if kept is None or (unused & kept.again.observed).any() or started + kept.seconds > deadline:
             return
         traction, left = kept.again.solve(self._planes(readings))
+        kept.seconds = clock.perf_counter() - started
         grows = max(self._load(traction) / kept.load, 1.0)
         noise = 1.0 + UNUSUAL * math.sqrt(2.0 / kept.again.count)
         self.stale = not left**2 <= (grows * kept.left) ** 2 * noise

@@ -408,10 +408,9 @@ class Tracker:
         """Solve the frame with the models of the last single solve."""
         # Offsets that only the tracker found: drift since the single solve, or too few readings to show them in one frame.
         drifted = self._offsets.beyond(self._learning.noise) and not self._held.has_offsets
-        if self._frame is None or drifted or not self._contact.pushing:
-            self._held.answer = None
-        else:
-            self._held.follow(self._frame.actual * self._std, self._check.unused)
+        frame, self._held.answer = self._frame, None
+        if frame is not None and self._contact.pushing and not drifted:
+            self._held.follow(frame.actual * self._std, self._check.unused, frame.deadline)
 
     def _begin_anew(self, single: Touch) -> None:
         """Forget what the result depends on, except readings, zero and noise; take the offsets of a single solve."""

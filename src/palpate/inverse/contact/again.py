@@ -135,7 +135,7 @@ class _Member:
     """One model, solved again, which was made from the readings ``white``."""
 
     def __init__(self, prepared: Prepared, model: ContactModel, white: Floats) -> None:
-        self.model, ray = model, model.ray
+        self.model, self._tolerance, ray = model, prepared.policy.work.again, model.ray
         self._cone = prepared.cone if ray is None else Cone(prepared.cone.components[-1:])
         self._last = model.solution.traction if ray is None else model.solution.traction[-1:]
         self._matrix = np.asarray(model.data.matrix)
@@ -156,5 +156,6 @@ class _Member:
         """The solution (component, cell) for whitened readings."""
         linear, ray = (white @ self._matrix).reshape(-1, len(self.model.cells)), self.model.ray
         right = linear if ray is None else (ray @ linear)[None]
-        self._last = minimise(self.model.hessian, right, self._cone, self._last).traction
+        solution = minimise(self.model.hessian, right, self._cone, self._last, tolerance=self._tolerance)
+        self._last = solution.traction
         return self._last if ray is None else ray[:, None] * self._last

@@ -500,6 +500,10 @@ class Errors:
 class Work:
     """Problem sizes at which the method switches to another algorithm or leaves a step out."""
 
+    again: float = number(
+        1e-4,
+        "relative accuracy of the models of an earlier frame in a later one: noise changes them by more, and with friction 1e-9 takes twice as long",
+    )
     unknowns: int = number(9000, "most unknowns of a frame: a dense normal matrix of 650 MB")
     second_order: int = number(4096, "most readings for trying the second derivative: its spectrum doubles the cost")
     hold: int = number(4096, "with more readings, local weights are not tested: data alone show where contact is")
