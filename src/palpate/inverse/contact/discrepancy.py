@@ -56,7 +56,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         return _with_shares(estimator, readings, data, None, rng)
     plain = _settled(estimator, readings, rng)
     if few and not (plain.contact and not plain.fit < POOR_FIT and plain.free > policy.fit.proves):
-        return _with_shares(estimator, readings, data, None, rng)
+        return _drifted(estimator, readings, rng) or _with_shares(estimator, readings, data, None, rng)
     if plain.contact and not plain.fit < POOR_FIT:
         # Pull around a contact can stand for an offset, which is simpler.
         drifted = _drifted(estimator, readings, rng) if plain.sign > 1 else None
@@ -94,11 +94,12 @@ def _drifted(
     explain anything about few readings.
     """
     policy = estimator.policy
-    if estimator.settled is estimator or len(estimator.readings.std) <= policy.detection.few_readings:
+    if estimator.settled is estimator or len(estimator.readings.std) <= policy.fit.proves:
         return None
     trace.step("contact alone does not explain the readings: solved with offsets that arose after the zero")
     found = search(estimator, readings, rng) if factor == 1.0 else _at_noise(estimator, readings, factor, rng)
-    explained = found.fit > policy.fit.accepted and (not found.contact or (_explains(found) and found.sign < 2))
+    proven = not found.contact or (_explains(found) and found.sign < 2 and found.free > policy.fit.proves)
+    explained = found.fit > policy.fit.accepted and proven
     return found if explained and np.any(found.nuisance) else None
 
 

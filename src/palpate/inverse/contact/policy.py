@@ -118,7 +118,7 @@ class Detection:
     )
     few_readings: int = number(
         50,
-        "with at most this many readings, noise learned from the frame does not prove that nothing touches, and a zeroed skin is solved with a discrepancy at once: finer models would fit the errors of the pad (four real skins)",
+        "with at most this many readings, noise learned from the frame does not prove that nothing touches, and on a zeroed skin a fit must leave `fit.proves` degrees of freedom: finer models would fit the errors of the pad (four real skins)",
     )
 
 
@@ -198,7 +198,7 @@ class Fit:
     )
     proves: float = number(
         10.0,
-        "degrees of freedom that a contact must leave for its fit to show that the pad's model has no error: with fewer, finer models fit that error",
+        "degrees of freedom that a contact must leave, with few readings, for its fit to prove it: with fewer, finer models, or contact and offsets together, fit the errors of a pad",
     )
     faint: float = number(
         3.0, "skip solving without discrepancy if the smallest is more than this many times the noise of the zero"
