@@ -158,7 +158,7 @@ class Explanations:
     )
     half: float = number(
         0.5,
-        "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of contact with less than half the best gain; a line whose ends read less than half of its lowest level may have an offset",
+        "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of contact with less than half the best gain; a line whose ends read less than half of its lowest level may have an offset; half of the lowest reading is the standard deviation of an offset that a contact hides, because two of them are all of it",
     )
     many_taxels: int = number(
         400,
