@@ -51,7 +51,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         few = len(data) <= policy.detection.few_readings or plain.unproven > 0
         if not plain.contact:
             return _undecided(plain) if few and np.any(data) else plain
-        return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain
+        return _doubted(estimator, plain, data)
     ratio = data / estimator.readings.std
     far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
     if (
@@ -65,7 +65,8 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         # Pull around a contact can stand for an offset, which is simpler.
         drifted = _drifted(estimator, readings, rng) if plain.sign > 1 else None
         plain = drifted or plain
-        return replace(plain, discrepancy=_posterior(0.0, plain.free, ratio, policy)) if zeroed else plain
+        if zeroed:
+            return replace(plain, discrepancy=_posterior(0.0, plain.free, ratio, policy))
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
     if not plain.contact and (
@@ -107,10 +108,16 @@ def _drifted(
 
 
 def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
-    """The frame with a discrepancy computed from its residual."""
+    """The frame with a discrepancy computed from its residual: none at the misfit probability `Fit.doubted`, all of it
+    at `POOR_FIT`. Many frames of a wrong pad pass the fit test narrowly.
+    """
+    doubted = estimator.policy.fit.doubted
+    doubt = min((doubted - frame.fit) / (doubted - POOR_FIT), 1.0)
+    if not doubt > 0.0:
+        return frame
     sizes = data / estimator.readings.std
     left = frame.residual * _rms(frame.noise) / max(_rms(sizes), 1e-300)
-    found = _posterior(min(left, 1.0), frame.free, sizes, estimator.policy)
+    found = math.sqrt(doubt) * _posterior(min(left, 1.0), frame.free, sizes, estimator.policy)
     return replace(frame, discrepancy=max(frame.discrepancy, found))
 
 

@@ -179,7 +179,8 @@ class Fit:
 
     accepted: float = number(0.05, "misfit probability that a replacement needs: one good frame in twenty is below it")
     doubted: float = number(
-        0.1, "below this misfit probability (one good frame in ten), average with a rival, weighted by odds"
+        0.1,
+        "below this misfit probability (one good frame in ten), average with a rival, weighted by odds, and add a discrepancy to the intervals, all of it from 0.01 down",
     )
     shows: float = number(
         4.0, "log likelihood ratio from which a residual is proportional to the readings: one clean frame in 400"
