@@ -108,11 +108,11 @@ def _drifted(
 
 
 def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
-    """The frame with a discrepancy computed from its residual: none at the misfit probability `Fit.doubted`, all of it
+    """The frame with a discrepancy computed from its residual: none at the misfit probability `Fit.accepted`, all of it
     at `POOR_FIT`. Many frames of a wrong pad pass the fit test narrowly.
     """
-    doubted = estimator.policy.fit.doubted
-    doubt = min((doubted - frame.fit) / (doubted - POOR_FIT), 1.0)
+    accepted = estimator.policy.fit.accepted
+    doubt = min((accepted - frame.fit) / (accepted - POOR_FIT), 1.0)
     if not doubt > 0.0:
         return frame
     sizes = data / estimator.readings.std

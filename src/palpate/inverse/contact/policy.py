@@ -177,10 +177,12 @@ class Explanations:
 class Fit:
     """Limits of the fit test, and what a misfit adds to the errors."""
 
-    accepted: float = number(0.05, "misfit probability that a replacement needs: one good frame in twenty is below it")
+    accepted: float = number(
+        0.05,
+        "misfit probability that a replacement needs, and below which the model of the pad is doubted: one good frame in twenty is below it",
+    )
     doubted: float = number(
-        0.1,
-        "below this misfit probability (one good frame in ten), average with a rival, weighted by odds, and add a discrepancy to the intervals, all of it from 0.01 down",
+        0.1, "below this misfit probability (one good frame in ten), average with a rival, weighted by odds"
     )
     shows: float = number(
         4.0, "log likelihood ratio from which a residual is proportional to the readings: one clean frame in 400"
