@@ -9,7 +9,10 @@ import pytest
 
 import palpate as pp
 from long_runs import long_runs
+from palpate.bench.trust import make_frame
+from palpate.bench.trust.judge import judge
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.discrepancy import degrees_of_share
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 THREE = ["stress_xz", "stress_yz", "stress_zz"]
@@ -243,3 +246,23 @@ def test_a_small_zeroed_array_is_read_without_a_model_error_where_none_shows(cha
     values, lows, highs = np.array(found).T / force_there
     assert np.median(values) == pytest.approx(1.0, abs=0.06)
     assert ((lows <= 1.0) & (highs >= 1.0)).all()
+
+
+def test_faint_readings_do_not_tell_a_small_share() -> None:
+    """Five of 35 readings respond: they alone tell the model error, unless it is larger than assumed."""
+    faint, even = np.where(np.arange(35) < 5, 10.0, 0.1), np.ones(35)
+    assert degrees_of_share(0.02, 21.0, faint) == pytest.approx(3.0, rel=0.01)
+    assert degrees_of_share(0.02, 21.0, even) == degrees_of_share(0.3, 21.0, faint) == 21.0
+
+
+@pytest.mark.parametrize(
+    ("row", "index", "seed"),
+    [
+        ("gains of 30 %", 196, 20261201),  # a cone of 12.4 N/m on 14 of 32 taxels: 10.1 (8.5 to 11.6), a fit of 1
+        ("depth", 152, 20261201),  # described depth 0.7 times the true one: a fit of 0.012 and 0.25 of the width
+        ("depth", 106, 20261211),
+        ("offset", 190, 20261211),  # a fit of 0.03, and a force of 404 N/m (289 to 475) in place of 623
+    ],
+)
+def test_frames_that_fit_narrowly_are_not_wrong_without_a_note(row: str, index: int, seed: int) -> None:
+    assert not judge(make_frame(row, index, seed=seed)).betrays

@@ -178,3 +178,26 @@ def test_an_offset_of_a_quarter_is_no_contact() -> None:
     assert low[2] < 1.0 < high[2]
     assert touch.force[2] == pytest.approx(1.0, rel=0.1)
     assert any("offset of stress_zz in the lower right quarter" in note for note in touch.notes)
+
+
+@pytest.mark.parametrize("radius", [0.8, 1.0, 1.2])
+def test_an_offset_that_few_readings_hide_is_in_the_interval(radius: float) -> None:
+    """A ball of 0.3 N on 4 x 4 taxels with an offset of 15 %: 0.48 N (0.43 to 0.51), without a note, because contact fits all 16 readings."""
+    pad, pitch = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.45), 4e-3
+    array = pp.AreaArray(shape=(4, 4), pitch=pitch, depth=0.68 * pitch, channels=["stress_zz"])
+    clean = np.asarray(pp.Skin(pad, array).sense(pp.solutions.hertz_point(contact_radius=radius * pitch, force=0.3)))
+    noise = 0.0015 * float(clean.max())
+    skin = pp.Skin(
+        pad, pp.AreaArray(shape=(4, 4), pitch=pitch, depth=0.68 * pitch, channels=["stress_zz"], noise=noise)
+    )
+    clean = clean + noise * np.random.default_rng(1).standard_normal(clean.shape)
+    touch = skin.reconstruct(clean + 0.15 * clean.max())
+    low, high = (np.asarray(end)[2] for end in touch.interval(0.95, "force"))
+    assert low < 0.3 < high
+    assert any("contact may hide an offset" in note for note in touch.notes)
+    # the lowest reading of a clean frame leaves no room for an offset
+    touch = skin.reconstruct(clean)
+    low, high = (np.asarray(end)[2] for end in touch.interval(0.95, "force"))
+    assert low < 0.3 < high
+    assert high - low < 0.15
+    assert not touch.notes

@@ -255,9 +255,9 @@ class Outcome:
                 said.append(f"{n.label}{some(n.found)}: up to {plain_number(abs(n.size), 3)} {n.unit}")
             elif n.found:
                 said.append(f"{n.label}: {plain_number(n.size, 3)} {n.unit} (+- {plain_number(n.std, 2)})")
-            if n.hidden:
+            if n.hidden and self.rough:  # a reason for wide intervals only
                 said.append(
-                    f"the whole edge of the array is loaded{some(n.hidden)}: the {n.label} cannot be separated from contact; the error bars allow for "
+                    f"contact may hide an offset{some(n.hidden)}: the {n.label} cannot be separated from contact; the error bars allow for "
                     f"{plain_number(n.hidden_std, 2)} {n.unit} of it. If it does not drift, pass Skin(..., nuisance=[])"
                 )
         if self.above_modulus:

@@ -16,6 +16,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.discrepancy import degrees_of_share
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
@@ -537,7 +538,7 @@ class Contact:
         free = count - self._taken(count)
         share = share_of(residual.rms, noise, size, used=count, free=free)
         if share <= LARGEST:
-            discrepancy.look(share, free=free)
+            discrepancy.look(share, free=degrees_of_share(share, free, frame.actual[used]))
             if not residual.fits:
                 discrepancy.raised(share)
             frame, residual = frame._replace(noise=discrepancy.noise(noise, size)), residual._replace(fits=True)

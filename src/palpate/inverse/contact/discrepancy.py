@@ -33,7 +33,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.search import search
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 
-__all__ = ["posterior", "solve_with_model_error"]
+__all__ = ["degrees_of_share", "posterior", "solve_with_model_error"]
 
 
 def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
@@ -46,7 +46,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         few = len(data) <= policy.detection.few_readings or plain.unproven > 0
         if not plain.contact:
             return _undecided(plain) if few and np.any(data) else plain
-        return _doubted(estimator, plain, data) if plain.fit < POOR_FIT else plain
+        return _doubted(estimator, plain, data)
     ratio = data / estimator.readings.std
     far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
     few = zeroed and far and len(data) <= policy.detection.few_readings
@@ -61,7 +61,8 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         # Pull around a contact can stand for an offset, which is simpler.
         drifted = _drifted(estimator, readings, rng) if plain.sign > 1 else None
         plain = drifted or plain
-        return replace(plain, discrepancy=_posterior(0.0, plain.free, len(data), policy)) if zeroed else plain
+        if zeroed:
+            return replace(plain, discrepancy=_posterior(0.0, plain.free, ratio, policy))
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
     if not plain.contact and (
@@ -104,11 +105,17 @@ def _drifted(
 
 
 def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
-    """The frame with a discrepancy computed from its residual."""
-    left = frame.residual * _rms(frame.noise) / max(_rms(data / estimator.readings.std), 1e-300)
-    return replace(
-        frame, discrepancy=max(frame.discrepancy, _posterior(min(left, 1.0), frame.free, len(data), estimator.policy))
-    )
+    """The frame with a discrepancy computed from its residual: none at the misfit probability `Fit.accepted`, all of it
+    at `POOR_FIT`. Many frames of a wrong pad pass the fit test narrowly.
+    """
+    accepted = estimator.policy.fit.accepted
+    doubt = min((accepted - frame.fit) / (accepted - POOR_FIT), 1.0)
+    if not doubt > 0.0:
+        return frame
+    sizes = data / estimator.readings.std
+    left = frame.residual * _rms(frame.noise) / max(_rms(sizes), 1e-300)
+    found = math.sqrt(doubt) * _posterior(min(left, 1.0), frame.free, sizes, estimator.policy)
+    return replace(frame, discrepancy=max(frame.discrepancy, found))
 
 
 def _undecided(frame: Frame) -> Frame:
@@ -136,7 +143,8 @@ def _with_shares(
     """
     policy = estimator.policy
     level = estimator.even_noise
-    ratio = _rms(data / level.readings.std)
+    sizes = data / level.readings.std
+    ratio = _rms(sizes)
 
     @cache
     def solved(share: float) -> tuple[float, Frame]:
@@ -169,7 +177,7 @@ def _with_shares(
             if found.sign > 1:
                 found = drifted(share) or found
             found = _in_units_of(estimator, found, factor)
-            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, len(data), policy))
+            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, sizes, policy))
         if best is None and (offset := drifted(share)) is not None:
             return _in_units_of(estimator, offset, factor)
         if found.contact and (best is None or left < best[0]):
@@ -186,7 +194,7 @@ def _with_shares(
         # No discrepancy makes the contact fit.
         return replace(
             found,
-            discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, len(data), policy)),
+            discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, sizes, policy)),
             unexplained=True,
         )
     nothing = replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
@@ -246,12 +254,25 @@ def posterior(share: float, free: float, policy: Fit) -> float:
     return math.sqrt((policy.prior_weight * DISCREPANCY**2 + free * share**2) / (policy.prior_weight + free))
 
 
-def _posterior(left: float, free: float, count: int, policy: Policy) -> float:
-    """`posterior` from ``left``, the root mean square of the residual of ``count`` readings as a fraction of theirs,
-    with ``free`` degrees of freedom.
+def degrees_of_share(share: float, free: float, readings: Floats) -> float:
+    """Degrees of freedom that tell a ``share``, of the ``free`` ones that a contact leaves of ``readings``.
+
+    A model error in proportion to each reading shows in the large ones only: to a small share, faint readings add
+    nothing. Of n readings y, sum r^2 / sum y^2 has (sum y^2)^2 / sum y^4 degrees of freedom (F. E. Satterthwaite,
+    Biometrics 2, 1946, 110-114). A share above the prior's needs no such caution.
+    """
+    squares = np.square(readings)
+    loaded = float(squares.sum()) ** 2 / max(len(readings) * float(np.square(squares).sum()), 1e-300)
+    return free if share > DISCREPANCY else free * loaded
+
+
+def _posterior(left: float, free: float, readings: Floats, policy: Policy) -> float:
+    """`posterior` from ``left``, the root mean square of the residual of the ``readings`` as a fraction of theirs, with
+    ``free`` degrees of freedom.
     """
     free = max(free, 0.0) if math.isfinite(free) else 0.0
-    return posterior(left * math.sqrt(count / free) if free > 0.0 else 0.0, free, policy.fit)
+    share = left * math.sqrt(len(readings) / free) if free > 0.0 else 0.0
+    return posterior(share, degrees_of_share(share, free, readings), policy.fit)
 
 
 def _rms(values: Floats) -> float:

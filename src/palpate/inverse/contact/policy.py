@@ -158,7 +158,7 @@ class Explanations:
     )
     half: float = number(
         0.5,
-        "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of contact with less than half the best gain; a line whose ends read less than half of its lowest level may have an offset",
+        "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of contact with less than half the best gain; a line whose ends read less than half of its lowest level may have an offset; half of the lowest reading is the standard deviation of an offset that a contact hides, because two of them are all of it",
     )
     many_taxels: int = number(
         400,
@@ -177,7 +177,10 @@ class Explanations:
 class Fit:
     """Limits of the fit test, and what a misfit adds to the errors."""
 
-    accepted: float = number(0.05, "misfit probability that a replacement needs: one good frame in twenty is below it")
+    accepted: float = number(
+        0.05,
+        "misfit probability that a replacement needs, and below which the model of the pad is doubted: one good frame in twenty is below it",
+    )
     doubted: float = number(
         0.1, "below this misfit probability (one good frame in ten), average with a rival, weighted by odds"
     )

@@ -27,6 +27,7 @@ from palpate.inverse.constrained.variances import (
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.score import is_compact
 from palpate.sensing.grids import block_means
 
 __all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "state"]
@@ -35,13 +36,9 @@ Flags = npt.NDArray[np.bool_]
 
 
 def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
-    """Standard deviations (nuisance,) of the sizes of the nuisances `Prepared.terms`; 0 for those not present.
-
-    If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
-    reading shows an offset without contact. Each offset then has at least the standard deviation
-    ``policy.errors.hidden_drift`` times the largest reading.
+    """Standard deviations (nuisance,) of the sizes of the nuisances `Prepared.terms`; 0 for those not present, but for
+    offsets that the contact may hide (`_hidden_offsets`).
     """
-    policy = estimator.policy
     h = run.explanation
     if not estimator.terms or not (run.noise > 0).all():  # all readings are zero
         return np.zeros(len(estimator.terms))
@@ -52,11 +49,25 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
         rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
         unit = unit_of(rows)
         deviation[h.present] = deviations_of(told_of(run.members[0], rows / unit)) / unit
-    if run.members and h.rough.ring > policy.explanations.ring:
-        reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in estimator.shifts.T])
-        offsets = np.array([t.kind == "offset" for t in estimator.terms])
-        deviation = np.maximum(deviation, np.where(offsets, policy.errors.hidden_drift * reach, 0.0))
+    if run.members and not is_compact(h, estimator.policy):
+        deviation = np.maximum(deviation, _hidden_offsets(estimator, run))
     return np.asarray(deviation)
+
+
+def _hidden_offsets(estimator: Prepared, run: Solved) -> Floats:
+    """Standard deviations (nuisance,) of the offsets that a contact may hide if it could fit any readings.
+
+    If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
+    reading shows an offset without contact: it may be ``policy.errors.hidden_drift`` of the largest reading. Otherwise
+    the contact can only have added an offset to its load, and no offset is larger than the lowest reading.
+    """
+    policy, shifts = estimator.policy, estimator.shifts
+    sizes = [(run.data * c)[run.observed & (c != 0)] / np.abs(c).max() ** 2 for c in shifts.T]
+    hidden = policy.errors.hidden_drift * np.array([np.abs(s).max(initial=0.0) for s in sizes])
+    if not run.explanation.rough.ring > policy.explanations.ring:
+        lowest = np.array([max(s.min(initial=math.inf), 0.0) for s in sizes])
+        hidden = np.minimum(hidden, policy.explanations.half * lowest)
+    return np.where([t.kind == "offset" for t in estimator.terms], hidden, 0.0)
 
 
 def change_of_nuisances(
