@@ -30,12 +30,13 @@ __all__ = ["Again", "Kept", "Models", "keep", "keeping"]
 @dataclass(frozen=True)
 class Models:
     """The solved explanations of a pushing frame, whose weights add up to one; ``factor``: how many times the noise of
-    ``prepared`` they were solved with (the readings were divided by it).
+    ``prepared`` they were solved with (the readings were divided by it); ``free``: degrees of freedom of the residual.
     """
 
     prepared: Prepared
     runs: tuple[Solved, ...]
     factor: float = 1.0
+    free: float = math.nan
 
     @classmethod
     def of(cls, prepared: Prepared, *runs: Solved) -> Models | None:

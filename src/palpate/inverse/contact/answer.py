@@ -65,6 +65,7 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
             pushed=pushed,
             adrift=run.adrift > 0.5,
             free=free,
+            models=None if result.models is None else replace(result.models, free=free),
             discrepancy=proportional_part(prepared, run),
         )
     bounds = offset_as_load(prepared, h, result.traction)

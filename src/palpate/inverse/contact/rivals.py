@@ -110,7 +110,7 @@ def _mean(
         alone=found.alone,
         beyond=found.beyond,
         hangs=found.hangs,
-        models=found.models,
+        models=None if found.models is None else replace(found.models, free=frame.free),
         converged=frame.converged and other.converged,
     )
 
