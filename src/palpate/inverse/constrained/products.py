@@ -24,7 +24,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.circulant import Circulant, folded, symbol_of_penalty, times
 from palpate.inverse.constrained.factors import Factor
 from palpate.inverse.constrained.iterative import Iterative
-from palpate.inverse.constrained.quadratic import WORTH, Penalty, Quadratic, Unformed, work_of_few
+from palpate.inverse.constrained.quadratic import Penalty, Quadratic, Unformed, work_of_few
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Convolution, Operator
 
@@ -75,8 +75,9 @@ PRODUCTS_ONCE, MANY, FEWEST_OF_MANY = 3e2, 4096, 150
 AT_SIZE, FIRST_AT_SIZE = 1e-4, 1e-3
 #: Largest number of multiplications for an exact factor from the readings.
 MATRIX = 2e9
-#: Number of factorisations of one model, for comparison with products.
-FACTORS = 3.0
+#: Number of factorisations of one model, for comparison with products: of a matrix, and from the readings, whose many small calls cost more than
+#: their size suggests.
+FACTORS, FACTORS_OF_FEW = 3.0, 7.5
 
 
 def by_products(
@@ -98,7 +99,7 @@ def by_products(
     box = box_of(cells, operator.surface.shape)
     row = min(b.stop - b.start for b in box) if len(box) > 1 else 1
     formed = readings * unknowns**2 + FACTORS * unknowns**3 / 3.0
-    formed = min(formed, FACTORS / WORTH * work_of_few(unknowns, readings, components * row))
+    formed = min(formed, FACTORS_OF_FEW * work_of_few(unknowns, readings, components * row))
     padded = 0.0
     for plane in operator.planes:
         size = [(m - 1) * r + b.stop - b.start for m, r, b in zip(plane.taxels, plane.ratios, box)]  # type: ignore[attr-defined]

@@ -40,9 +40,6 @@ Index = npt.NDArray[np.intp]
 
 #: Smaller systems are always formed as a matrix.
 MIN_UNFORMED_UNKNOWNS = 150
-#: A matrix stays unformed only if its factor takes at most this fraction of the work for a formed one: small calls cost
-#: more than their size suggests.
-WORTH = 0.4
 #: Largest number of entries of a penalty for which direct sums are faster than building a sparse matrix.
 SUMMED = 20_000
 
@@ -102,8 +99,12 @@ class Formed:
         return np.diagonal(self.matrix)
 
     def scaled(self, scales: Floats) -> Formed:
-        rows = np.repeat(scales, len(self.matrix) // len(scales))
-        return Formed(self.matrix * rows[:, None] * rows[None, :])
+        out, n = self.matrix.copy(), len(self.matrix) // len(scales)
+        for i, scale in enumerate(scales):
+            if scale != 1.0:  # most components keep their scale
+                out[i * n : (i + 1) * n] *= scale
+                out[:, i * n : (i + 1) * n] *= scale
+        return Formed(out)
 
     def factor(self, face: Face, more: Floats) -> Factor:
         c, n = face.free.shape
@@ -339,10 +340,10 @@ def formed_or_not(
     """H of ``readings`` readings and a penalty, formed or not, whichever is faster. ``columns()`` returns G'
     (component * cell, reading), ``gram()`` returns G'G.
     """
-    c = len(penalty.values)
-    size = c * len(penalty.cells)
-    few = work_of_few(size, readings, c * penalty.reach)
-    if size >= MIN_UNFORMED_UNKNOWNS and readings < size and few < WORTH * size**3 / 3.0:
+    size = len(penalty.values) * len(penalty.cells)
+    # A factor and the variances: of a matrix, the inverse takes twice as long as the factor.
+    few = work_of_few(size, readings, penalty.reach) + size * readings**2
+    if size >= MIN_UNFORMED_UNKNOWNS and readings < size and few < size**3:
         return Unformed(np.ascontiguousarray(columns()), penalty)
     return Formed(penalty.added(gram().copy()))
 

@@ -244,23 +244,30 @@ class AdaptiveEstimator(ConstrainedEstimator):
             # derivative.
             smooth = sum(odds[order] for order in chosen[1:]) / total
             even = (1.0 - smooth) * policy.prior.even + smooth / 2.0 if policy.parts.even_model else 0.0
-        first: ContactModel | None = None
-        for order in chosen:
-            weight = odds[order] * even / total
-            if order > 1 and reaches and not weight > policy.prior.least_weight:
-                continue
+        share = (1.0 - even) / max(len(reaches), 1)
+
+        def solved(order: int) -> ContactModel:
+            nonlocal start
             found = evidence[order]
             precisions = self.precisions(level, order, found.parameter / found.scale**2)
             whole = self.model(data, precisions, start)
             start = whole.solution.traction
-            member = self._trimmed(whole, precisions, y)
+            return self._trimmed(whole, precisions, y)
+
+        first: ContactModel | None = None
+        for order in chosen:
+            weight = odds[order] * even / total
+            if reaches and not weight > policy.prior.least_weight:
+                continue
+            member = solved(order)
             member.weight = weight
-            first = first or member
-            if not reaches or weight > policy.prior.least_weight:
-                yield member
-        share = (1.0 - even) / max(len(reaches), 1)
-        if first is None or not share > policy.prior.least_weight:
+            if order == 1:
+                first = member
+            yield member
+        if not share > policy.prior.least_weight or not reaches:
             return
+        # The caller may discard these models after the first one, so solve what only the others need last.
+        first = first or solved(1)
         energies = {variance: self._energies(first, variance) for _, variance in reaches}
         for width, variance in reaches:
             member = self._relearned(first, width, variance, y, energies[variance])
