@@ -61,7 +61,6 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "worse discs": {"discs.worse": math.inf},
     "contact in a few cells": {"parts.few_cells": False},
     "pull about a contact": {"parts.rims": False},
-    "evident rims": {"rims.evident": 6.0},
     "cancelling rims": {"rims.cancel": math.inf},
     "sliding as a whole": {"parts.sliding": False},
     "sliding in turn with pressure": {"prior.jointly": 1},
