@@ -17,6 +17,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.discrepancy import degrees_of_share
+from palpate.inverse.contact.noise import MEDIAN
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
@@ -28,8 +29,8 @@ from palpate.tracking.frames import Frame, Residual
 from palpate.tracking.health import Flags, Index, ReadingCheck
 from palpate.tracking.interim import interim, unconverged, wider
 from palpate.tracking.iteration import Iteration
-from palpate.tracking.learning import NORMAL, Learning
-from palpate.tracking.misfit import Misfit
+from palpate.tracking.learning import Learning
+from palpate.tracking.misfit import probability_of
 from palpate.tracking.offsets import Marginal, Offsets
 from palpate.tracking.pulling import Pulling
 from palpate.tracking.region import Making, NormalEquations, Region
@@ -91,7 +92,6 @@ class Contact:
         check: ReadingCheck,
         offsets: Offsets,
         background: Background,
-        misfit: Misfit,
         tolerance: float,
     ) -> None:
         self._estimator, self._equations, self._learning, self._check = estimator, equations, learning, check
@@ -103,7 +103,6 @@ class Contact:
         self._dragging = Dragging(estimator, equations)
         self.residual = math.nan
         self._unjudged: Residual | None = None
-        self._misfit = misfit
         self.release()
 
     def release(self) -> None:
@@ -338,7 +337,8 @@ class Contact:
         """Misfit probability of the residual."""
         used = ~residual.unused
         noise = self._learning.in_contact(frame.actual[used])
-        return self._misfit.probability(
+        return probability_of(
+            self._estimator,
             residual.values,
             used,
             (frame.noise if noise is None else noise) * frame.noisier,
@@ -447,7 +447,7 @@ class Contact:
     def _wrong(self, frame: Frame, residual: Residual) -> tuple[Flags, float]:
         """Mask of readings with the largest residuals, and the limit beyond which a residual counts as wrong."""
         used, values = ~residual.unused, residual.values
-        typical = max(frame.noise, float(np.median(np.abs(values[used]))) / NORMAL)
+        typical = max(frame.noise, float(np.median(np.abs(values[used]))) / MEDIAN)
         largest = float(np.abs(np.where(used, frame.actual, 0.0)).max())
         limit = max(UNEXPLAINED * typical, GROSS * largest)
         size = np.where(self._judged(frame), np.abs(values), 0.0)
@@ -583,7 +583,7 @@ class Contact:
             wrong = wrong & plausible & ~check.health.left_out
             changed = not np.array_equal(wrong, check.suspects)
             unexplained = np.where(residual.unused | wrong, 0.0, residual.values)
-            typical = max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / NORMAL)
+            typical = max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / MEDIAN)
             score = equations.score(equations.adjoint(unexplained, residual.unused)) / typical
             highest = float(
                 equations.score(equations.adjoint(np.where(residual.unused, 0.0, frame.actual), residual.unused)).max()

@@ -13,17 +13,16 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.few_cells import contact_in_few_cells
+from palpate.inverse.contact.noise import MEDIAN
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
 from palpate.tracking.discrepancy import Discrepancy
 
-__all__ = ["NORMAL", "ROUNDING", "Learning", "rough_noise"]
+__all__ = ["ROUNDING", "Learning", "rough_noise"]
 
 #: Relative rounding error of a reading minus its zero, in double precision.
 ROUNDING = 1e-12
-#: Median magnitude of a standard normal variable.
-NORMAL = 0.6745
 #: Learn the penalty again when the energy of the readings has changed by this factor, so the load by 2.
 RELEARN = 4.0
 #: The same if contact does not fit the frame, for the energy beyond noise: a penalty learned from a weak contact is too
@@ -58,7 +57,7 @@ LOUDER = 3.0
 
 def rough_noise(used: Floats) -> float:
     """Robust noise estimate of the readings ``used`` before noise is learned, not below the model's accuracy."""
-    return max(float(np.median(np.abs(used))) / NORMAL, MODEL_ERROR * float(np.abs(used).max(initial=0.0)))
+    return max(float(np.median(np.abs(used))) / MEDIAN, MODEL_ERROR * float(np.abs(used).max(initial=0.0)))
 
 
 def typical_noise(std: Floats) -> float | None:
@@ -119,7 +118,7 @@ class Learning:
 
     def doubt(self, used: Floats) -> None:
         """Discard a learned noise if the following frames are much quieter; otherwise contact would stay hidden in it."""
-        quiet = float(np.median(np.abs(used))) / NORMAL if used.size else 0.0
+        quiet = float(np.median(np.abs(used))) / MEDIAN if used.size else 0.0
         loud = self._from_contact and self.noise is not None and 0.0 < QUIETER * quiet < self.noise
         self._doubts = self._doubts + 1 if loud else 0
         if self._doubts >= DOUBTED_FRAMES:

@@ -18,6 +18,7 @@ import numpy as np
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.again import Models, keeping
+from palpate.inverse.contact.no_contact import WIDE
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.tracking.zero import FRAMES_FOR_NOISE
@@ -142,7 +143,7 @@ class Answer:
 
     def without(self, share: float) -> Answer:
         """The result without the part of its interval that an error of ``share`` times the load causes."""
-        room = (1.96 * share * self.load) ** 2
+        room = (WIDE * share * self.load) ** 2
         low = self.force - np.sqrt(np.maximum((self.force - self.low) ** 2 - room, 0.0))
         high = self.force + np.sqrt(np.maximum((self.high - self.force) ** 2 - room, 0.0))
         return replace(self, low=low, high=high)

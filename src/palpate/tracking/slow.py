@@ -8,14 +8,14 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.estimate import Errors
 from palpate.tracking.search import LOST
 
 __all__ = ["SlowPress"]
 
-#: Half of a 95 % interval in standard deviations; and the number of undetectable standard deviations at which drift is
-#: reported.
-HALF_WIDTH, DRIFTED = 1.96, 10.0
+#: Number of undetectable standard deviations at which drift is reported.
+DRIFTED = 10.0
 
 
 class SlowPress:
@@ -45,4 +45,4 @@ class SlowPress:
                 "take a new zero while nothing touches (Z on the page, Tracker.rezero)"
             )
         last = np.arange(len(errors.force)) == len(errors.force) - 1
-        return replace(errors, force=np.hypot(errors.force, np.where(last, force / HALF_WIDTH, 0.0))), said
+        return replace(errors, force=np.hypot(errors.force, np.where(last, force / WIDE, 0.0))), said

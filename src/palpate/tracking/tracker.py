@@ -39,7 +39,7 @@ from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags, Health, ReadingCheck
 from palpate.tracking.held import Held, own_traction
 from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
-from palpate.tracking.misfit import Misfit
+from palpate.tracking.misfit import probability_of
 from palpate.tracking.offsets import Offsets
 from palpate.tracking.ready import make_ready
 from palpate.tracking.region import NormalEquations
@@ -129,7 +129,6 @@ class Tracker:
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
         self._background = Background(threaded=budget is not None)
         self._alone, self._beside = alone, Background(threaded=budget is not None and alone is not None)
-        self._misfit = Misfit(estimator)
         self._slow = SlowPress(estimator)
         make_ready(estimator, self._equations)
         self._seconds = 0.0
@@ -174,7 +173,6 @@ class Tracker:
             self._check,
             self._offsets,
             self._background,
-            self._misfit,
             self.tolerance,
         )
         self._touching = False
@@ -508,7 +506,8 @@ class Tracker:
             if float(np.abs(y[~unused]).max(initial=0.0)) <= rounding:
                 self._fit = 1.0
             elif health.frames % EVERY == 0 or math.isnan(self._fit):
-                self._fit = self._misfit.probability(
+                self._fit = probability_of(
+                    self.estimator,
                     y,
                     ~unused,
                     noise * of_zero,

@@ -28,6 +28,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.answer import hidden, unexplained
 from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.contact.policy import Fit, Policy
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.search import search
@@ -122,7 +123,7 @@ def _undecided(frame: Frame) -> Frame:
     """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact that this
     noise hides.
     """
-    force = 1.96 * frame.known.force
+    force = WIDE * frame.known.force
     return replace(frame.blanked(), undecided=True, bounds=np.stack([-force, force], axis=-1))
 
 

@@ -36,21 +36,23 @@ class ChannelNoise:
 
     def alive(self, data: Floats) -> Flags:
         """False for readings of a broken channel: all its values are equal while other channels vary."""
-        ends = np.searchsorted(self.index, np.arange(self.count + 1))
-        same = np.array(
-            [b - a > self.policy.noise.fewest and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)]
-        )
+        same = self._same(data)
         return np.asarray(~same[self.index] if not same.all() else np.ones(len(data), dtype=bool))
+
+    def _same(self, data: Floats) -> Flags:
+        """Mask of the channels (channel,) whose values are all equal."""
+        ends = np.searchsorted(self.index, np.arange(self.count + 1))
+        fewest = self.policy.noise.fewest
+        return np.array([b - a > fewest and np.ptp(data[a:b]) == 0 for a, b in itertools.pairwise(ends)])
 
     def unlike(self, data: Floats) -> Floats:
         """The readings, with a trace of noise added if every channel has a single constant value. Otherwise an offset
         would fit them exactly, and the residual would be divided by zero.
         """
-        policy = self.policy
-        ends = np.searchsorted(self.index, np.arange(self.count + 1))
-        if any(b - a <= policy.noise.fewest or np.ptp(data[a:b]) > 0 for a, b in itertools.pairwise(ends)):
+        if not self._same(data).all():
             return data
-        return np.asarray(data * (1.0 + policy.work.trace * np.random.default_rng(1).standard_normal(len(data))))
+        trace = self.policy.work.trace * np.random.default_rng(1).standard_normal(len(data))
+        return np.asarray(data * (1.0 + trace))
 
     def uneven(self, data: Floats, observed: Flags, known: float | None) -> float:
         """Log likelihood gained by one noise level per channel instead of one common level, if the readings are noise

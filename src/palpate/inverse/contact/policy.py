@@ -62,7 +62,6 @@ class Parts:
     wide_weights: bool = part("local weights, wide")
     narrow_weights: bool = part("local weights, narrow")
     finer_grid: bool = part("finer grid")
-    finer_sliding: bool = part("finer grid of sliding contact", needs="friction")
     wide_surface: bool = part("surface beyond the edge")
     sliding: bool = part("sliding as a whole", needs="friction")
     trim: bool = part("trimming of faint cells")
@@ -436,9 +435,6 @@ class Rims:
 
     sought: float = number(
         0.2, "misfit probability to try a rim if noise was not given: it may have been learned from the pull"
-    )
-    evident: float = number(
-        12.0, "gain that a rim needs if the fit is above `fit.accepted`: real rims gain 17 to 500, others 11 or less"
     )
     margin: float = number(0.5, "largest width of a rim as a fraction of the contact's radius, plus one cell")
     unknowns: int = number(1500, "most unknowns of a contact with a rim: without bounds all of them are solved for")

@@ -32,12 +32,12 @@ from palpate.inverse.contact.noise import ChannelNoise
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
 from palpate.inverse.contact.screening import outermost
-from palpate.inverse.contact.start import LinearStart, linear_models
+from palpate.inverse.contact.start import LinearStart
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import neighbours
 from palpate.inverse.linear.evidence import LinearEvidence
-from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size
+from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size, linear_model
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.whitening import Readings
@@ -102,7 +102,7 @@ class Prepared(ABC):
         #: Whether the linear model is matrix-free. Contact is matrix-free too if that is faster.
         self.at_size = contact_at_size(problem, wide=self.wide)
         priors = {order: [DifferencePrior(grid, order, v) for v in self.variances] for order in orders}
-        self.orders = linear_models(problem, priors, wide=self.wide)
+        self.orders = {order: linear_model(problem, each, wide=self.wide) for order, each in priors.items()}
         problem.prepare_doubts(wide=self.wide)
         self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
         self.readings = Readings(operator, self.scales)

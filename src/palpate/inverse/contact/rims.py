@@ -70,12 +70,11 @@ def with_rims(
     free = _without_cone(estimator)
     # An offset found together with a push may really be a rim, so try without it first.
     without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))
-    least_gain = policy.detection.evidence if frame.fit < policy.fit.accepted or h.sign == 0 else policy.rims.evident
     for each in [without, h] if h.present.any() else [h]:
         data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
         whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
         other, rest = _run(free, whole, size, region)
-        gains = _gain(free, run, other) > least_gain
+        gains = _gain(free, run, other) > policy.detection.evidence
         if not gains and h.sign == 0 and frame.fit > policy.fit.accepted:
             # The cells of the surface were too coarse; on finer cells a push fits.
             return replace(frame, sign=1, pushed=True)

@@ -17,19 +17,12 @@ from palpate.inverse.contact.screening import Screened, linear_noise, noise_at_s
 from palpate.inverse.contact.windows import Windows
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
-from palpate.inverse.linear.matrix_free.path import LinearModel, linear_model
-from palpate.inverse.linear.priors import Prior
+from palpate.inverse.linear.matrix_free.path import LinearModel
 from palpate.inverse.linear.whitening import Readings
-from palpate.inverse.problem import Problem
 
-__all__ = ["LinearStart", "linear_models"]
+__all__ = ["LinearStart"]
 
 Flags = npt.NDArray[np.bool_]
-
-
-def linear_models(problem: Problem, priors: Mapping[int, Sequence[Prior]], *, wide: bool) -> dict[int, LinearModel]:
-    """The linear model for each order of the penalty."""
-    return {order: linear_model(problem, each, wide=wide) for order, each in priors.items()}
 
 
 class LinearStart:
