@@ -51,13 +51,12 @@ def test_the_answer_is_nearer_to_the_force_than_one_even_penalty_alone(n: int, d
 def test_the_same_frame_is_answered_as_by_the_single_solve() -> None:
     skin, ball, noise = scene(6, 1.5e-3, 1.5e-3)
     frame = ball + noise * np.random.default_rng(1).standard_normal(ball.shape)
-    for friction in (None, 0.5):
-        with keeping() as kept:
-            touch = skin.reconstruct(frame, friction=friction)
-        assert kept.models is not None
-        traction, left = Again(kept.models).solve([frame])
-        np.testing.assert_allclose(traction, touch.values, atol=1e-4 * np.abs(touch.values).max())
-        assert left == pytest.approx(1.0, abs=0.3)
+    with keeping() as kept:
+        touch = skin.reconstruct(frame)
+    assert kept.models is not None
+    traction, left = Again(kept.models).solve([frame])
+    np.testing.assert_allclose(traction, touch.values, atol=1e-4 * np.abs(touch.values).max())
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(1.0, abs=0.3)
 
 
 def test_another_contact_is_not_answered_with_the_models_of_the_last() -> None:

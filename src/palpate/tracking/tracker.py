@@ -177,7 +177,7 @@ class Tracker:
         )
         self._touching = False
         self._comparison = Comparison(n, rested=self._given_zero is None or bool(self._given_zero.any()))
-        self._held = Held(estimator)
+        self._held = Held(estimator, self._equations)
         self._beside.forget()
         self._compared: Compared | None = None  # the frame that is solved by itself beside the stream
         self._frame: Frame | None = None

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.cone import Cone, minimise
+from palpate.inverse.constrained.cone import minimise
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.prepared import Prepared
@@ -45,9 +45,14 @@ class Models:
         return cls(prepared, runs) if members and all(run.explanation.sign == 1 for run in runs) else None
 
     @property
-    def at_size(self) -> bool:
-        """Whether the contact is too large for a matrix, so that solving again is no faster than the tracker."""
-        return any(m.data.at_size for run in self.runs for m in run.members)
+    def serve(self) -> bool:
+        """Whether later frames can be solved with them in little time: contacts of many cells cannot, and where shear
+        follows pressure at one ratio, that ratio changes.
+        """
+        members = [m for run in self.runs for m in run.members]
+        most = self.prepared.policy.work.again_unknowns
+        small = all(m.solution.traction.size <= most for m in members)
+        return small and not any(m.ray is not None for m in members)
 
     def times(self, factor: float) -> Models:
         """The same models for readings that are divided by ``factor``."""
@@ -89,30 +94,28 @@ class Again:
         self._prepared, self._factor = models.prepared, models.factor
         self._parts = [_Part(models.prepared, run) for run in models.runs]
         self.observed = np.logical_and.reduce([part.run.observed for part in self._parts])
-        #: Of the readings that all models use.
-        self.count = int(self.observed.sum())
 
-    def solve(self, readings: Sequence[Floats]) -> tuple[Floats, float]:
-        """Traction (component, *surface) of readings (one array per plane), and the root mean square of the residual in
-        units of the noise.
+    def solve(self, readings: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Traction (component, *surface) of readings (one array per plane), and the residual (reading,) in units of the
+        models' noise, 0 for readings that they do not use.
         """
         prepared = self._prepared
         data = prepared.readings.flat(prepared.operator.observed(readings)) / self._factor
         grid = prepared.operator.surface
-        traction, left = np.zeros((len(grid.components), math.prod(grid.shape))), 0.0
+        traction, residual = np.zeros((len(grid.components), math.prod(grid.shape))), np.zeros(len(data))
         for part in self._parts:
             for column, values in zip(prepared.columns, part.solve(data)):
                 traction[column] += values
-            left += part.left
+            residual[part.run.observed] += part.residual
         whole = prepared.cut(self._factor * traction.reshape(-1, *grid.shape))
-        return whole, math.sqrt(left)
+        return whole, np.where(self.observed, residual, 0.0)
 
 
 class _Part:
     """One explanation, solved again."""
 
     def __init__(self, prepared: Prepared, run: Solved) -> None:
-        self.prepared, self.run, self.left = prepared, run, 0.0
+        self.prepared, self.run = prepared, run
         self._shift = prepared.shifts @ run.explanation.sizes
         white = self._white(run.data)
         self._members = [_Member(prepared, m, white) for m in run.members]
@@ -124,11 +127,12 @@ class _Part:
     def solve(self, data: Floats) -> Floats:
         """Weighted sum of the tractions (component sought, cell of the surface)."""
         white, cells = self._white(data - self._shift), math.prod(self.prepared.operator.surface.shape)
-        out, self.left = np.zeros((len(self.prepared.columns), cells)), 0.0
+        out, residual = np.zeros((len(self.prepared.columns), cells)), np.zeros(len(white))
         for member in self._members:
-            traction, residual = member.solve(white)
+            traction, left = member.solve(white)
             out[:, member.cells] += member.model.weight * traction
-            self.left += member.model.weight * residual
+            residual += member.model.weight * left
+        self.residual = residual
         return out
 
 
@@ -136,9 +140,8 @@ class _Member:
     """One model, solved again, which was made from the readings ``white``."""
 
     def __init__(self, prepared: Prepared, model: ContactModel, white: Floats) -> None:
-        self.model, self._tolerance, ray = model, prepared.policy.work.again, model.ray
-        self._cone = prepared.cone if ray is None else Cone(prepared.cone.components[-1:])
-        self._last = model.solution.traction if ray is None else model.solution.traction[-1:]
+        self.model, self._cone, self._tolerance = model, prepared.cone, prepared.policy.work.again
+        self._last = model.solution.traction
         self._matrix = np.asarray(model.data.matrix)
         self._share: scipy.sparse.csr_array
         self._share, self.cells = shares(model, prepared.operator.surface)
@@ -146,17 +149,15 @@ class _Member:
         #: Shear in proportion to the pressure that was added afterwards (`systematic.with_common_shear`), per load.
         self._added = (model.solution.traction - first) / max(float(first[-1].sum()), 1e-300)
 
-    def solve(self, white: Floats) -> tuple[Floats, float]:
-        """Traction (component, cell) on the surface's ``cells``, and the mean square of the residual."""
+    def solve(self, white: Floats) -> tuple[Floats, Floats]:
+        """Traction (component, cell) on the surface's ``cells``, and the residual (reading used,)."""
         traction = self._minimised(white)
         traction = traction + self._added * float(traction[-1].sum())
-        residual = white - self._matrix @ traction.ravel()
-        return np.asarray((self._share @ traction.T).T), float(np.mean(residual**2))
+        return np.asarray((self._share @ traction.T).T), white - self._matrix @ traction.ravel()
 
     def _minimised(self, white: Floats) -> Floats:
         """The solution (component, cell) for whitened readings."""
-        linear, ray = (white @ self._matrix).reshape(-1, len(self.model.cells)), self.model.ray
-        right = linear if ray is None else (ray @ linear)[None]
-        solution = minimise(self.model.hessian, right, self._cone, self._last, tolerance=self._tolerance)
+        linear = (white @ self._matrix).reshape(-1, len(self.model.cells))
+        solution = minimise(self.model.hessian, linear, self._cone, self._last, tolerance=self._tolerance)
         self._last = solution.traction
-        return self._last if ray is None else ray[:, None] * self._last
+        return self._last

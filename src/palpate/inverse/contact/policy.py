@@ -499,6 +499,10 @@ class Errors:
 class Work:
     """Problem sizes at which the method switches to another algorithm or leaves a step out."""
 
+    again_unknowns: int = number(
+        300,
+        "most unknowns of a model with which later frames are solved: for more, one even penalty is as good (0.2 and 0.3 % of the force on 16 x 16 x 3), and a frame takes tens of milliseconds with friction",
+    )
     again: float = number(
         1e-4,
         "relative accuracy of the models of an earlier frame in a later one: noise changes them by more, and with friction 1e-9 takes twice as long",
