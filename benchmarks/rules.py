@@ -53,6 +53,7 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "even press for offsets": {"errors.even_press": 0.0},
     "local weights explain the readings": {"parts.explains": False},
     "common shear": {"parts.common_shear": False},
+    "finer cells of sliding contact": {"parts.finer_sliding": False},
     "uneven noise is no contact": {"parts.uneven_evidence": False},
     "second derivative": {"parts.second_derivative": False},
     "discs": {"discs.least": 2.0},

@@ -211,7 +211,7 @@ def framed(skin: pp.Skin, readings: Any, friction: float | None) -> Any:
     problem = skin.problem()
     # the least error of a large contact's force is a bound, not what products leave
     policy = Policy(
-        parts=Parts(finer_grid=False, second_derivative=False),
+        parts=Parts(finer_grid=False, finer_sliding=False, second_derivative=False),
         errors=Errors(force_at_size=Errors().force, sums_at_size=1.0),
     )
     return search(AdaptiveEstimator(problem, cone_of(problem.components, friction), policy=policy), [readings])

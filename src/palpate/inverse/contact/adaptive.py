@@ -28,6 +28,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.differences import Sparse
+from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated
 from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
@@ -80,6 +81,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
         )
         wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= most]
         return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
+
+    def _freedom_along(self, data: Normal, weight: float) -> float:
+        """Degrees of freedom of the pressure that the data determine under an even penalty with that weight."""
+        import scipy.linalg
+
+        even = self.precisions(data.level, 1, weight)[-1][data.cells][:, data.cells].toarray()
+        factor = cholesky(data.gram + even)
+        return float(np.trace(scipy.linalg.cho_solve((factor, True), data.gram, check_finite=False)))
 
     def models(
         self,
@@ -168,6 +177,16 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield m
         alone = copy.copy(self)
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
+        if slides and not coarse.at_size:
+            # Pressure alone has fewer unknowns than the data determine, so that a finer grid is worth its cost.
+            freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
+            finer = self._ratio(count, freedom, count)
+            if (
+                policy.parts.finer_sliding
+                and finer > ratio
+                and count * c * finer**grid.dimensions <= policy.work.unknowns
+            ):
+                data, start = refined(finer)
         for ray, changes, chance in slides:
             for one in alone._members(data.along(ray), start[-1:], y, evidence):
                 member = expanded(one, data, ray, changes)

@@ -62,6 +62,7 @@ class Parts:
     wide_weights: bool = part("local weights, wide")
     narrow_weights: bool = part("local weights, narrow")
     finer_grid: bool = part("finer grid")
+    finer_sliding: bool = part("finer grid of sliding contact", needs="friction")
     wide_surface: bool = part("surface beyond the edge")
     sliding: bool = part("sliding as a whole", needs="friction")
     trim: bool = part("trimming of faint cells")
