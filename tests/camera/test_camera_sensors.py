@@ -276,9 +276,8 @@ def test_how_well_a_force_is_known_is_said_before_it_is_solved(tmp_path: Path) -
         found[name] = [int(n) for n in re.findall(r"\+-(\d+) %", line)]
     mini, deep = found["gelsight_mini"], found["deep"]
     assert mini[0] > 90
-    assert mini[2] > 80  # were pad and modulus exact
-    assert deep[2] < 40
-    assert max(mini[3], deep[3]) < 40  # across, with what a zero leaves to the pad's model
+    assert mini[1] < 70  # across; the frame fits narrowly, so that the model of the pad is doubted
+    assert max(deep[2], deep[3]) < 40  # were pad and modulus exact
     assert "the normal force only to about its own size" in run("sensors", cwd=tmp_path).stdout
 
 

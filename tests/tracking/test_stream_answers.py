@@ -12,6 +12,7 @@ import pytest
 import palpate as pp
 from palpate import solutions
 from palpate.status import Status
+from palpate.tracking.single import Single
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
@@ -224,10 +225,10 @@ def test_a_tracker_that_a_single_solve_contradicts_begins_anew_and_its_interval_
     tracker, frame = pressed_tracker(skin)
     honest, asked = tracker._alone, []
 
-    def other(readings: Any, rest: Any, noisier: float) -> pp.Touch:
-        found = honest(readings, rest, noisier)
+    def other(readings: Any, rest: Any, noisier: float) -> Single:
+        found = honest(readings, rest, noisier).touch
         asked.append(len(rest))
-        return replace(found, values=3.0 * found.values)
+        return Single(replace(found, values=3.0 * found.values), None)
 
     tracker._alone = other
     touches = [tracker.step(frame(), 0.12 + 0.01 * i) for i in range(12)]
@@ -244,8 +245,10 @@ def test_a_frame_that_a_single_solve_does_not_explain_is_unexplained_when_it_is_
     tracker, frame = pressed_tracker(pp.Skin(PAD, TAXELS))
     honest = tracker._alone
 
-    def refuted(readings: Any, rest: Any, noisier: float) -> pp.Touch:
-        return replace(honest(readings, rest, noisier), status=np.asarray(int(Status.UNEXPLAINED), dtype=np.int8))
+    def refuted(readings: Any, rest: Any, noisier: float) -> Single:
+        found = honest(readings, rest, noisier)
+        status = np.asarray(int(Status.UNEXPLAINED), dtype=np.int8)
+        return found._replace(touch=replace(found.touch, status=status))
 
     tracker._alone = refuted
     monitor = pp.GraspMonitor()

@@ -59,13 +59,14 @@ def _hidden_offsets(estimator: Prepared, run: Solved) -> Floats:
 
     If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
     reading shows an offset without contact: it may be ``policy.errors.hidden_drift`` of the largest reading. Otherwise
-    the contact can only have added an offset to its load, and no offset is larger than the lowest reading.
+    the contact can only have added an offset to its load, and no offset is larger than the lowest reading (of
+    displacements, `add_hidden_drift` takes care).
     """
     policy, shifts = estimator.policy, estimator.shifts
     sizes = [(run.data * c)[run.observed & (c != 0)] / np.abs(c).max() ** 2 for c in shifts.T]
     hidden = policy.errors.hidden_drift * np.array([np.abs(s).max(initial=0.0) for s in sizes])
     if not run.explanation.rough.ring > policy.explanations.ring:
-        lowest = np.array([max(s.min(initial=math.inf), 0.0) for s in sizes])
+        lowest = np.array([0.0 if estimator.far else max(s.min(initial=math.inf), 0.0) for s in sizes])
         hidden = np.minimum(hidden, policy.explanations.half * lowest)
     return np.where([t.kind == "offset" for t in estimator.terms], hidden, 0.0)
 
