@@ -404,8 +404,9 @@ class Tracker:
 
     def _answer_by_held(self) -> None:
         """Solve the frame with the models of the last single solve."""
-        # Offsets that only the tracker found: drift since the single solve, or too few readings to show them in one frame.
+        # Offsets that only the tracker found are drift since the single solve, or do not show in one frame of few readings.
         drifted = self._offsets.beyond(self._learning.noise) and not self._held.has_offsets
+        self._held.missing |= drifted
         frame, self._held.answer = self._frame, None
         if frame is not None and self._contact.pushing and not drifted:
             self._held.follow(frame.actual * self._std, self._check.unused, frame.deadline)
