@@ -88,3 +88,35 @@ def test_after_the_contact_nothing_of_it_is_left() -> None:
     found = stream(skin, [ball] * 4 + [0.0 * ball] * 4, noise)
     assert float(found[-1][0].force[2]) == 0.0
     assert found[-1][0].status == pp.Status.NO_CONTACT
+
+
+def renewed(skin: pp.Skin, ball: Any, other: Any, noise: float) -> tuple[bool, pp.Touch]:
+    """Whether the frame ``other`` after five of ``ball`` is solved by itself again, and its touch."""
+    rng = np.random.default_rng(7)
+    with skin.track(baseline=10) as tracker:
+        for frame in [0.0 * ball] * 12 + [ball] * 5:
+            tracker.step(frame + noise * rng.standard_normal(ball.shape))
+        before = tracker._held._kept
+        assert before is not None
+        for _ in range(4 + 5 * ball.size // 200):  # comparisons keep their distance
+            touch = tracker.step(other + noise * rng.standard_normal(ball.shape))
+        return tracker._held._kept is not before, touch
+
+
+@pytest.mark.parametrize(("load", "again"), [(1.2, False), (1.6, True)])
+def test_a_load_that_grows_is_solved_anew(load: float, *, again: bool) -> None:
+    """A contact widens with its load, and the local penalties of the smaller one hold it back."""
+    skin, ball, noise = scene(8, 1.5e-3, 1e-3)
+    found, touch = renewed(skin, ball, load * ball, noise)
+    assert found is again
+    assert float(touch.force[2]) == pytest.approx(load, rel=0.05)
+
+
+@pytest.mark.long
+def test_many_readings_do_not_hide_that_a_contact_has_moved() -> None:
+    """The sum of squares of 1728 residuals hardly grows, and 0.88 N were found 1.55 mm away; the pressure that a few want grows."""
+    skin, ball, noise = scene(24, 2e-3, 1.5e-3)
+    moved = np.asarray(skin.sense(solutions.hertz_point(contact_radius=1.5e-3, force=1.0).shifted(2e-3, 0.0)))
+    found, touch = renewed(skin, ball, moved, 10.0 * noise)
+    assert found
+    assert float(touch.center_of_pressure[0]) == pytest.approx(2e-3, abs=0.2e-3)
