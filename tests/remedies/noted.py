@@ -204,8 +204,10 @@ def few_steps(*loads: float, **how: Any) -> list[pp.Touch]:
     from unittest import mock
 
     from palpate.tracking import iteration
+    from palpate.tracking.held import Held
 
-    with mock.patch.object(iteration, "ITERATIONS", 15):
+    # without the models of a single solve, which would answer
+    with mock.patch.object(iteration, "ITERATIONS", 15), mock.patch.object(Held, "hold"):
         return tracked(readings(0.0, 0.0, *loads), **how)
 
 
@@ -244,6 +246,14 @@ def wide(**how: Any) -> pp.Touch:
     skin = pp.Skin(PAD, pp.LineArray(**LINE, noise=5.0), **how)
     clean = np.asarray(skin.sense(pp.solutions.hertz_line(half_width=12e-3, force=100.0)))
     return skin.reconstruct(clean + 5.0 * np.random.default_rng(0).standard_normal(clean.shape))
+
+
+def hiding(**how: Any) -> pp.Touch:
+    """Contact that reaches all taxels of a small array, and could hide an offset of them."""
+    array = pp.AreaArray(shape=(4, 4), pitch=1e-3, depth=1.5e-3, channels=["stress_zz"], noise=50.0)
+    skin = pp.Skin(PAD, array, **how)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=2e-3, force=0.1)))
+    return skin.reconstruct(clean + 50.0 * np.random.default_rng(0).standard_normal(clean.shape))
 
 
 def one_taxel(broken: bool) -> pp.Touch:

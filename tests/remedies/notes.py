@@ -33,6 +33,7 @@ from remedies.noted import (
     followed_dots,
     frozen,
     height,
+    hiding,
     holds,
     impatient,
     iterated,
@@ -70,7 +71,6 @@ from remedies.noted import (
     wandering,
     warned,
     weaker,
-    wide,
 )
 
 __all__ = ["NOTES", "texts"]
@@ -258,8 +258,8 @@ NOTES = [
     ),
     Note(
         "cannot be separated from contact; the error bars allow for {} {} of it. If it does not drift, pass Skin(..., nuisance=[])",
-        wide,
-        lambda: wide(nuisance=[]),
+        hiding,
+        lambda: hiding(nuisance=[]),
     ),
     Note(
         "small contact or a broken taxel{}: one taxel alone responds",

@@ -34,17 +34,17 @@ __all__ = ["Held", "HeldAnswer", "own_traction"]
 #: The models do not explain a frame if they leave more than they left of theirs, by this many standard deviations: of the
 #: sum of squares of noise, or of the pressure of any cell alone.
 UNUSUAL = 6.0
-#: A contact grows with its load, and local penalties hold it back: beyond this factor, the force of a ball on 32 x 32 x 3
-#: was still right to 2 %, but the error of the pressure rose from 0.09 to 0.24.
+#: A contact grows with its load, and local penalties hold it back: beyond this factor, a comparison is due. The force of a
+#: ball on 32 x 32 x 3 was still right to 2 % at 1.9, but the error of the pressure rose from 0.09 to 0.24.
 GROWN = 1.4
-#: Models that leave fewer degrees of freedom explain any frame: on four barometers (benchmarks/real.py), they answered
-#: for presses elsewhere.
+#: Models that leave fewer degrees of freedom explain any frame; the interval then reaches as far as the tracker's own
+#: result. On four barometers (benchmarks/real.py), they answered for presses elsewhere: 0.91 of the forces were inside.
 FREE = 2.0
 
 
 class HeldAnswer(NamedTuple):
     """Traction (component, *surface) of a frame by the models of a single solve, its errors, the discrepancy, the single
-    solve and the root mean square of the residual in units of the noise.
+    solve and the root mean square of the residual in units of the noise. ``proven``: the residual shows that they hold.
     """
 
     traction: Floats
@@ -53,12 +53,13 @@ class HeldAnswer(NamedTuple):
     discrepancy: float
     single: Touch
     residual: float
+    proven: bool
 
 
 @dataclass
 class _Kept:
     """Models, the single solve they come from, its errors, its load [N], and of its frame the root mean square of the
-    residual and the largest score of pressure in it.
+    residual and the largest score of pressure in it; ``proven``: whether a residual can tell another contact.
     """
 
     again: Again
@@ -67,6 +68,7 @@ class _Kept:
     load: float
     left: float
     score: float
+    proven: bool
     seconds: float = 0.0  # that the last frame took
 
 
@@ -86,7 +88,7 @@ class Held:
         self._kept: _Kept | None = None
         self.answer: HeldAnswer | None = None
         self.apart = 0.0
-        self.stale = False  # whether the models do not explain the last frame
+        self.stale = False  # whether the models do not explain the last frame, or its load has outgrown them
         self.missing = False  # whether the last single solve has no models that push
 
     @property
@@ -105,12 +107,12 @@ class Held:
         solved = int(np.asarray(touch.status)) == Status.SOLVED and reference.meets(compared.answer)
         if models is None or touch._errors is None or not (solved and pushing):
             self.missing = True
-        elif models.free >= FREE and models.serve:
+        elif models.serve:
             again = Again(models)
             traction, residual = again.solve(self._planes(compared.readings))
             left, score = self._left(again, residual)
             if (size := self._load(traction)) > 0.0:
-                self._kept = _Kept(again, touch, touch._errors, size, left, score / left)
+                self._kept = _Kept(again, touch, touch._errors, size, left, score / left, models.free >= FREE)
 
     def follow(self, readings: Floats, unused: Flags, deadline: float) -> None:
         """Answer a frame (reading,), in SI units, if the models explain it, need no reading that is ``unused`` and can be
@@ -125,8 +127,9 @@ class Held:
         grows = max(self._load(traction) / kept.load, 1.0)
         left, score = self._left(kept.again, residual)
         loud = left**2 > (grows * kept.left) ** 2 * (1.0 + UNUSUAL * math.sqrt(2.0 / kept.again.observed.sum()))
-        self.stale = loud or grows > GROWN or score / kept.left > grows * max(UNUSUAL, kept.score)
-        if not self.stale:
+        other = loud or score / kept.left > grows * max(UNUSUAL, kept.score)
+        self.stale = other or grows > GROWN
+        if not other:
             errors, pad, share = kept.errors.posterior.times(grows), kept.errors.pad, kept.single.discrepancy
             self.answer = HeldAnswer(
                 traction,
@@ -135,6 +138,7 @@ class Held:
                 0.0 if share is None else float(np.nan_to_num(share)),
                 kept.single,
                 left,
+                kept.proven,
             )
 
     def _left(self, again: Again, residual: Floats) -> tuple[float, float]:

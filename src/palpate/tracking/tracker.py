@@ -398,12 +398,10 @@ class Tracker:
         self._answer_by_held()
         return rebuild(*self._status(bool(touch.converged)))
 
-    def _own_force(self) -> Floats:
-        """Net force (component,) by the tracker's own model."""
+    def _own_force(self) -> Floats:  # by the tracker's own model
         return np.asarray(self.estimator.surface.total_force(own_traction(self.estimator, self._contact)))
 
-    def _answer_by_held(self) -> None:
-        """Solve the frame with the models of the last single solve."""
+    def _answer_by_held(self) -> None:  # by the models of the last single solve
         # Offsets that only the tracker found are drift since the single solve, or do not show in one frame of few readings.
         drifted = self._offsets.beyond(self._learning.noise) and not self._held.has_offsets
         self._held.missing |= drifted
@@ -652,7 +650,10 @@ class Tracker:
                 errors = open_above(errors)
             values = traction.reshape(values.shape)
             load = float(grid.integral(np.sqrt((traction**2).sum(axis=0))))
-            spread = self._comparison.reaching(self._held.apart * load if held is None else 0.0, load)
+            apart = self._held.apart * load if held is None else 0.0
+            if held is not None and not held.proven:
+                apart = float(np.abs(grid.total_force(traction) - self._own_force()).max())
+            spread = self._comparison.reaching(apart, load)
             if spread and values.any():
                 pad_std = widened(pad_std, traction, grid, spread)
         elif status is Status.UNDECIDED:

@@ -57,7 +57,9 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         return _with_shares(estimator, readings, data, None, rng)
     plain = _settled(estimator, readings, rng)
     if few and not (plain.contact and not plain.fit < POOR_FIT and plain.free > policy.fit.proves):
-        return _drifted(estimator, readings, rng) or _with_shares(estimator, readings, data, None, rng)
+        # Contact and offsets together leave fewer degrees of freedom than contact alone.
+        offset = None if plain.free <= policy.fit.proves else _drifted(estimator, readings, rng)
+        return offset or _with_shares(estimator, readings, data, None, rng)
     if plain.contact and not plain.fit < POOR_FIT:
         # Pull around a contact can stand for an offset, which is simpler.
         drifted = _drifted(estimator, readings, rng) if plain.sign > 1 else None
