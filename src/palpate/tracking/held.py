@@ -3,7 +3,7 @@
 The tracker's own model has one even penalty on cells of the surface, because it has to serve any frame: noise presses
 each of its cells a little, and on 4 x 4 taxels of three channels it reads 1.8 times the force. A single solve also finds
 fine cells, local penalties and discs. Its models serve the following frames while the same contact presses
-(`palpate.inverse.contact.again`), for no more time than the tracker's own. A frame is of the same contact if they leave
+(`palpate.inverse.contact.again`), in a millisecond or two, or ten with friction. A frame is of the same contact if they leave
 no more of it than of the frame of the single solve, up to noise. If they leave more, the tracker answers by itself until
 the next comparison; its interval then reaches from its own result as far as the last single solve was from it.
 """

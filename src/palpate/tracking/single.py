@@ -195,7 +195,7 @@ class Comparison:
 
     def due(self, load: float, shear: Floats, *, stale: bool = False, missing: bool = False) -> bool:
         """Whether to compare a frame with this load and shear (component,); call it once a frame. ``stale``: the models of
-        the last single solve do not explain it; ``missing``: it had none.
+        the last single solve do not explain it, or its load has outgrown them; ``missing``: it had none that can be used.
         """
         self._since += 1
         turned = float(np.linalg.norm(shear - self._shear)) / max(load, 1e-300)

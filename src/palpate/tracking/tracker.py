@@ -540,7 +540,7 @@ class Tracker:
         contact = self._contact
         if self._check.overload:
             return Status.OVERLOAD, converged
-        if self._held.answer is not None:
+        if self._held.answer is not None and self._held.answer.proven:
             return self._unless_frozen(Status.SOLVED), True
         status = Status.SOLVED if converged else Status.NOT_CONVERGED
         if not contact.fits or self._comparison.refutes(contact.size):
