@@ -74,7 +74,8 @@ class Skin(SkinProperties):
         The sensing elements; several planes at different depths as a list.
     surface : LineGrid or AreaGrid, optional
         The grid of the traction. By default it covers the array, reaches past its edge and is no finer than the depth
-        allows (see `palpate.sensing.default_surface`).
+        allows (see `palpate.sensing.default_surface`). On thousands of cells finer than these, contact is found on cells as
+        coarse as these, and the traction is interpolated.
     boundary : "free" or "periodic"
         "free" (default): the pad continues beyond the surface grid without load. "periodic": the surface is
         the array's own grid, repeated periodically, as in Fourier-transform traction cytometry; fast, but a contact near an edge touches its copy,

@@ -21,7 +21,7 @@ from palpate.inverse.linear.regularised import Decomposition, decompose
 from palpate.inverse.linear.spectrum import DataSpectrum
 from palpate.inverse.observability import blind_to_force, is_observable
 from palpate.sensing.arrays import Array, ScatteredArray
-from palpate.sensing.grids import Grid
+from palpate.sensing.grids import Grid, divided
 from palpate.sensing.operator import Boundary, Operator, check_surface
 from palpate.sensing.surface import WIDE, check_above, check_depth, check_thickness, surface_of
 from palpate.sensing.uncertainty import Uncertainty, scale_free, step_of, stretched
@@ -156,6 +156,43 @@ class Problem:
         found.zero = self.zero
         return found
 
+    def coarser(self, most: int) -> Problem:
+        """The same problem on cells as wide as those of the default surface, if the surface has more than ``most``
+        unknowns, and at least twice as many cells as with these; itself otherwise.
+
+        Readings do not resolve finer cells (`default_surface`).
+        """
+        cells = math.prod(self.surface.shape)
+        if not self.fixed or cells * len(self.components) <= most:
+            return self
+        usual = surface_of(self.pad, self.planes).spacings
+        counts = [
+            min(n, max(2, math.ceil(n * dx / width - 1e-9)))
+            for n, dx, width in zip(self.surface.shape, self.surface.spacings, usual)
+        ]
+        if 2 * math.prod(counts) > cells:
+            return self
+        kept = self.kept.get(("coarser", tuple(counts)), Kept)
+        return self._on(divided(self.surface, counts), self.planes, kept)
+
+    def _on(self, surface: Grid, planes: Sequence[Array], kept: Kept | None = None) -> Problem:
+        """The same problem with another surface or other arrays, and a cache for them."""
+        found = Problem(
+            self.pad,
+            planes,
+            surface,
+            self.boundary,
+            self.components,
+            fixed=self.fixed,
+            nuisance=self.nuisance,
+            uncertainty=self.uncertainty,
+            kept=kept,
+            recall=self.recall,
+            zeroed=self.zeroed,
+        )
+        found.zero = self.zero
+        return found
+
     def with_even_noise(self) -> Problem:
         """The same problem with one noise level for all channels of a kind: the root mean square of the given levels,
         or 1 in the unit of the channel.
@@ -174,19 +211,7 @@ class Problem:
         ):
             return self  # the noise is even already: share the decompositions
         planes = [replace(a, noise=[level[find_channel(c).kind.unit] for c in a.channels]) for a in self.planes]
-        found = Problem(
-            self.pad,
-            planes,
-            self.surface,
-            self.boundary,
-            self.components,
-            fixed=self.fixed,
-            nuisance=self.nuisance,
-            uncertainty=self.uncertainty,
-            zeroed=self.zeroed,
-        )
-        found.zero = self.zero
-        return found
+        return self._on(self.surface, planes)
 
     @property
     def columns(self) -> tuple[int, ...]:

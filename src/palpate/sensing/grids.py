@@ -25,8 +25,10 @@ __all__ = [
     "check_center",
     "check_count",
     "check_length",
+    "divided",
     "refined",
     "repeated",
+    "resampled",
 ]
 
 
@@ -345,6 +347,55 @@ def refined(grid: Grid, ratio: int, margin: int = 0) -> Grid:
         return LineGrid(count=counts[0], spacing=grid.spacing / ratio, center=grid.center)
     dy, dx = grid.spacings
     return replace(grid, shape=(counts[0], counts[1]), spacing=(dy / ratio, dx / ratio))
+
+
+def divided(grid: Grid, counts: Sequence[int]) -> Grid:
+    """A grid of the same surface with ``counts`` cells along the axes."""
+    widths = [n * dx / count for n, dx, count in zip(grid.shape, grid.spacings, counts)]
+    if isinstance(grid, LineGrid):
+        return LineGrid(count=counts[0], spacing=widths[0], center=grid.center)
+    return replace(grid, shape=(counts[0], counts[1]), spacing=(widths[0], widths[1]))
+
+
+def resampled(field: Floats, counts: Sequence[int]) -> Floats:
+    """A field (..., *cells) on ``counts`` cells of the same surface; sums over the surface stay the same.
+
+    Within a cell the field is linear, with the smaller of the differences to both neighbours as its slope, or 0 if
+    they differ in sign: no cell gets a new extreme, and no pressure becomes negative. NaN stays NaN.
+    """
+    d = len(counts)
+    missing = np.isnan(field)
+    whole = np.where(missing, 0.0, field)
+    maps = [_overlaps(n, count) for n, count in zip(field.shape[-d:], counts)]
+    out = _along([m for m, _ in maps], whole)
+    for axis in range(d):
+        step = np.diff(whole, axis=axis - d)
+        none = np.zeros_like(whole.take([0], axis=axis - d))
+        before, after = np.concatenate([none, step], axis - d), np.concatenate([step, none], axis - d)
+        slope = np.where(before * after > 0.0, np.where(np.abs(before) < np.abs(after), before, after), 0.0)
+        out += _along([tilt if a == axis else m for a, (m, tilt) in enumerate(maps)], slope)
+    if missing.any():
+        out[_along([m for m, _ in maps], missing.astype(np.float64)) > 0.5] = np.nan
+    return out
+
+
+def _along(matrices: Sequence[Floats], field: Floats) -> Floats:
+    """Apply one matrix (new, old) along each of the last axes."""
+    for axis, matrix in enumerate(matrices):
+        place = axis - len(matrices)
+        field = np.moveaxis(np.moveaxis(field, place, -1) @ matrix.T, -1, place)
+    return np.ascontiguousarray(field)
+
+
+def _overlaps(cells: int, count: int) -> tuple[Floats, Floats]:
+    """For ``count`` new cells on ``cells`` old ones: the part of each new cell that lies in each old one, and the same
+    times the mean distance from the middle of the old cell, in its width; both (new, old).
+    """
+    ends = np.arange(count + 1) * (cells / count)
+    low = np.maximum(ends[:-1, None], np.arange(cells))
+    high = np.minimum(ends[1:, None], np.arange(cells) + 1.0)
+    part = np.maximum(high - low, 0.0) * (count / cells)
+    return part, part * (0.5 * (low + high) - (np.arange(cells) + 0.5))
 
 
 def block_means(field: Floats, ratio: int, axes: int) -> Floats:

@@ -43,6 +43,7 @@ from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.observability import pressing
 from palpate.inverse.problem import Problem
+from palpate.sensing.grids import resampled
 from palpate.sensing.limits import ends_of
 from palpate.sensing.nuisance import DRIFTS, LATER, USUAL, Nuisance, groups, nuisances
 
@@ -50,6 +51,10 @@ __all__ = ["Prepared"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
+
+
+class TooLarge(Unsupported):
+    """A contact has too many unknowns; an alternative that has is not tried."""
 
 
 class Prepared(ABC):
@@ -81,14 +86,17 @@ class Prepared(ABC):
         self.policy = policy or Policy()
         self.parameter, self.draws = parameter, draws
         self.wide = self.past_the_surface and self.policy.parts.wide_surface and not problem.fixed
+        self.surface = self.grid = problem.surface
+        if self.past_the_surface:
+            problem = problem.coarser(self.policy.work.unknowns)
         self.problem, self.columns = problem, problem.columns
         self.cone = cone if self.policy.parts.constraint else Cone(cone.components, tension=True)
         columns, operator = self.columns, problem.wide if self.wide else problem.operator
         self.operator = operator
         grid = operator.surface
-        self.surface = self.grid = problem.surface
         # Cells of the operator's grid that belong to the result.
-        self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, self.surface.shape))
+        inner = problem.surface.shape
+        self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, inner))
         self.inside = np.zeros(grid.shape, dtype=bool)
         self.inside[self.window] = True
         # Cells outside the outermost taxels.
@@ -202,13 +210,15 @@ class Prepared(ABC):
         return unknowns if self.ambiguous or not can_be_applied(self.operator) else min(unknowns, MAX_CACHED_UNKNOWNS)
 
     def cut(self, field: Floats) -> Floats:
-        """The part of a field (..., *grid) that lies on the surface; a field already on the surface's grid is returned
-        unchanged.
+        """The part of a field (..., *grid) that lies on the surface, on the surface's cells; a field already on them is
+        returned unchanged.
         """
-        if field.shape[-self.surface.dimensions :] == self.surface.shape:
+        d, inner = self.surface.dimensions, self.problem.surface.shape
+        if field.shape[-d:] == self.surface.shape:
             return field
         place: tuple[Any, ...] = (..., *self.window)
-        return np.asarray(field[place])
+        field = field if field.shape[-d:] == inner else field[place]
+        return np.asarray(field if inner == self.surface.shape else resampled(field, self.surface.shape))
 
     @cached_property
     def settled(self) -> Prepared:
@@ -292,10 +302,10 @@ class Prepared(ABC):
         return self._responses.back(white / noise)
 
     def check_size(self, unknowns: int) -> None:
-        """Raise `Unsupported` if a contact has too many unknowns."""
+        """Raise `TooLarge` if a contact has too many unknowns."""
         policy = self.policy
         if unknowns > policy.work.unknowns:
-            raise Unsupported(
+            raise TooLarge(
                 f"the contact covers {unknowns} unknowns, too many (limit {policy.work.unknowns}). Give a "
                 "coarser surface (Skin(..., surface=...)), or "
                 + (f"seek {list(self.cone.components[:-1])} alone." if self.ambiguous else 'use method="tikhonov".')

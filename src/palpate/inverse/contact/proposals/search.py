@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import Prepared, TooLarge
 from palpate.inverse.contact.proposals.levels import edge_levels, reach
 from palpate.inverse.contact.rough import rough, steps_of
 from palpate.inverse.contact.score import absorbs, hopeless_signs, same
@@ -39,12 +40,17 @@ class Search:
 
     def add(self, found: Iterable[Explanation]) -> None:
         """Record explanations. If two have the same sign and nuisances, keep the one with the larger gain: different
-        noise estimates give different solutions.
+        noise estimates give different solutions. An alternative to earlier ones is skipped if it is too large.
         """
-        for h in found:
-            alike = [o for o in self.tried if same(h, o, self.estimator.policy)]
-            if all(h.rough.gain > o.rough.gain for o in alike):
-                self.tried = [o for o in self.tried if not any(o is s for s in alike)] + [h]
+        try:
+            for h in found:
+                alike = [o for o in self.tried if same(h, o, self.estimator.policy)]
+                if all(h.rough.gain > o.rough.gain for o in alike):
+                    self.tried = [o for o in self.tried if not any(o is s for s in alike)] + [h]
+        except TooLarge as error:
+            if not self.tried:
+                raise
+            trace.step(f"skipped: {error}")
 
     @cached_property
     def first_noise(self) -> float | None:

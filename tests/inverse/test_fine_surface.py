@@ -1,0 +1,94 @@
+"""Surfaces with far more cells than the readings resolve: contact is sought on coarser cells, the answer is on the given ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.proposals.search import Search
+from palpate.sensing.grids import block_means, divided, refined, resampled
+
+PAD = pp.SolidPad.box(12e-3, 10e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
+ARRAY = pp.AreaArray(
+    shape=(8, 8),
+    pitch=1e-3,
+    depth=0.0,
+    channels=["displacement_x", "displacement_y", "displacement_z"],
+    noise=1e-6,
+)
+BALL = pp.solutions.hertz_point(contact_radius=2e-3, force=0.5)
+
+
+def test_a_field_on_other_cells_has_the_same_sums_and_no_new_extremes() -> None:
+    field = np.random.default_rng(1).random((2, 5, 7)) * (np.arange(7) > 2)
+    for counts in ((5, 7), (11, 29), (3, 4), (15, 21)):
+        other = resampled(field, counts)
+        assert np.allclose(other.mean(axis=(1, 2)), field.mean(axis=(1, 2)))
+        assert other.min() >= 0.0
+        assert (other.max(axis=(1, 2)) <= 1.5 * field.max(axis=(1, 2))).all()
+    assert np.allclose(block_means(resampled(field, (15, 21)), 3, 2), field)
+    slope = np.add.outer(np.arange(10.0), 2.0 * np.arange(12.0))
+    assert np.allclose(resampled(slope, (20, 24))[2:-2, 2:-2], refined_slope()[2:-2, 2:-2])
+
+
+def refined_slope() -> np.ndarray:
+    return np.add.outer(0.5 * np.arange(20) - 0.25, np.arange(24) - 0.5)
+
+
+def test_what_is_missing_stays_missing() -> None:
+    field = np.array([1.0, np.nan, 3.0, 3.0])
+    assert np.isnan(resampled(field, (8,))).tolist() == [False] * 2 + [True] * 2 + [False] * 4
+
+
+@pytest.mark.parametrize("grid", [pp.LineGrid(count=12, spacing=1e-3), pp.AreaGrid(shape=(6, 9), spacing=1e-3)])
+def test_other_cells_cover_the_same_surface(grid: pp.LineGrid | pp.AreaGrid) -> None:
+    other = divided(grid, [4] * grid.dimensions)
+    for a, b, dx, ex in zip(grid.axes, other.axes, grid.spacings, other.spacings):
+        assert np.allclose([a[0] - dx / 2, a[-1] + dx / 2], [b[0] - ex / 2, b[-1] + ex / 2])
+
+
+def test_a_surface_of_many_cells_has_the_answer_of_few() -> None:
+    usual = pp.Skin(PAD, ARRAY)
+    fine = pp.Skin(PAD, ARRAY, surface=PAD.grid(shape=(60, 63), spacing=(10e-3 / 60, 12e-3 / 63)))
+    readings = usual.sense(BALL, rng=np.random.default_rng(0))
+    touch, coarse = fine.reconstruct(readings), usual.reconstruct(readings)
+    assert touch.status == pp.Status.SOLVED
+    assert touch.traction.shape == (3, 60, 63)
+    assert touch.std().shape == touch.values.shape
+    assert np.allclose(touch.force, coarse.force, atol=0.02 * 0.5)
+    low, high = touch.interval(0.95, "force")
+    assert low[2] <= 0.5 <= high[2]
+
+
+def test_few_cells_are_those_of_the_user() -> None:
+    most = Policy().work.unknowns
+    few = pp.Skin(PAD, ARRAY, surface=PAD.grid(shape=(20, 24), spacing=0.5e-3)).problem()
+    assert few.coarser(most) is few
+    usual = pp.Skin(PAD, ARRAY).problem()
+    assert usual.coarser(10) is usual
+    wide = pp.Skin(PAD, ARRAY, surface=PAD.grid(shape=(12, 12), spacing=0.9e-3)).problem()
+    assert wide.coarser(10) is wide  # they are not finer than needed
+    fine = pp.Skin(PAD, ARRAY, surface=refined(usual.surface, 3)).problem()
+    assert fine.coarser(most).surface.shape == usual.surface.shape
+
+
+def test_an_alternative_that_is_too_large_is_skipped() -> None:
+    estimator = pp.Adaptive().prepare(pp.Skin(PAD, ARRAY).problem())
+    data = np.ones(len(estimator.readings.std))
+    search = Search(estimator, data, data > 0, (), (1,), 1.0, None)
+
+    def too_large(*found: Explanation) -> Iterator[Explanation]:
+        yield from found
+        estimator.check_size(10**6)
+
+    with pytest.raises(pp.Unsupported, match="too many"):
+        search.add(too_large())
+    push = search.plain(1)
+    search.add(too_large(push))
+    search.add(too_large())
+    assert search.tried == [push]
