@@ -71,16 +71,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
         policy = self.policy
         if not policy.parts.finer_grid:
             return 1
-        limits = (
-            (policy.grid.spacing, math.inf) if d == 1 else (policy.grid.fine_spacing, policy.grid.spacing, math.inf)
-        )
-        table = list(zip(limits, policy.grid.line if d == 1 else policy.grid.area))
-        most = min(
-            policy.grid.unknowns,
-            max(policy.grid.few_unknowns, policy.grid.unknowns_per_reading * len(self.readings.std)),
-        )
-        wanted = [r for limit, r in table if r == 1 or unknowns * r**d <= most]
-        return min(next(r for limit, r in table if spacing <= limit), max([*wanted, 1]))
+        few = policy.grid.few_unknowns
+        most = min(policy.grid.unknowns, max(few, policy.grid.unknowns_per_reading * len(self.readings.std)))
+        limits = [(policy.grid.spacing, most), (math.inf, math.inf)]
+        if d == 2:
+            limits.insert(0, (policy.grid.fine_spacing, few))
+        table = list(zip(policy.grid.line if d == 1 else policy.grid.area, limits))
+        wanted = [r for r, (_, most) in table if r == 1 or unknowns * r**d <= most]
+        return min(next(r for r, (limit, _) in table if spacing <= limit), max([*wanted, 1]))
 
     def _freedom_along(self, data: Normal, weight: float) -> float:
         """Degrees of freedom of the pressure that the data determine under an even penalty with that weight."""
