@@ -11,7 +11,7 @@ import palpate as pp
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.proposals.search import Search
-from palpate.sensing.grids import block_means, divided, refined, resampled
+from palpate.sensing.grids import block_means, divided, refined, resampled, unresolved
 
 PAD = pp.SolidPad.box(12e-3, 10e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)
 ARRAY = pp.AreaArray(
@@ -38,6 +38,13 @@ def test_a_field_on_other_cells_has_the_same_sums_and_no_new_extremes() -> None:
 
 def refined_slope() -> np.ndarray:
     return np.add.outer(0.5 * np.arange(20) - 0.25, np.arange(24) - 0.5)
+
+
+def test_errors_allow_for_what_cells_do_not_resolve() -> None:
+    line = np.linspace(0.0, 1.0, 6)
+    assert np.allclose(unresolved(line, (12,))[2:-2], 0.0)
+    edge = np.array([0.0, 0.0, 1.0, 1.0])
+    assert np.allclose(unresolved(edge, (8,)), np.repeat([0.0, 1.0, 1.0, 0.0], 2) / np.sqrt(12.0))
 
 
 def test_what_is_missing_stays_missing() -> None:

@@ -29,6 +29,7 @@ __all__ = [
     "refined",
     "repeated",
     "resampled",
+    "unresolved",
 ]
 
 
@@ -369,14 +370,33 @@ def resampled(field: Floats, counts: Sequence[int]) -> Floats:
     maps = [_overlaps(n, count) for n, count in zip(field.shape[-d:], counts)]
     out = _along([m for m, _ in maps], whole)
     for axis in range(d):
-        step = np.diff(whole, axis=axis - d)
-        none = np.zeros_like(whole.take([0], axis=axis - d))
-        before, after = np.concatenate([none, step], axis - d), np.concatenate([step, none], axis - d)
-        slope = np.where(before * after > 0.0, np.where(np.abs(before) < np.abs(after), before, after), 0.0)
+        slope, _ = _slopes(whole, axis - d)
         out += _along([tilt if a == axis else m for a, (m, tilt) in enumerate(maps)], slope)
     if missing.any():
         out[_along([m for m, _ in maps], missing.astype(np.float64)) > 0.5] = np.nan
     return out
+
+
+def unresolved(field: Floats, counts: Sequence[int]) -> Floats:
+    """Standard deviation (..., *counts) of a field within its cells that `resampled` does not follow: the difference
+    between the slopes to both neighbours, uniformly distributed over the cell along each axis.
+    """
+    d = len(counts)
+    squares = np.zeros(field.shape)
+    for axis in range(d):
+        slope, steepest = _slopes(field, axis - d)
+        squares += (steepest - np.abs(slope)) ** 2 / 12.0
+    maps = [_overlaps(n, count)[0] for n, count in zip(field.shape[-d:], counts)]
+    return np.sqrt(_along(maps, squares))
+
+
+def _slopes(field: Floats, axis: int) -> tuple[Floats, Floats]:
+    """The smaller of the differences to both neighbours, 0 if they differ in sign; and the larger magnitude."""
+    step = np.diff(field, axis=axis)
+    none = np.zeros_like(field.take([0], axis=axis))
+    before, after = np.concatenate([none, step], axis), np.concatenate([step, none], axis)
+    smaller = np.where(np.abs(before) < np.abs(after), before, after)
+    return np.where(before * after > 0.0, smaller, 0.0), np.maximum(np.abs(before), np.abs(after))
 
 
 def _along(matrices: Sequence[Floats], field: Floats) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from palpate.inverse.contact.notes import notes_of
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Estimate, Stated
+from palpate.sensing.grids import unresolved
 
 __all__ = ["gathered"]
 
@@ -34,10 +35,14 @@ def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...
     def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
         return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
 
-    if len(frames) == 1 and isinstance(frames[0].errors, Summary):
+    interpolated = estimator.problem.surface.shape != estimator.surface.shape
+    if len(frames) == 1 and isinstance(frames[0].errors, Summary) and not interpolated:
         errors: Errors = ContactErrors.of(frames[0].errors, estimator.cut, np.zeros(batch, dtype=np.intp))
     else:
         errors = Errors.gathered([f.known for f in frames], stacked)
+    if interpolated:
+        within = [unresolved(f.traction, estimator.surface.shape) for f in frames]
+        errors = replace(errors, traction=np.hypot(errors.traction, stacked(within)))
     keep(frames[-1].models if frames[-1].contact and frames[-1].sign == 1 else None)
     values = np.stack([estimator.cut(f.traction) for f in frames])
     sampled = None

@@ -201,15 +201,15 @@ def _independent(patterns: Floats) -> tuple[Floats, float]:
 
 def _restricted(weights: Floats, c: Floats, patterns: Floats, logs: Floats | None = None) -> tuple[Floats, Floats]:
     """(objective, log determinant) for rows of ``weights`` = 1/C, with the patterns marginalised; ``logs``: sums of their logarithms, if known."""
-    if len(patterns) > MAX_EIGEN_PATTERNS:
-        taken, more = np.array([_by_factor(patterns * np.sqrt(w), np.sqrt(w) * c) for w in weights]).T
+    k = len(patterns)
+    gram, right = np.empty((len(weights), k, k)), weights @ (patterns * c).T
+    for i in range(k):
+        gram[:, i, i:] = weights @ (patterns[i] * patterns[i:]).T
+        gram[:, i:, i] = gram[:, i, i:]
+    if k > MAX_EIGEN_PATTERNS:
+        taken, more = np.array([_by_factor(g, r) for g, r in zip(gram, right)]).T
     else:
-        k = len(patterns)
-        gram = np.empty((len(weights), k, k))
-        for i in range(k):
-            gram[:, i, i:] = weights @ (patterns[i] * patterns[i:]).T
-            gram[:, i:, i] = gram[:, i, i:]
-        taken, more = _by_eigenvalues(gram, weights @ (patterns * c).T)
+        taken, more = _by_eigenvalues(gram, right)
     if logs is None:
         with np.errstate(divide="ignore"):
             logs = np.log(weights).sum(axis=1)
@@ -227,13 +227,10 @@ def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
     return np.where(seen, along**2 / safe, 0.0).sum(axis=-1), np.log(safe).sum(axis=-1)
 
 
-def _by_factor(patterns: Floats, c: Floats) -> tuple[float, float]:
-    """Return right' gram^-1 right and log det gram from weighted patterns and coefficients, by a Cholesky factor if
-    all patterns are independent.
-    """
+def _by_factor(gram: Floats, right: Floats) -> tuple[float, float]:
+    """Return right' gram^-1 right and log det gram, by a Cholesky factor if all patterns are independent."""
     from scipy.linalg import lapack
 
-    gram, right = patterns @ patterns.T, patterns @ c
     factor, wrong = lapack.dpotrf(gram, lower=1)
     # The estimate of the condition number may be ten times too small.
     if not wrong and lapack.dpocon(factor, float(np.abs(gram).sum(axis=0).max()), uplo="L")[0] > 10.0 * MIN_EIGENVALUE:
