@@ -125,7 +125,8 @@ def taken_by(model: ContactModel) -> float:
     """Degrees of freedom that a model uses of the readings; cached for each factor."""
     face, factor = face_of(model.solution)
     if model.taken is None or model.taken[0] is not factor:
-        if isinstance(factor, Dense) and len(model.data.matrix) > len(factor.lower):
+        # The inverse takes 2/3 n^3 and serves the variances too; columns of all readings take n^2 each.
+        if isinstance(factor, Dense) and 3 * len(model.data.matrix) > 2 * len(factor.lower):
             found = factor.trace(face.restrict(Formed(model.data.gram).scaled(face.scales).matrix))
         else:
             found = float(taken_of_each(model).sum())
