@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 
 import numpy as np
@@ -82,6 +83,19 @@ def test_few_cells_are_those_of_the_user() -> None:
     assert wide.coarser(10) is wide  # they are not finer than needed
     fine = pp.Skin(PAD, ARRAY, surface=refined(usual.surface, 3)).problem()
     assert fine.coarser(most).surface.shape == usual.surface.shape
+
+
+def test_the_finest_cells_are_for_small_contacts_or_pressure_alone() -> None:
+    estimator = pp.Adaptive().prepare(pp.Skin(PAD, ARRAY).problem())
+    few = estimator.policy.grid.few_unknowns
+    finest, fine, _ = estimator.policy.grid.area
+    inside, wide = few // finest**2, few // finest**2 + 1
+    assert estimator._ratio(100.0, 100.0, inside) == finest
+    assert estimator._ratio(100.0, 100.0, wide) == fine
+    assert estimator._ratio(100.0, 50.0, inside) == fine  # the readings do not determine as many
+    alone = copy.copy(estimator)
+    alone.columns = estimator.columns[-1:]
+    assert alone._ratio(100.0, 100.0, wide) == finest
 
 
 def test_an_alternative_that_is_too_large_is_skipped() -> None:

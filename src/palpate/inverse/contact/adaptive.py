@@ -75,7 +75,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         most = min(policy.grid.unknowns, max(few, policy.grid.unknowns_per_reading * len(self.readings.std)))
         limits = [(policy.grid.spacing, most), (math.inf, math.inf)]
         if d == 2:
-            limits.insert(0, (policy.grid.fine_spacing, few))
+            limits.insert(0, (policy.grid.fine_spacing, most if len(self.columns) == 1 else few))
         table = list(zip(policy.grid.line if d == 1 else policy.grid.area, limits))
         wanted = [r for r, (_, most) in table if r == 1 or unknowns * r**d <= most]
         return min(next(r for r, (limit, _) in table if spacing <= limit), max([*wanted, 1]))
@@ -181,7 +181,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if slides and not coarse.at_size:
             # Pressure alone has fewer unknowns than the data determine, so that a finer grid is worth its cost.
             freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
-            finer = self._ratio(count, freedom, count)
+            finer = alone._ratio(count, freedom, count)
             if (
                 policy.parts.finer_sliding
                 and finer > ratio

@@ -368,7 +368,7 @@ class Grid:
     )
     few_unknowns: int = number(
         1500,
-        "the limit per reading is not applied below this number of unknowns; the finest cells on an area are not used above it: with balls of six pitches on 20 x 20 x 3 markers they took five times as long, and the error was 0.04 instead of 0.025",
+        "the limit per reading is not applied below this number of unknowns; above it, the finest cells on an area are for pressure alone: with shear beside it, balls of six pitches on 20 x 20 x 3 markers took five times as long, and the error was 0.04 instead of 0.025",
     )
 
 
