@@ -44,7 +44,8 @@ FREE = 2.0
 
 class HeldAnswer(NamedTuple):
     """Traction (component, *surface) of a frame by the models of a single solve, its errors, the discrepancy, the single
-    solve and the root mean square of the residual in units of the noise. ``proven``: the residual shows that they hold.
+    solve and the root mean square of the residual in units of the noise. ``proven``: the residual shows that they hold;
+    ``apart``: how far the force lies from that with other offsets.
     """
 
     traction: Floats
@@ -54,6 +55,7 @@ class HeldAnswer(NamedTuple):
     single: Touch
     residual: float
     proven: bool
+    apart: float
 
 
 @dataclass
@@ -98,7 +100,7 @@ class Held:
         return sizes is not None and bool(np.nan_to_num(sizes).any())
 
     def hold(self, single: Single, compared: Compared, reference: Answer, *, pushing: bool) -> None:
-        """Hold the models of a single solve that agrees with the tracker; ``reference`` are its numbers."""
+        """Hold the models of a single solve that agrees with the tracker: ``reference`` are its numbers."""
         self.clear()
         load = max(reference.load, compared.answer.load)
         if reference.explained and load > 0.0:
@@ -114,22 +116,28 @@ class Held:
             if (size := self._load(traction)) > 0.0:
                 self._kept = _Kept(again, touch, touch._errors, size, left, score / left, models.free >= FREE)
 
-    def follow(self, readings: Floats, unused: Flags, deadline: float) -> None:
+    def follow(self, readings: Floats, drift: Floats, unused: Flags, deadline: float) -> None:
         """Answer a frame (reading,), in SI units, if the models explain it, need no reading that is ``unused`` and can be
-        solved before the ``deadline``, in `time.perf_counter`.
+        solved before the ``deadline``, in `time.perf_counter`. ``drift`` (reading,): offsets that only the tracker found. They
+        are drift since the single solve, or part of the contact: the force is that without them, and its interval reaches
+        as far as that with them.
         """
         kept, self.answer, self.stale = self._kept, None, False
         started = clock.perf_counter()
         if kept is None or (unused & kept.again.observed).any() or started + kept.seconds > deadline:
             return
-        traction, residual = kept.again.solve(self._planes(readings))
+        apart, total = 0.0, self._estimator.surface.total_force
+        traction, residual = kept.again.solve(self._planes(readings - drift))
+        if drift.any():
+            other, _ = kept.again.solve(self._planes(readings))
+            apart = float(np.abs(total(traction) - total(other)).max())
         kept.seconds = clock.perf_counter() - started
         grows = max(self._load(traction) / kept.load, 1.0)
         left, score = self._left(kept.again, residual)
         loud = left**2 > (grows * kept.left) ** 2 * (1.0 + UNUSUAL * math.sqrt(2.0 / kept.again.observed.sum()))
-        other = loud or score / kept.left > grows * max(UNUSUAL, kept.score)
-        self.stale = other or grows > GROWN
-        if not other:
+        unlike = loud or score / kept.left > grows * max(UNUSUAL, kept.score)
+        self.stale = unlike or grows > GROWN
+        if not unlike:
             errors, pad, share = kept.errors.posterior.times(grows), kept.errors.pad, kept.single.discrepancy
             self.answer = HeldAnswer(
                 traction,
@@ -139,6 +147,7 @@ class Held:
                 kept.single,
                 left,
                 kept.proven,
+                apart,
             )
 
     def _left(self, again: Again, residual: Floats) -> tuple[float, float]:

@@ -406,8 +406,9 @@ class Tracker:
         drifted = self._offsets.beyond(self._learning.noise) and not self._held.has_offsets
         self._held.missing |= drifted
         frame, self._held.answer = self._frame, None
-        if frame is not None and self._contact.pushing and not drifted:
-            self._held.follow(frame.actual * self._std, self._check.unused, frame.deadline)
+        if frame is not None and self._contact.pushing:
+            drift = drifted * self._offsets.value()
+            self._held.follow(frame.actual * self._std, drift * self._std, self._check.unused, frame.deadline)
 
     def _begin_anew(self, single: Touch) -> None:
         """Forget what the result depends on, except readings, zero and noise; take the offsets of a single solve."""
@@ -650,9 +651,9 @@ class Tracker:
                 errors = open_above(errors)
             values = traction.reshape(values.shape)
             load = float(grid.integral(np.sqrt((traction**2).sum(axis=0))))
-            apart = self._held.apart * load if held is None else 0.0
+            apart = self._held.apart * load if held is None else held.apart
             if held is not None and not held.proven:
-                apart = float(np.abs(grid.total_force(traction) - self._own_force()).max())
+                apart = max(apart, float(np.abs(grid.total_force(traction) - self._own_force()).max()))
             spread = self._comparison.reaching(apart, load)
             if spread and values.any():
                 pad_std = widened(pad_std, traction, grid, spread)
