@@ -47,7 +47,7 @@ from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
 from palpate.tracking.calibrated import CalibratedTracker
 from palpate.tracking.creep import creep_filters
-from palpate.tracking.settings import check_settings, check_sought
+from palpate.tracking.settings import check_settings, check_sought, on_coarser_cells
 from palpate.tracking.single import SingleSolve
 from palpate.tracking.tracker import Tracker
 
@@ -261,12 +261,12 @@ class Skin(SkinProperties):
         out._problem.zero = [np.nan_to_num(part) for part in np.split(found.zero, counts)]
         return out
 
-    def _with(self, pad: Pad, planes: Sequence[Array]) -> Skin:
+    def _with(self, pad: Pad, planes: Sequence[Array], surface: Grid | None = None) -> Skin:
         """A skin with other taxels on the same surface, so that results stay comparable. The components to estimate are those of the whole array, even if taxels are left out."""
         out = Skin(
             pad,
             planes,
-            surface=self._surface,
+            surface=self._surface if surface is None else surface,
             boundary=self._boundary,
             nuisance="auto" if self._problem.nuisance is None else self._problem.nuisance,
             uncertainty=self._problem.uncertainty,
@@ -658,7 +658,7 @@ class Skin(SkinProperties):
         """
         check_settings(tolerance=tolerance, rate=rate, budget=budget, rezero=rezero)
         rest = given_rest(zero, baseline, self._planes)
-        skin = self._noisy(noise, rest)
+        skin, remarks = on_coarser_cells(self._noisy(noise, rest))
         # Without an elastic model, the calibration alone gives the force, whatever components the tracker estimates.
         known = skin._calibration
         everything = components is None and known is not None and not known.elastic
@@ -674,7 +674,7 @@ class Skin(SkinProperties):
             solver,
             names,
             skin._layout,
-            notes=notes(skin._problem.seeking(names), skin.components, method, solver),
+            notes=(*notes(skin._problem.seeking(names), skin.components, method, solver), *remarks),
             case=skin.case(names),
             creep=filters,
             alone=SingleSolve(skin.without_creep() if filters is not None else skin, names, friction),

@@ -113,3 +113,17 @@ def test_an_alternative_that_is_too_large_is_skipped() -> None:
     search.add(too_large(push))
     search.add(too_large())
     assert search.tried == [push]
+
+
+def test_a_stream_is_tracked_on_coarser_cells() -> None:
+    """It raised at the first frame with contact."""
+    array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=20.0)
+    pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
+    skin = pp.Skin(pad, array, surface=pp.AreaGrid(shape=(100, 100), spacing=0.1e-3))
+    usual = pp.Skin(pad, array)
+    ball = np.asarray(usual.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0)))
+    with skin.track() as tracker:
+        touch = tracker.step(ball + 20.0 * np.random.default_rng(0).standard_normal(ball.shape))
+    assert float(touch.force[2]) == pytest.approx(1.0, abs=0.05)
+    assert touch.surface.shape == (10, 10)
+    assert any("tracked on 10 x 10 cells" in note for note in touch.notes)

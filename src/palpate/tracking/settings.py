@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.contact.policy import Policy
 from palpate.sensing.arrays import Array
 
-__all__ = ["MISREAD", "check_settings", "check_sought", "chosen_channels"]
+__all__ = ["MISREAD", "check_settings", "check_sought", "chosen_channels", "on_coarser_cells"]
 
 
 def check_settings(**settings: float | None) -> None:
@@ -44,6 +46,18 @@ def check_sought(components: Sequence[str], boundary: str) -> None:
         raise Unsupported(
             f"a tracker keeps pressure from pulling, so it needs the pressure: seek z too, with channels that measure it, or take frames by themselves, {frames}."
         )
+
+
+def on_coarser_cells(skin: Any) -> tuple[Any, tuple[str, ...]]:
+    """The skin on the coarser cells that `Skin.reconstruct` solves on if its surface has many thousands of cells
+    (`Problem.coarser`), with a note; otherwise itself, without one.
+    """
+    coarser = skin._problem.coarser(Policy().work.unknowns)
+    if coarser is skin._problem:
+        return skin, ()
+    given, used = (" x ".join(map(str, p.surface.shape)) for p in (skin._problem, coarser))
+    said = f"tracked on {used} cells: the readings do not resolve the {given} of the surface that was given"
+    return skin._with(skin.pad, skin.planes, coarser.surface), (said,)
 
 
 #: Note for channels that cannot separate pressure from shear. Balls that press, slide and twist were read 1 to 35 % too
