@@ -40,8 +40,12 @@ def test_a_tracker_says_a_status_once(frames: np.ndarray, status: Status) -> Non
     touch = tracked(frames, baseline=5 if status is Status.CAPTURING_ZERO else 0)[-1]
     assert touch.status == status
     text = "\n".join(touch.notes)
-    assert text.count(status.meaning.split(":")[0]) == 1
-    assert text.count(status.remedy) == 1
+    if status is Status.NOT_PUSHING:  # answered by the models of a single solve, which says more
+        assert text.count("the contact pulls as a whole") == 1
+        assert status.meaning.split(":")[0] not in text
+    else:
+        assert text.count(status.meaning.split(":")[0]) == 1
+        assert text.count(status.remedy) == 1
 
 
 @pytest.mark.parametrize("step", [0.005, 0.03, 0.3])

@@ -54,7 +54,7 @@ def test_the_same_frame_is_answered_as_by_the_single_solve() -> None:
     with keeping() as kept:
         touch = skin.reconstruct(frame)
     assert kept.models is not None
-    traction, left = Again(kept.models).solve([frame])
+    traction, left = Again(kept.models).solve([frame], np.zeros(frame.size, dtype=bool))
     np.testing.assert_allclose(traction, touch.values, atol=1e-4 * np.abs(touch.values).max())
     assert np.sqrt(np.mean(left**2)) == pytest.approx(1.0, abs=0.3)
 
@@ -69,12 +69,30 @@ def test_another_contact_is_not_answered_with_the_models_of_the_last() -> None:
 
 
 def test_a_reading_that_fails_is_not_used() -> None:
-    """The models need it: the tracker answers by itself until then."""
     skin, ball, noise = scene(6, 1.5e-3, 1e-3)
     broken = ball.copy()
     broken[2, 3, 3] = np.nan
-    found = stream(skin, [ball] * 4 + [broken] * 4, noise)
-    assert [str(touch.method) for touch, _ in found] == ["adaptive"] * 4 + ["constrained"] * 4
+    found = stream(skin, [ball] * 4 + [broken] * 6, noise)
+    assert [str(touch.method) for touch, _ in found] == ["adaptive"] * len(found)
+    assert [float(touch.force[2]) for touch, _ in found] == pytest.approx([1.0] * len(found), abs=0.03)
+    low, high = np.array([[end[2] for end in touch.interval(0.95, "force")] for touch, _ in found]).T
+    assert ((low <= 1.0) & (high >= 1.0)).all()
+
+
+def test_without_all_readings_of_a_channel_the_interval_is_wider() -> None:
+    skin, ball, noise = scene(6, 1.5e-3, 1e-3)
+    frame = ball + noise * np.random.default_rng(1).standard_normal(ball.shape)
+    with keeping() as kept:
+        skin.reconstruct(frame)
+    assert kept.models is not None
+    again, unused = Again(kept.models), np.zeros(frame.shape, dtype=bool)
+    unused[2] = True
+    assert again.widening(np.zeros(frame.size, dtype=bool)) == 1.0
+    assert again.widening(unused.ravel()) > 1.3
+    frame[unused] = np.nan
+    traction, left = again.solve([np.nan_to_num(frame)], unused.ravel())
+    assert traction[-1].sum() * skin.surface.cell == pytest.approx(1.0, abs=0.1)
+    assert not left[unused.ravel()].any()
 
 
 def test_a_pull_after_a_press_is_a_pull() -> None:

@@ -138,6 +138,7 @@ class ReadingCheck:
         self._resting = np.zeros(n, dtype=bool)  # next to their zero in the last frame
         self._last: Floats | None = None
         self._frames_repeated = 0  # whole frames in a row that repeated themselves
+        self._uniform, self._uniforms = False, 0  # whether all readings of the last frame are one number; such frames
         self._absent = np.zeros(n, dtype=bool)  # not usable in this frame, besides those left out
         self.suspects = np.zeros(n, dtype=bool)  # not explained at the last look
         self.clipped = np.zeros(n, dtype=bool)  # at a given or evident end of their range in this frame
@@ -161,6 +162,8 @@ class ReadingCheck:
             self._bad[gone & health.left_out] += 1
             self._leave_out(~finite & (self._gone >= BAD), "missing")
             self._leave_out(wild & (self._gone >= BAD), "out of range")
+        self._uniform = len(flat) >= FEWEST_REPEATS and bool((flat == flat[0]).all())
+        self._uniforms += self._uniform
         if self._last is not None:
             same = flat == self._last
             if same.all() or np.array_equal(flat, self._last, equal_nan=True):
@@ -260,10 +263,11 @@ class ReadingCheck:
 
     @property
     def frozen(self) -> bool:
-        """Whether all readings repeat themselves, which they seldom did before."""
+        """Whether all readings repeat themselves, or are one number, which they seldom did before."""
         health = self.health
         earlier = health.frames - 1 - self._frames_repeated
-        return self._frames_repeated >= STUCK and health.repeated - self._frames_repeated < SELDOM * earlier
+        repeats = self._frames_repeated >= STUCK and health.repeated - self._frames_repeated < SELDOM * earlier
+        return repeats or (self._uniform and self._uniforms - self._frames_repeated - 1 < SELDOM * earlier)
 
     def _leave_out(self, bad: Flags, reason: str) -> None:
         health = self.health

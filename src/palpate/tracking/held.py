@@ -25,7 +25,9 @@ from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
 from palpate.tracking.contact import Contact
+from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags
+from palpate.tracking.offsets import Offsets
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.single import Answer, Compared, Single
 
@@ -45,7 +47,7 @@ FREE = 2.0
 class HeldAnswer(NamedTuple):
     """Traction (component, *surface) of a frame by the models of a single solve, its errors, the discrepancy, the single
     solve and the root mean square of the residual in units of the noise. ``proven``: the residual shows that they hold;
-    ``apart``: how far the force lies from that with other offsets.
+    ``pushes``: no cell may pull; ``apart``: how far the force lies from that with other offsets.
     """
 
     traction: Floats
@@ -55,6 +57,7 @@ class HeldAnswer(NamedTuple):
     single: Touch
     residual: float
     proven: bool
+    pushes: bool
     apart: float
 
 
@@ -71,6 +74,7 @@ class _Kept:
     left: float
     score: float
     proven: bool
+    pushes: bool
     seconds: float = 0.0  # that the last frame took
 
 
@@ -91,7 +95,7 @@ class Held:
         self.answer: HeldAnswer | None = None
         self.apart = 0.0
         self.stale = False  # whether the models do not explain the last frame, or its load has outgrown them
-        self.missing = False  # whether the last single solve has no models that push
+        self.missing = False  # whether the last single solve has no models that can be held
 
     @property
     def has_offsets(self) -> bool:
@@ -99,7 +103,7 @@ class Held:
         sizes = None if self._kept is None else self._kept.single.nuisance
         return sizes is not None and bool(np.nan_to_num(sizes).any())
 
-    def hold(self, single: Single, compared: Compared, reference: Answer, *, pushing: bool) -> None:
+    def hold(self, single: Single, compared: Compared, reference: Answer) -> None:
         """Hold the models of a single solve that agrees with the tracker: ``reference`` are its numbers."""
         self.clear()
         load = max(reference.load, compared.answer.load)
@@ -107,56 +111,67 @@ class Held:
             self.apart = float(np.abs(reference.force - compared.own).max()) / load
         touch, models = single.touch, single.models
         solved = int(np.asarray(touch.status)) == Status.SOLVED and reference.meets(compared.answer)
-        if models is None or touch._errors is None or not (solved and pushing):
+        if models is None or touch._errors is None or not solved:
             self.missing = True
         elif models.serve:
             again = Again(models)
-            traction, residual = again.solve(self._planes(compared.readings))
-            left, score = self._left(again, residual)
+            traction, residual = again.solve(self._planes(compared.readings), ~again.observed)
+            left, score = self._left(again, residual, ~again.observed)
             if (size := self._load(traction)) > 0.0:
-                self._kept = _Kept(again, touch, touch._errors, size, left, score / left, models.free >= FREE)
+                proven = models.free >= FREE
+                self._kept = _Kept(again, touch, touch._errors, size, left, score / left, proven, models.pushes)
 
-    def follow(self, readings: Floats, drift: Floats, unused: Flags, deadline: float) -> None:
-        """Answer a frame (reading,), in SI units, if the models explain it, need no reading that is ``unused`` and can be
-        solved before the ``deadline``, in `time.perf_counter`. ``drift`` (reading,): offsets that only the tracker found. They
-        are drift since the single solve, or part of the contact: the force is that without them, and its interval reaches
-        as far as that with them.
+    def follow(self, frame: Frame, offsets: Offsets, unused: Flags, *, pushing: bool) -> None:
+        """Answer a frame (with its offsets) if the models explain it without the ``unused`` readings, and before its
+        deadline. Models that are not proven answer only if the tracker's own model is ``pushing`` as they are.
+
+        Offsets that only the tracker found are drift since the single solve, or part of the contact that does not show in
+        one frame of few readings: the force is that without them, and its interval reaches as far as that with them.
         """
+        drifted = offsets.beyond(frame.noise) and not self.has_offsets
+        self.missing |= drifted
         kept, self.answer, self.stale = self._kept, None, False
         started = clock.perf_counter()
-        if kept is None or (unused & kept.again.observed).any() or started + kept.seconds > deadline:
+        if kept is None or not kept.again.serves(unused) or started + kept.seconds > frame.deadline:
             return
-        apart, total = 0.0, self._estimator.surface.total_force
-        traction, residual = kept.again.solve(self._planes(readings - drift))
-        if drift.any():
-            other, _ = kept.again.solve(self._planes(readings))
+        if not kept.proven and pushing != kept.pushes:
+            return
+        apart, total, std = 0.0, self._estimator.surface.total_force, self._estimator.readings.std
+        drift = offsets.value() if drifted else np.zeros_like(std)
+        traction, residual = kept.again.solve(self._planes((frame.actual - drift) * std), unused)
+        if drifted:
+            other, _ = kept.again.solve(self._planes(frame.actual * std), unused)
             apart = float(np.abs(total(traction) - total(other)).max())
         kept.seconds = clock.perf_counter() - started
         grows = max(self._load(traction) / kept.load, 1.0)
-        left, score = self._left(kept.again, residual)
-        loud = left**2 > (grows * kept.left) ** 2 * (1.0 + UNUSUAL * math.sqrt(2.0 / kept.again.observed.sum()))
+        used = kept.again.observed & ~unused
+        left, score = self._left(kept.again, residual, unused)
+        loud = left**2 > (grows * kept.left) ** 2 * (1.0 + UNUSUAL * math.sqrt(2.0 / max(used.sum(), 1)))
         unlike = loud or score / kept.left > grows * max(UNUSUAL, kept.score)
         self.stale = unlike or grows > GROWN
         if not unlike:
-            errors, pad, share = kept.errors.posterior.times(grows), kept.errors.pad, kept.single.discrepancy
+            errors, pad, share = kept.errors.posterior, kept.errors.pad, kept.single.discrepancy
+            wider = grows * kept.again.widening(unused)
             self.answer = HeldAnswer(
                 traction,
-                errors,
+                errors.times(wider),
                 None if pad is None else pad.times(grows),
                 0.0 if share is None else float(np.nan_to_num(share)),
                 kept.single,
                 left,
                 kept.proven,
+                kept.pushes,
                 apart,
             )
 
-    def _left(self, again: Again, residual: Floats) -> tuple[float, float]:
+    def _left(self, again: Again, residual: Floats, unused: Flags) -> tuple[float, float]:
         """Root mean square of the residual, and the largest score of pressure in it: a contact that has moved is seen by
         few of many readings.
         """
-        slope = self._equations.adjoint_of(residual, ~again.observed)
+        used = again.observed & ~unused
+        slope = self._equations.adjoint_of(residual, ~used)
         score = float(np.abs(self._equations.score(slope)).max())
-        return max(float(np.sqrt(np.mean(residual[again.observed] ** 2))), 1e-300), score
+        return max(float(np.sqrt(np.mean(residual[used] ** 2))) if used.any() else 0.0, 1e-300), score
 
     def _planes(self, readings: Floats) -> list[Floats]:
         return self._estimator.readings.planes(np.nan_to_num(readings))

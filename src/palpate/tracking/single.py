@@ -60,6 +60,8 @@ SPACING, READINGS, DOUBTED, GROWING = 64, 200, 16, 4
 #: Number of standard deviations assigned to the difference of two results that disagree: below 1.96, half of a 95 %
 #: interval, so that the interval includes both.
 REACH = 1.8
+#: A load below this part of the difference cannot be widened to it.
+LEAST_LOAD = 1e-6
 #: A comparison is due after this many frames, if the load has changed by the factor ANOTHER (UNZEROED: if the stream has
 #: not been at rest), or, DOUBTED frames after the last one, if the shear has changed by the part TURNED of the load:
 #: drift of a shear channel looks like drag.
@@ -247,7 +249,7 @@ class Comparison:
         largest difference between two results in a force component.
         """
         gap = float(np.abs(tracked.force - alone.force).max())
-        return gap / (REACH * max(tracked.load, 1e-300))
+        return gap / (REACH * max(tracked.load, LEAST_LOAD * gap, 1e-300))
 
     def words(self, tracked: Answer, alone: Answer, unit: str) -> str:
         """Note when the tracker restarts a contact: the last component of both forces, with intervals and ``unit``."""

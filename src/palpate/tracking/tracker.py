@@ -358,7 +358,7 @@ class Tracker:
         return touch
 
     def _compare(self, touch: Touch, rebuild: Callable[[Status, bool], Touch]) -> Touch:
-        """The touch of a frame in contact, compared with a single solve if one is due; ``again`` builds the touch after a restart."""
+        """The touch of a frame in contact, compared with a single solve if one is due; ``rebuild`` builds it again."""
         alone, comparison, frame, beside = self._alone, self._comparison, self._frame, self._beside
         if alone is None or frame is None:
             return touch
@@ -385,7 +385,7 @@ class Tracker:
         if comparison.settle(compared.answer, reference):
             if (comparison.share or comparison.rested) and self.drift_time is not None:
                 self._offsets.take(single.touch, self._layout.planes, self._std)
-            self._held.hold(single, compared, reference, pushing=self._contact.pushing)
+            self._held.hold(single, compared, reference)
         else:
             self._begin_anew(single.touch)
             unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
@@ -394,7 +394,7 @@ class Tracker:
                 touch = rebuild(*self._in_contact(frame, 0.0, regular=True, restarted=False))
                 compared = compared._replace(answer=Answer.of(touch), own=self._own_force())
                 comparison.settle(compared.answer, reference)
-                self._held.hold(single, compared, reference, pushing=self._contact.pushing)
+                self._held.hold(single, compared, reference)
         self._answer_by_held()
         return rebuild(*self._status(bool(touch.converged)))
 
@@ -402,13 +402,8 @@ class Tracker:
         return np.asarray(self.estimator.surface.total_force(own_traction(self.estimator, self._contact)))
 
     def _answer_by_held(self) -> None:  # by the models of the last single solve
-        # Offsets that only the tracker found are drift since the single solve, or do not show in one frame of few readings.
-        drifted = self._offsets.beyond(self._learning.noise) and not self._held.has_offsets
-        self._held.missing |= drifted
-        frame, self._held.answer = self._frame, None
-        if frame is not None and self._contact.pushing:
-            drift = drifted * self._offsets.value()
-            self._held.follow(frame.actual * self._std, drift * self._std, self._check.unused, frame.deadline)
+        if self._frame is not None:
+            self._held.follow(self._frame, self._offsets, self._check.unused, pushing=self._contact.pushing)
 
     def _begin_anew(self, single: Touch) -> None:
         """Forget what the result depends on, except readings, zero and noise; take the offsets of a single solve."""
@@ -542,7 +537,7 @@ class Tracker:
         if self._check.overload:
             return Status.OVERLOAD, converged
         if self._held.answer is not None and self._held.answer.proven:
-            return self._unless_frozen(Status.SOLVED), True
+            return self._unless_frozen(Status.SOLVED if self._held.answer.pushes else Status.NOT_PUSHING), True
         status = Status.SOLVED if converged else Status.NOT_CONVERGED
         if not contact.fits or self._comparison.refutes(contact.size):
             status = Status.UNEXPLAINED
@@ -556,7 +551,7 @@ class Tracker:
         self._standing.interrupt()
         if self._standing.now and not self._learning.discrepancy.zeroed:
             notes.append(STANDS)
-        if not contact.pushing and contact.fits:
+        if not contact.pushing and contact.fits and self._held.answer is None:
             notes.append("traction that pulls in places explains the readings, and was allowed")
         notes += at_their_end(int(self._check.clipped.sum()), overload=self._check.overload)
         notes += drifted(self._offsets.notable(), self._offsets.index, self._std, self._label)
@@ -667,7 +662,8 @@ class Tracker:
         proven = learning.noise_known or len(self._std) > estimator.policy.detection.few_readings
         if status is Status.NO_CONTACT and (not proven or self._fit < POOR_FIT):
             status, values = Status.UNDECIDED, values if noise is not None else math.nan * values
-        pushing = not (self._touching and status.known) or (contact.pushing and contact.fits)
+        fits = contact.pushing and contact.fits if held is None else held.pushes
+        pushing = not (self._touching and status.known) or fits
         drag = contact.drag if status.known and self._touching else None
         if status is Status.NOT_CONVERGED:
             self._said.append(unfinished(self.budget, self.tolerance, exhausted=self._contact.exhausted))

@@ -43,7 +43,7 @@ def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...
     if interpolated:
         within = [unresolved(f.traction, estimator.surface.shape) for f in frames]
         errors = replace(errors, traction=np.hypot(errors.traction, stacked(within)))
-    keep(frames[-1].models if frames[-1].contact and frames[-1].sign == 1 else None)
+    keep(frames[-1].models if frames[-1].contact else None)
     values = np.stack([estimator.cut(f.traction) for f in frames])
     sampled = None
     if estimator.draws:

@@ -145,6 +145,10 @@ class Explanations:
     largest_nuisance: float = number(
         0.4, "largest nuisance over the largest reading of its kind without it: sensors are zeroed"
     )
+    drift: float = number(
+        0.05,
+        "standard deviation of an offset that arose after the zero, over the largest reading of its kind without it",
+    )
     smallest_nuisance: float = number(
         0.01, "smallest nuisance over the largest reading: five times `inverse.fit.MODEL_DETAIL`, the model's accuracy"
     )
@@ -504,8 +508,8 @@ class Work:
     """Problem sizes at which the method switches to another algorithm or leaves a step out."""
 
     again_unknowns: int = number(
-        300,
-        "most unknowns of a model with which later frames are solved: for more, one even penalty is as good (0.2 and 0.3 % of the force on 16 x 16 x 3), and a frame takes tens of milliseconds with friction",
+        1000,
+        "most unknowns of a model with which later frames are solved: for more, one even penalty is nearly as good, and a frame takes tens of milliseconds with friction",
     )
     again: float = number(
         1e-4,
