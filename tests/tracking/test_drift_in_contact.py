@@ -42,6 +42,31 @@ def test_an_offset_after_the_zero_is_no_drag(part: float, *, given: bool) -> Non
     assert any("offset of stress_yz" in note for note in touch.notes)
 
 
+@pytest.mark.parametrize(("n", "radius"), [(8, 1.5e-3), (7, 1.5e-3), (6, 1.5e-3), (12, 1e-3)])
+@pytest.mark.parametrize("part", [0.05, 0.12])
+def test_a_drift_after_the_zero_is_no_wide_press(n: int, radius: float, part: float) -> None:
+    """Contact alone explained it: 1.4 N [1.05, 1.7] and 2.0 N [1.3, 3.0] of 1 N on 7 x 7, without a word."""
+    skin, rng = _skin(n=n, channels=["stress_zz"]), np.random.default_rng(7)
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=radius, force=1.0).shifted(0.3e-3, 0.0)))
+    top, rest = float(np.abs(clean).max()), rng.standard_normal((10, *clean.shape))
+    readings = clean + part * top + 0.01 * top * rng.standard_normal(clean.shape)
+    touch = skin.reconstruct(readings, zero=0.01 * top * rest)
+    assert float(touch.force[2]) == pytest.approx(1.0, abs=0.1)
+    assert _held(touch, (0.0, 0.0, 1.0))
+
+
+def test_a_punch_larger_than_the_array_is_no_offset() -> None:
+    """It was read as an offset of every channel: "no contact"."""
+    skin, rng = _skin(n=10), np.random.default_rng(1)
+    wide = pp.Skin(skin.pad, skin.planes[0], surface=pp.AreaGrid(shape=(60, 60), spacing=0.5e-3))
+    clean = np.asarray(wide.sense(pp.solutions.flat_punch(radius=11e-3, force=4.0)))
+    top = float(np.abs(clean).max())
+    rest, noise = 0.01 * top * rng.standard_normal((2, 12, *clean.shape))
+    touch = skin.reconstruct(clean + noise[0], zero=rest)
+    assert touch.status != pp.Status.NO_CONTACT
+    assert touch.interval(0.95, of="force")[1][2] > 1.0
+
+
 @pytest.mark.parametrize("n", [4, 5])
 def test_an_offset_on_few_readings_is_no_drag(n: int) -> None:
     """48 readings had no term for it: 0.05 N of drag and 0.17 N of press, none of which the interval excluded."""

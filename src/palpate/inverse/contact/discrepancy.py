@@ -55,17 +55,12 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
         few and len(data) <= policy.fit.proves
     ):
         return _with_shares(estimator, readings, data, None, rng)
-    plain = _settled(estimator, readings, rng)
-    if few and not (plain.contact and not plain.fit < POOR_FIT and plain.free > policy.fit.proves):
-        # Contact and offsets together leave fewer degrees of freedom than contact alone.
-        offset = None if plain.free <= policy.fit.proves else _drifted(estimator, readings, rng)
-        return offset or _with_shares(estimator, readings, data, None, rng)
-    if plain.contact and not plain.fit < POOR_FIT:
-        # Pull around a contact can stand for an offset, which is simpler.
-        drifted = _drifted(estimator, readings, rng) if plain.sign > 1 else None
-        plain = drifted or plain
-        if zeroed:
-            return replace(plain, discrepancy=_posterior(0.0, plain.free, ratio, policy))
+    plain = _solved(estimator, readings, rng)
+    # Contact and offsets together may explain anything about few readings.
+    if few and not (_explains(estimator, plain) and plain.free > policy.fit.proves):
+        return _with_shares(estimator, readings, data, None, rng)
+    if zeroed and plain.contact and not plain.fit < POOR_FIT:
+        return replace(plain, discrepancy=_posterior(0.0, plain.free, ratio, policy))
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
     if not plain.contact and (
@@ -75,11 +70,12 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
     return _with_shares(estimator, readings, data, plain, rng)
 
 
-def _settled(
+def _solved(
     estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None, factor: float = 1.0
 ) -> Frame:
-    """The frame without the nuisances that the zero removed, with ``factor`` times the noise (`_at_noise`)."""
-    settled = estimator.settled
+    """The frame with ``factor`` times the noise (`_at_noise`); of few readings without the nuisances that the zero removed."""
+    few = len(estimator.readings.std) <= estimator.policy.fit.proves
+    settled = estimator.settled if few else estimator
     found = search(settled, readings, rng) if factor == 1.0 else _at_noise(settled, readings, factor, rng)
     if settled is estimator:
         return found
@@ -87,24 +83,6 @@ def _settled(
     sizes, std = np.zeros((2, len(kept)))
     sizes[kept], std[kept] = found.nuisance, found.nuisance_std
     return replace(found, nuisance=sizes, nuisance_std=std)
-
-
-def _drifted(
-    estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None, factor: float = 1.0
-) -> Frame | None:
-    """The frame with offsets that arose after its zero, if these explain it; for frames that nothing else explains.
-
-    An even press looks like offsets, but a contact without offsets explains it. A contact and offsets together may
-    explain anything about few readings.
-    """
-    policy = estimator.policy
-    if estimator.settled is estimator or len(estimator.readings.std) <= policy.fit.proves:
-        return None
-    trace.step("contact alone does not explain the readings: solved with offsets that arose after the zero")
-    found = search(estimator, readings, rng) if factor == 1.0 else _at_noise(estimator, readings, factor, rng)
-    proven = not found.contact or (_explains(found) and found.sign < 2 and found.free > policy.fit.proves)
-    explained = found.fit > policy.fit.accepted and proven
-    return found if explained and np.any(found.nuisance) else None
 
 
 def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
@@ -129,9 +107,12 @@ def _undecided(frame: Frame) -> Frame:
     return replace(frame.blanked(), undecided=True, bounds=np.stack([-force, force], axis=-1))
 
 
-def _explains(frame: Frame) -> bool:
-    """Whether the contact that was found passes the fit test."""
-    return not frame.fit < POOR_FIT and (frame.pushed or frame.sign < 0 or frame.sign > 1)
+def _explains(estimator: Prepared, frame: Frame) -> bool:
+    """Whether the contact that was found, or drift since the zero without contact, passes the fit test."""
+    if frame.contact:
+        return not frame.fit < POOR_FIT and (frame.pushed or frame.sign < 0 or frame.sign > 1)
+    drift = frame.nuisance[estimator.since_zero]
+    return frame.fit > estimator.policy.fit.accepted and bool(drift.any())
 
 
 def _with_shares(
@@ -154,35 +135,25 @@ def _with_shares(
         """The factor of the noise, and the frame."""
         factor = math.hypot(1.0, share * ratio)
         trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
-        return factor, _settled(level, readings, rng, factor)
-
-    @cache
-    def drifted(share: float) -> Frame | None:
-        """The frame with offsets after the zero."""
-        return _drifted(level, readings, rng, math.hypot(1.0, share * ratio))
+        return factor, _solved(level, readings, rng, factor)
 
     def promises() -> bool:
         """Whether the largest discrepancy shows a contact or an offset: if not, a smaller one seldom does."""
-        largest = policy.fit.shares[-1]
-        return solved(largest)[1].contact or drifted(largest) is not None
+        largest = solved(policy.fit.shares[-1])[1]
+        return largest.contact or _explains(level, largest)
 
     best: tuple[float, Frame] | None = None
     hopeless = plain is not None and not plain.contact and not promises()
-    if plain is not None and not hopeless and (offset := _drifted(estimator, readings, rng)) is not None:
-        return offset
     share: float | None = None if hopeless else policy.fit.shares[0]
     while share is not None:
         factor, found = solved(share)
         left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
-        if found.contact and _explains(found):
-            if found.sign > 1:
-                found = drifted(share) or found
+        if _explains(level, found):
             found = _in_units_of(estimator, found, factor)
-            return replace(found, discrepancy=_posterior(max(left, 0.0), found.free, sizes, policy))
-        if best is None and (offset := drifted(share)) is not None:
-            return _in_units_of(estimator, offset, factor)
+            share = _posterior(max(left, 0.0), found.free, sizes, policy) if found.contact else 0.0
+            return replace(found, discrepancy=share)
         if found.contact and (best is None or left < best[0]):
             best = left, _in_units_of(estimator, found, factor)
         larger = [s for s in policy.fit.shares if s > share]

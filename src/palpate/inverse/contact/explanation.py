@@ -53,10 +53,11 @@ class Explanation:
     """One hypothesis about a frame: the sign of the contact, and which nuisances (offsets, ramps) are in the readings.
 
     ``sign`` is 1 if contact pushes, -1 if it pulls, 0 if it does both. ``sizes`` are the sizes of the nuisances (0 if
-    absent) and ``present`` marks those present. ``rivals`` are the alternatives with nuisances, best first. ``noise``
-    is the residual of a contact in a few cells, if the linear model would take the readings for noise
-    (`palpate.inverse.contact.few_cells`). ``choice`` is the log of the number of candidates from which its nuisances
-    were chosen; `score.worth_of` subtracts it.
+    absent) and ``present`` marks those present. ``rivals`` are the alternatives with nuisances, best first; ``coarser``
+    are those for a frame that it does not explain (`score.coarser_of`). ``noise`` is the residual of a contact in a few
+    cells, if the linear model would take the readings for noise (`palpate.inverse.contact.few_cells`). ``choice`` is the
+    log of the number of candidates from which its nuisances were chosen, and what drift of their size costs;
+    `score.worth_of` subtracts it.
     """
 
     sign: int
@@ -66,6 +67,7 @@ class Explanation:
     noise: float | None = None
     choice: float = 0.0
     rivals: tuple[Explanation, ...] = ()
+    coarser: tuple[Explanation, ...] = ()
 
 
 @dataclass

@@ -14,6 +14,7 @@ from palpate.inverse.contact.explanation import Explanation, Rough, Solved
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
+from palpate.inverse.contact.unbounded import even_press
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN
 from palpate.inverse.linear.evidence import log_evidence
@@ -59,6 +60,8 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     present = none > 0
     present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
     none[: estimator.usual] = sizes
+    if (present & estimator.since_zero).any() and even_press(estimator, np.where(present, none, 0.0)) is not None:
+        return None  # after a zero, a press is likelier than such a drift
     left = (data - estimator.shifts @ np.where(present, none, 0.0)) / estimator.readings.std
     noise_left = float(np.sqrt(np.mean(estimator.readings.white(left[observed], observed) ** 2)))
     return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)

@@ -243,6 +243,11 @@ class Prepared(ABC):
             out.__dict__["even_noise"] = even.as_they_are()
         return out
 
+    @property
+    def since_zero(self) -> Flags:
+        """Mask of the terms that a zero has removed: what is left of them arose after it."""
+        return np.array([self.removed and not t.of_image for t in self.terms], dtype=bool)
+
     @cached_property
     def shifts(self) -> Floats:
         """Readings (reading, term) that each nuisance of size one adds."""

@@ -40,7 +40,7 @@ def with_rivals(
     # A load all round the edge with an opposite offset leaves the interior free and can fit anything.
     anything = h.present.any() and h.rough.ring > policy.explanations.ring
     if frame.fit < POOR_FIT or anything:
-        for rival in rivals[: 1 if anything else policy.explanations.followed]:
+        for rival in [*rivals, *h.coarser][: 1 if anything else policy.explanations.followed]:
             # The chosen explanation fails the fit test, or could fit anything: take the first alternative that passes.
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)

@@ -30,6 +30,7 @@ from palpate.inverse.fit import MIN_DEGREES
 __all__ = [
     "absorbs",
     "best_of",
+    "coarser_of",
     "gain_of",
     "gain_without_cone",
     "hopeless_signs",
@@ -111,12 +112,22 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
     """The other credible, compact explanations with nuisances that are worth more than noise alone, best first."""
+    return tuple(h for h in _ranked(best, tried, policy) if any(h is c for c in _credible(tried, policy)))
+
+
+def coarser_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
+    """Compact explanations with nuisances that are worth more than the best but leave a larger residual than contact
+    alone: they are right only if contact alone, solved fully, does not explain the readings.
+    """
+    others = (h for h in _ranked(best, tried, policy) if worth_of(h, policy) > worth_of(best, policy))
+    return tuple(h for h in others if not any(h is c for c in _credible(tried, policy)))
+
+
+def _ranked(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
     others = [
-        h
-        for h in _credible(tried, policy)
-        if h.present.any() and h is not best and is_compact(h, policy) and worth_of(h, policy) > 0.0
+        h for h in tried if h.present.any() and h is not best and is_compact(h, policy) and worth_of(h, policy) > 0.0
     ]
-    return tuple(sorted(others, key=lambda h: -worth_of(h, policy)))
+    return sorted(others, key=lambda h: -worth_of(h, policy))
 
 
 def least_to_beat(tried: Sequence[Explanation], policy: Policy) -> float:

@@ -24,6 +24,7 @@ from palpate.inverse.constrained.variances import (
     unit_of,
     variance_of_sums,
 )
+from palpate.inverse.contact import drift
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import Prepared
@@ -48,7 +49,8 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     if run.members and h.present.any():
         rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
         unit = unit_of(rows)
-        deviation[h.present] = deviations_of(told_of(run.members[0], rows / unit)) / unit
+        prior = drift.precision(estimator, run.data)[h.present] / unit**2
+        deviation[h.present] = deviations_of(told_of(run.members[0], rows / unit) + np.diag(prior)) / unit
     if run.members and not is_compact(h, estimator.policy):
         deviation = np.maximum(deviation, _hidden_offsets(estimator, run))
     return np.asarray(deviation)
@@ -58,13 +60,14 @@ def _hidden_offsets(estimator: Prepared, run: Solved) -> Floats:
     """Standard deviations (nuisance,) of the offsets that a contact may hide if it could fit any readings.
 
     If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
-    reading shows an offset without contact: it may be ``policy.errors.hidden_drift`` of the largest reading. Otherwise
-    the contact can only have added an offset to its load, and no offset is larger than the lowest reading (of
+    reading shows an offset without contact: it may be ``policy.errors.hidden_drift`` of the largest reading (after a zero
+    ``policy.explanations.drift``). Otherwise the contact can only have added an offset to its load, and no offset is larger than the lowest reading (of
     displacements, `add_hidden_drift` takes care).
     """
     policy, shifts = estimator.policy, estimator.shifts
     sizes = [(run.data * c)[run.observed & (c != 0)] / np.abs(c).max() ** 2 for c in shifts.T]
-    hidden = policy.errors.hidden_drift * np.array([np.abs(s).max(initial=0.0) for s in sizes])
+    part = np.where(estimator.since_zero, policy.explanations.drift, policy.errors.hidden_drift)
+    hidden = part * np.array([np.abs(s).max(initial=0.0) for s in sizes])
     if not run.explanation.rough.ring > policy.explanations.ring:
         lowest = np.array([0.0 if estimator.far else max(s.min(initial=math.inf), 0.0) for s in sizes])
         hidden = np.minimum(hidden, policy.explanations.half * lowest)
@@ -94,8 +97,10 @@ def change_of_nuisances(
     misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
     unit = unit_of(rows)
     rows = rows / unit
-    precision = told_of(model, rows)
-    step = np.linalg.lstsq(precision, rows.T @ misfit, rcond=UNTOLD)[0]
+    prior = drift.precision(estimator, data)[h.present] / unit**2
+    precision = told_of(model, rows) + np.diag(prior)
+    pull = rows.T @ misfit - prior * unit * (h.sign or 1) * h.sizes[h.present]
+    step = np.linalg.lstsq(precision, pull, rcond=UNTOLD)[0]
     least = policy.explanations.nuisance * deviations_of(precision) if sure else 0.5
     out[h.present] = np.where(np.abs(step) > least, step / unit, 0.0)
     return out
@@ -179,9 +184,9 @@ def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, devi
             total = np.zeros(one.solution.traction.shape)
             total[-1] = one.level.grid.cell
             rest = float(variance_of_sums(one, total.reshape(1, -1))[0])
-            drift = float(((face.columns(total.reshape(1, -1)) @ more) ** 2).sum())
+            drifts = float(((face.columns(total.reshape(1, -1)) @ more) ** 2).sum())
             force = float((total * one.solution.traction).sum())
-            run.adrift += model.weight * (drift > max(rest, (policy.errors.much * force) ** 2))
+            run.adrift += model.weight * (drifts > max(rest, (policy.errors.much * force) ** 2))
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 

@@ -1,6 +1,4 @@
-"""Loads without a bound: an offset that may be an even press wider than the array, and contact that extends beyond all
-edges.
-"""
+"""Loads that the readings do not bound: an offset that may be an even press, and contact that extends beyond all edges."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.prepared import Prepared
 
-__all__ = ["goes_on_all_round", "offset_as_load"]
+__all__ = ["even_press", "goes_on_all_round", "offset_as_load"]
 
 
 def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Floats | None:
@@ -27,12 +25,8 @@ def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Flo
     offsets = h.present & np.array([t.kind == "offset" and t.unit != "m" for t in estimator.terms], dtype=bool)
     if estimator.problem.zeroed or not offsets.any():
         return None
-    rows = estimator.shifts[:, offsets] @ h.sizes[offsets] / estimator.readings.std
-    columns = estimator.even_press / estimator.readings.std[:, None]
-    even = np.linalg.lstsq(columns, rows, rcond=1e-3)[0]
-    even[-1] = max(even[-1], 0.0) if estimator.columns[-1] == len(traction) - 1 else even[-1]
-    left = rows - columns @ even
-    if float(left @ left) > policy.errors.even_press**2 * float(rows @ rows):
+    even = even_press(estimator, np.where(offsets, h.sizes, 0.0))
+    if even is None:
         return None
     found = np.abs(traction).reshape(len(traction), -1).max(axis=1)
     if not np.abs(even).max() > found.max():
@@ -43,6 +37,19 @@ def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Flo
         if abs(value) > policy.errors.even_press * np.abs(even).max():
             bounds[column, int(value > 0)] = math.copysign(math.inf, value)
     return bounds
+
+
+def even_press(estimator: Prepared, sizes: Floats) -> Floats | None:
+    """The even traction (component sought,) that reads like nuisances of these sizes (nuisance,), None if none does."""
+    policy = estimator.policy
+    rows = estimator.shifts @ sizes / estimator.readings.std
+    columns = estimator.even_press / estimator.readings.std[:, None]
+    even = np.linalg.lstsq(columns, rows, rcond=1e-3)[0]
+    even[-1] = (
+        max(even[-1], 0.0) if estimator.columns[-1] == len(estimator.operator.surface.components) - 1 else even[-1]
+    )
+    left = rows - columns @ even
+    return None if float(left @ left) > policy.errors.even_press**2 * float(rows @ rows) else np.asarray(even)
 
 
 def goes_on_all_round(estimator: Prepared, traction: Floats, sign: int) -> Floats | None:

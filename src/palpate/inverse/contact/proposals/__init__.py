@@ -22,7 +22,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough_fit
-from palpate.inverse.contact.score import best_of, rivals_of, worth_of
+from palpate.inverse.contact.score import best_of, coarser_of, rivals_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["PROPOSALS", "explanation_of"]
@@ -78,7 +78,7 @@ def explanation_of(
     rivals = rivals_of(best, search.tried, policy)
     if estimator.noise_known and best.present.any():
         rivals = (next(h for h in search.tried if h.sign == best.sign and not h.present.any()), *rivals)
-    best = replace(best, rivals=rivals)
+    best = replace(best, rivals=rivals, coarser=coarser_of(best, search.tried, policy))
     return best if noise is None else replace(best, noise=noise)
 
 

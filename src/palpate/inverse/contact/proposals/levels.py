@@ -9,11 +9,20 @@ import numpy.typing as npt
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.drift import reach_of_kind
 from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import DRIFTS, Nuisance
 
-__all__ = ["edge_drift", "edge_levels", "in_range", "lowest_levels", "outermost_of", "reach", "touched"]
+__all__ = [
+    "edge_drift",
+    "edge_levels",
+    "in_range",
+    "lowest_levels",
+    "outermost_of",
+    "reach",
+    "touched",
+]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -87,9 +96,7 @@ def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequen
 
 def in_range(estimator: Prepared, columns: Floats, sizes: Floats, data: Floats) -> bool:
     """Whether nuisances are small enough for a sensor that was zeroed: one as large as the readings is not an offset."""
-    largest = estimator.policy.explanations.largest_nuisance * _reach_of_kind(
-        estimator, columns, data - columns @ sizes
-    )
+    largest = estimator.policy.explanations.largest_nuisance * reach_of_kind(estimator, columns, data - columns @ sizes)
     return bool((np.abs(sizes) <= largest)[~_without_datum(estimator, columns)].all())
 
 
@@ -108,23 +115,6 @@ def _without_datum(estimator: Prepared, columns: Floats) -> Flags:
         ]
     )
     return np.array([bool(free[c != 0].all()) for c in columns.T])
-
-
-def _reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
-    """Size at which each nuisance makes readings as large as the largest of any channel of its kind. A sensor's zero
-    error depends on its range, not on how strongly a contact happens to act on one channel.
-    """
-    arrays = estimator.operator.planes_of
-    kinds = [find_channel(c).kind.unit for a in arrays for c in a.channels]
-    kind = np.repeat(kinds, [int(a.valid.sum()) for a in arrays for _ in a.channels])
-    size = np.abs(data)
-    return np.array(
-        [
-            size[np.isin(kind, np.unique(kind[c != 0]))].max(initial=0.0)
-            / max(float(np.abs(c).max(initial=0.0)), 1e-300)
-            for c in columns.T
-        ]
-    )
 
 
 def reach(columns: Floats, data: Floats) -> Floats:

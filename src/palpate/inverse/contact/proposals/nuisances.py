@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact import drift
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.proposals.levels import in_range, reach
 from palpate.inverse.contact.proposals.search import Search
@@ -37,7 +38,7 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
         return None
     every = search.none
     every[sought] = sizes
-    return Explanation(sign, found, every, every != 0)
+    return Explanation(sign, found, every, every != 0, choice=drift.cost(estimator, every, search.data))
 
 
 def _in_turn(
