@@ -60,8 +60,10 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     present = none > 0
     present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
     none[: estimator.usual] = sizes
-    if (present & estimator.since_zero).any() and even_press(estimator, np.where(present, none, 0.0)) is not None:
-        return None  # after a zero, a press is likelier than such a drift
+    if (present & estimator.since_zero).any():
+        even = even_press(estimator, np.where(present, none, 0.0))
+        if even is not None and np.linalg.norm(even[:-1]) <= policy.explanations.steepest * even[-1]:
+            return None  # after a zero, a press is likelier than such a drift
     left = (data - estimator.shifts @ np.where(present, none, 0.0)) / estimator.readings.std
     noise_left = float(np.sqrt(np.mean(estimator.readings.white(left[observed], observed) ** 2)))
     return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)

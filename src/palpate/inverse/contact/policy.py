@@ -149,6 +149,9 @@ class Explanations:
         0.05,
         "standard deviation of an offset that arose after the zero, over the largest reading of its kind without it",
     )
+    steepest: float = number(
+        1.0, "an even press with more shear than this part of its pressure is drift of all channels"
+    )
     smallest_nuisance: float = number(
         0.01, "smallest nuisance over the largest reading: five times `inverse.fit.MODEL_DETAIL`, the model's accuracy"
     )
