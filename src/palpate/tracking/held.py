@@ -47,7 +47,8 @@ FREE = 2.0
 class HeldAnswer(NamedTuple):
     """Traction (component, *surface) of a frame by the models of a single solve, its errors, the discrepancy, the single
     solve and the root mean square of the residual in units of the noise. ``proven``: the residual shows that they hold;
-    ``pushes``: no cell may pull; ``apart``: how far the force lies from that with other offsets.
+    ``pushes``: no cell may pull; ``apart``: how far the force lies from that with other offsets; ``unused`` (reading,):
+    readings that were left out.
     """
 
     traction: Floats
@@ -59,6 +60,7 @@ class HeldAnswer(NamedTuple):
     proven: bool
     pushes: bool
     apart: float
+    unused: Flags
 
 
 @dataclass
@@ -162,6 +164,7 @@ class Held:
                 kept.proven,
                 kept.pushes,
                 apart,
+                ~used,
             )
 
     def _left(self, again: Again, residual: Floats, unused: Flags) -> tuple[float, float]:

@@ -679,7 +679,7 @@ class Tracker:
             _errors=ErrorParts.of(errors, pad_std, estimator.problem.common_std),
             converged=np.asarray(converged),
             touching=np.asarray(self._touching and status.known),
-            outliers=self._check.unused,
+            outliers=self._check.unused if held is None else held.unused,
             time=np.asarray(now),
             resolution=None if learning.resolution is None else np.asarray(learning.resolution),
             case=self._case if held is None else held.single.case,
