@@ -223,7 +223,7 @@ def test_a_force_that_nothing_explains_is_at_most_that_of_its_largest_reading(ra
     """Wires of taxels and channels swapped at random, and signs turned: no contact explains such readings."""
     skin = pp.Skin(LAYER, pp.AreaArray(shape=(4, 4), pitch=4.7e-3, depth=4e-3, channels=THREE))
     clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=radius, force=load)))
-    for seed in (4, 30) if radius > 5e-3 else (7, 12):
+    for seed in (4, 30) if radius > 5e-3 else (4, 12):
         rng = np.random.default_rng(seed)
         swapped = clean.reshape(3, -1)[rng.permutation(3)][:, rng.permutation(16)].reshape(clean.shape)
         readings = swapped * rng.choice([-1, 1], clean.shape) + 100.0 * rng.standard_normal(clean.shape)

@@ -108,11 +108,9 @@ def _undecided(frame: Frame) -> Frame:
 
 
 def _explains(estimator: Prepared, frame: Frame) -> bool:
-    """Whether the contact that was found, or drift since the zero without contact, passes the fit test. A push may leave
-    too few degrees of freedom for it, a pull may not: of readings that no contact gives, something pulls.
-    """
+    """Whether the contact that was found, or drift since the zero without contact, passes the fit test."""
     if frame.contact:
-        return not frame.fit < POOR_FIT if frame.pushed else frame.sign != 1 and frame.fit >= POOR_FIT
+        return not frame.fit < POOR_FIT and (frame.pushed or frame.sign < 0 or frame.sign > 1)
     drift = frame.nuisance[estimator.since_zero]
     return frame.fit > estimator.policy.fit.accepted and bool(drift.any())
 
@@ -156,7 +154,7 @@ def _with_shares(
             found = _in_units_of(estimator, found, factor)
             share = _posterior(max(left, 0.0), found.free, sizes, policy) if found.contact else 0.0
             return replace(found, discrepancy=share)
-        if found.contact and not math.isnan(found.fit) and (best is None or left < best[0]):
+        if found.contact and (best is None or left < best[0]):
             best = left, _in_units_of(estimator, found, factor)
         larger = [s for s in policy.fit.shares if s > share]
         if found.contact:
