@@ -21,7 +21,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE, TESTS, TABLE = ROOT / "src" / "palpate", ROOT / "tests", ROOT / "docs" / "_generated" / "messages.md"
 #: The exceptions that carry a message to the user.
-KINDS = ("InvalidInput", "Unsupported", "NotObservable", "UncheckedInput", "PalpateError")
+KINDS = ("InvalidInput", "Unsupported", "TooLarge", "NotObservable", "UncheckedInput", "PalpateError")
 #: Letters, with a blank among them, that a test must quote of a message to count as holding it.
 ENOUGH = 12
 #: What a message offers who meets it.

@@ -15,7 +15,7 @@ from palpate.camera import DepthMap, Dots, Scene, dot_grid, follow
 GEL = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=300e3, poissons_ratio=0.48)])
 ARRAY = pp.AreaArray(shape=(6, 8), pitch=2e-3, depth=0.5e-3, channels=["displacement_x", "displacement_y"])
 SCENE = Scene(pad=GEL, depth=0.5e-3, print=Dots(dot_grid((6, 8), 2e-3), 0.8e-3), size=(200, 150), scale=0.09e-3)
-BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.2).shifted(0.5e-3, -0.4e-3).sliding(0.3, direction=0.7)
+BALL = pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.2).shifted(0.4e-3, -0.2e-3).sliding(0.3, direction=0.7)
 TRUE = 1.2 * np.array([0.3 * np.cos(0.7), 0.3 * np.sin(0.7), 1.0])
 PLACES = np.stack(np.meshgrid(np.arange(-6, 9) * 0.5e-3, np.arange(-7, 7) * 0.5e-3), axis=-1).reshape(-1, 2)
 STD = 5e-6
@@ -26,7 +26,7 @@ def pressed() -> np.ndarray:
     array = pp.ScatteredArray(positions=PLACES, depth=0.0, channels=["displacement_z"])
     true = np.asarray(pp.Skin(GEL, array, surface=SCENE.surface).sense(SCENE.skin.sample(BALL)))[0]
     noisy = true + STD * np.random.default_rng(0).standard_normal(true.shape)
-    return np.where(np.hypot(PLACES[:, 0] - 0.5e-3, PLACES[:, 1] + 0.4e-3) < 2.5e-3, noisy, np.nan)
+    return np.where(np.hypot(PLACES[:, 0] - 0.4e-3, PLACES[:, 1] + 0.2e-3) < 2.5e-3, noisy, np.nan)
 
 
 @pytest.mark.long
