@@ -423,4 +423,6 @@ def test_the_centre_of_an_even_press_on_surface_taxels_stays_in_the_middle(depth
     pressure = 2e4 * np.exp(-(x**2 + y**2) / (2 * 3.2e-3**2))
     noise = 50.0 * np.random.default_rng(0).standard_normal((1, 8, 8))
     touch = skin.reconstruct(pressure[None] + noise)
-    assert np.abs(touch.center_of_pressure).max() < 0.05e-3
+    assert np.abs(touch.center_of_pressure).max() < 0.1e-3  # with other noise 0.001 to 0.093 mm
+    low, high = touch.interval(0.95, "center_of_pressure")
+    assert ((low <= 0.0) & (high >= 0.0)).all()
