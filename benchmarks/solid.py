@@ -269,7 +269,8 @@ def large() -> list[str]:
         f"{len(pad.elements)} elements, {3 * pad.solid.basis.N} unknowns, {math.prod(surface.shape)} cells of the surface, "
         f"{len(array.points)} x 3 markers, {os.environ.get('OMP_NUM_THREADS', 'all')} threads: prepared in {spent[0]:.0f} s "
         f"({spent[1]:.0f} s of processor time), {memory:.1f} GB at most. The first frame by Tikhonov's method takes another "
-        f"{first:.0f} s, later ones {_frame_time(solve, readings):.0f} ms of processor time."
+        f"{first:.0f} s, later ones {_frame_time(solve, readings):.0f} ms of processor time. By the automatic method a frame takes "
+        f"{_frame_time(skin.reconstruct, readings):.0f} ms after the first, tracked {_frame_time(skin.track().step, readings):.0f} ms."
     ]
 
 
