@@ -215,6 +215,7 @@ class ReadingCheck:
         ``noise``.
         """
         high, low = at_ends(flat, self._ends, y * self._std)
+        self._uniform &= bool(np.nan_to_num(y).any())  # the zero itself is no failure
         size = np.abs(y)
         self.clipped = clipped(flat, index, (size > MOVED * noise) & (y * self._std != flat)) | high | low
         self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
@@ -267,7 +268,8 @@ class ReadingCheck:
         health = self.health
         earlier = health.frames - 1 - self._frames_repeated
         repeats = self._frames_repeated >= STUCK and health.repeated - self._frames_repeated < SELDOM * earlier
-        return repeats or (self._uniform and self._uniforms - self._frames_repeated - 1 < SELDOM * earlier)
+        seldom = earlier >= BEFORE and self._uniforms - self._frames_repeated - 1 < SELDOM * earlier
+        return repeats or (self._uniform and seldom)
 
     def _leave_out(self, bad: Flags, reason: str) -> None:
         health = self.health

@@ -66,7 +66,7 @@ class HeldAnswer(NamedTuple):
 @dataclass
 class _Kept:
     """Models, the single solve they come from, its errors, its load [N], and of its frame the root mean square of the
-    residual and the largest score of pressure in it; ``proven``: whether a residual can tell another contact.
+    residual and the largest score of pressure in it; ``free``: degrees of freedom of that residual.
     """
 
     again: Again
@@ -75,7 +75,7 @@ class _Kept:
     load: float
     left: float
     score: float
-    proven: bool
+    free: float
     pushes: bool
     seconds: float = 0.0  # that the last frame took
 
@@ -120,8 +120,7 @@ class Held:
             traction, residual = again.solve(self._planes(compared.readings), ~again.observed)
             left, score = self._left(again, residual, ~again.observed)
             if (size := self._load(traction)) > 0.0:
-                proven = models.free >= FREE
-                self._kept = _Kept(again, touch, touch._errors, size, left, score / left, proven, models.pushes)
+                self._kept = _Kept(again, touch, touch._errors, size, left, score / left, models.free, models.pushes)
 
     def follow(self, frame: Frame, offsets: Offsets, unused: Flags, *, pushing: bool) -> None:
         """Answer a frame (with its offsets) if the models explain it without the ``unused`` readings, and before its
@@ -136,7 +135,9 @@ class Held:
         started = clock.perf_counter()
         if kept is None or not kept.again.serves(unused) or started + kept.seconds > frame.deadline:
             return
-        if not kept.proven and pushing != kept.pushes:
+        # Each reading that is missing takes one degree of freedom at most.
+        proven = kept.free - float((unused & kept.again.observed).sum()) >= FREE
+        if not proven and pushing != kept.pushes:
             return
         apart, total, std = 0.0, self._estimator.surface.total_force, self._estimator.readings.std
         drift = offsets.value() if drifted else np.zeros_like(std)
@@ -161,7 +162,7 @@ class Held:
                 0.0 if share is None else float(np.nan_to_num(share)),
                 kept.single,
                 left,
-                kept.proven,
+                proven,
                 kept.pushes,
                 apart,
                 ~used,

@@ -61,8 +61,8 @@ def _hidden_offsets(estimator: Prepared, run: Solved) -> Floats:
 
     If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
     reading shows an offset without contact: it may be ``policy.errors.hidden_drift`` of the largest reading (after a zero
-    ``policy.explanations.drift``). Otherwise the contact can only have added an offset to its load, and no offset is larger than the lowest reading (of
-    displacements, `add_hidden_drift` takes care).
+    ``policy.explanations.drift``). Otherwise the contact can only have added an offset to its load, and no offset is
+    larger than the lowest reading (of displacements, `add_hidden_drift` takes care).
     """
     policy, shifts = estimator.policy, estimator.shifts
     sizes = [(run.data * c)[run.observed & (c != 0)] / np.abs(c).max() ** 2 for c in shifts.T]
