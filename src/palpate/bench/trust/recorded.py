@@ -274,7 +274,32 @@ def even_press(rng: np.random.Generator) -> Case:
     return _held(case, case.readings)
 
 
+def wide_press(rng: np.random.Generator) -> Case:
+    """Simulate a press about as wide as the array, on a zeroed skin."""
+    sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 0.6, 1.2)
+    case = Case(rng, sensor, load, sensed(sensor, load))
+    case.least = least
+    return _held(case, case.readings)
+
+
 # -- changes over time ---------------------------------------------------------------------------------------------------
+
+
+def drift_after_zero(rng: np.random.Generator) -> Case:
+    """Shift one channel, or all, by 1 to 20 % of the largest reading after the zero was taken."""
+    case = _pressed(rng, lambda s: True)
+    case.raw()
+    rest, before = case.frames(np.zeros(REST)), case.offset
+    part = float(rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(math.log(0.01), math.log(0.2))))
+    which = int(rng.integers(len(case.readings) + 1))
+    channels = slice(None) if which == len(case.readings) else slice(which, which + 1)
+    case.offset = before.copy()
+    case.offset[channels] += part * case.peak
+    name = "all channels" if which == len(case.readings) else case.sensor.channels[which]
+    case.words.append(f"{name} shifted by {100 * part:.2g} % of the largest reading after the zero")
+    steps = case.frames(_press(int(rng.integers(3, 9)), 5))
+    case.offset = before
+    return case.record(rest, steps, _any_road(rng))
 
 
 def frozen_patch(rng: np.random.Generator) -> Case:

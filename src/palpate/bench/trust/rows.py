@@ -513,6 +513,12 @@ _TABLE: Sequence[Row] = (
         "stamps restart, wrap, go wild, count whole seconds or are swapped, in a stream or a table",
         recorded=recorded.restarted_clock,
     ),
+    Row(
+        "drift after zero",
+        "one channel or all shifted by 1 to 20 % of the largest reading after the zero was taken",
+        recorded=recorded.drift_after_zero,
+    ),
+    Row("wide press", "a press of 0.6 to 1.2 times the array's width; zero from a rest", recorded=recorded.wide_press),
 )
 
 #: All rows by name, in the order of the table.
