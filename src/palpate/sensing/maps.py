@@ -185,27 +185,27 @@ class MatrixMap:
     def forward(self, traction: Any, among: Among = None) -> Any:
         """Readings (..., channel, *array) of a traction."""
         xp, d = namespace(traction), len(self.cells)
-        batch = traction.shape[: -1 - d]
-        if among is not None:
-            tail = (slice(None),) * d
-            zero = xp.zeros_like(traction[(..., 0, *tail)])
-            places = {column: place for place, column in enumerate(among)}
-            parts = [traction[(..., places[i], *tail)] if i in places else zero for i in range(self.count)]
-            traction = xp.stack(parts, axis=-1 - d)
-        flat = xp.reshape(traction, (*batch, -1))
-        out = xp.matmul(flat, xp.permute_dims(self.matrix.like(traction), (1, 0)))
+        batch, n = traction.shape[: -1 - d], math.prod(self.cells)
+        flat, matrix = xp.reshape(traction, (*batch, -1, n)), self.matrix.like(traction)
+        out: Any = 0.0
+        for place, column in enumerate(range(self.count) if among is None else among):
+            one, first, last = flat[..., place, :], 0, n
+            if not batch and is_numpy(traction):  # most contacts are small: read only their part of the matrix
+                loaded = np.flatnonzero(one)
+                first, last = (int(loaded[0]), int(loaded[-1]) + 1) if len(loaded) else (0, 0)
+            part = matrix[:, column * n + first : column * n + last]
+            out = out + xp.matmul(one[..., first:last], xp.permute_dims(part, (1, 0)))
         return xp.reshape(out, (*batch, self.rows, *self.taxels))
 
     def adjoint(self, readings: Any, among: Among = None) -> Any:
         """The transpose of `forward`."""
         xp = namespace(readings)
-        batch = readings.shape[: -1 - len(self.taxels)]
-        flat = xp.reshape(readings, (*batch, -1))
-        out = xp.reshape(xp.matmul(flat, self.matrix.like(readings)), (*batch, self.count, *self.cells))
+        batch, n = readings.shape[: -1 - len(self.taxels)], math.prod(self.cells)
+        flat, matrix = xp.reshape(readings, (*batch, -1)), self.matrix.like(readings)
         if among is None:
-            return out
-        tail = (slice(None),) * len(self.cells)
-        return xp.stack([out[(..., i, *tail)] for i in among], axis=-1 - len(self.cells))
+            return xp.reshape(xp.matmul(flat, matrix), (*batch, self.count, *self.cells))
+        each = [xp.matmul(flat, matrix[:, i * n : (i + 1) * n]) for i in among]
+        return xp.reshape(xp.stack(each, axis=-2), (*batch, len(each), *self.cells))
 
     def dense(self) -> Floats:
         """The matrix (channel, *array, component, *surface)."""

@@ -32,12 +32,15 @@ class Responses:
         full[list(self.columns)] = traction.reshape(len(traction), *grid.shape)
         return self.readings.flat(self.operator.forward(full))
 
-    def back(self, data: Floats) -> Floats:
-        """A' data (component, cell) for readings (reading,)."""
+    def back(self, data: Floats, *, last: bool = False) -> Floats:
+        """A' data (component, cell) for readings (reading,); ``last``: of the last component alone."""
+        columns = self.columns[-1:] if last else self.columns
         if self._matrix is not None:
-            return np.asarray(data @ self._matrix).reshape(len(self.columns), -1)
-        adjoint = self.operator.adjoint(self.readings.planes(data))
-        return np.asarray(adjoint.reshape(len(adjoint), -1)[list(self.columns)])
+            cells = self._matrix.shape[1] // len(self.columns)
+            matrix = self._matrix[:, -cells:] if last else self._matrix
+            return np.asarray(data @ matrix).reshape(len(columns), -1)
+        adjoint = self.operator.adjoint(self.readings.planes(data), columns)
+        return np.asarray(adjoint.reshape(len(adjoint), -1))
 
     @cached_property
     def _matrix(self) -> Floats | None:

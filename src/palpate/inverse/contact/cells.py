@@ -45,6 +45,7 @@ def solved(
         start = near
     slope = estimator.misfit_gradient(y, noise, observed)
     reference = estimator.quiet(y) * float(np.abs(slope).max())
+    alone = not estimator.cone.coupled  # whether the pressure of a cell does not depend on its shear
     for _ in range(policy.work.cell_rounds):
         cells = np.flatnonzero(region)
         data = estimator.normal(level, cells, y, noise, observed, once=True)
@@ -58,10 +59,9 @@ def solved(
         traction[:, cells] = member.solution.traction
         explained = estimator.explained_by(traction)
         # A cell outside the region is missing if pressure there would lower the objective.
-        slope = estimator.misfit_gradient(y - explained / noise, noise, observed) - np.stack(
-            [q @ t for q, t in zip(precisions, traction)]
-        )
-        pull = np.abs(estimator.cone.project(slope * estimator.cone.scales[:, None])[-1])
+        slope = estimator.misfit_gradient(y - explained / noise, noise, observed, last=alone)
+        slope -= [q @ t for q, t in zip(precisions[-len(slope) :], traction[-len(slope) :])]
+        pull = np.abs(estimator.cone.project(slope * estimator.cone.scales[-len(slope) :, None])[-1])
         pull[region] = 0.0
         # The edge of a weakly sensed contact would grow by a few cells for many rounds. Stop: the models add a margin
         # of their own.

@@ -298,13 +298,13 @@ class Prepared(ABC):
     def explained_by(self, traction: Floats) -> Floats:
         return self._responses.of(traction)
 
-    def misfit_gradient(self, residual: Floats, noise: Floats, observed: Flags) -> Floats:
-        """A' N^-1 residual for every surface cell, (component, cell). ``residual`` (reading,) is in units of the
-        noise.
+    def misfit_gradient(self, residual: Floats, noise: Floats, observed: Flags, *, last: bool = False) -> Floats:
+        """A' N^-1 residual for every surface cell, (component, cell), or of the ``last`` component alone. ``residual``
+        (reading,) is in units of the noise.
         """
         white = np.zeros(len(residual))
         white[observed] = self.readings.white(self.readings.white(residual[observed], observed), observed)
-        return self._responses.back(white / noise)
+        return self._responses.back(white / noise, last=last)
 
     def check_size(self, unknowns: int) -> None:
         """Raise `TooLarge` if a contact has too many unknowns."""
