@@ -152,6 +152,7 @@ class Skin(SkinProperties):
         self._rests = Kept(entries=RESTS)
         self._whole = planes
         self._calibration: SkinCalibration | None = None
+        self._gaps = False  # whether readings may be missing (NaN)
         self._plain: Skin | None = None
 
     # -- properties ----------------------------------------------------------------------------------------------------
@@ -345,7 +346,7 @@ class Skin(SkinProperties):
     @property
     def _layout(self) -> Layout:
         """The layout of the readings, by which they are checked and ordered."""
-        return Layout(self._planes, self._elastic)
+        return Layout(self._planes, self._elastic, self._gaps)
 
     # -- inverse -------------------------------------------------------------------------------------------------------
 

@@ -514,6 +514,11 @@ class Operator:
             start += size
         return out.transpose(2, 0, 1)
 
+    @property
+    def floats(self) -> bool:
+        """Whether the mean of a channel is subtracted: then each of its readings must be there."""
+        return any(self._floating)
+
     def observed(self, readings: Sequence[Any]) -> list[Any]:
         """Readings that the operator can produce: missing taxels set to zero, undetermined means subtracted."""
         return [self._project(i, r) for i, r in enumerate(readings)]

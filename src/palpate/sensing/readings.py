@@ -244,13 +244,14 @@ def check_size(values: Any, array: Array, limits: Sequence[tuple[float, str]]) -
 
 @dataclass(frozen=True)
 class Layout:
-    """Checks and orders readings of some planes in a pad."""
+    """Checks and orders readings of some planes in a pad. With ``gaps``, readings may be missing (NaN)."""
 
     planes: tuple[Array, ...]
     pad: Pad
+    gaps: bool = False
 
     def checked(self, readings: Any, surface: Grid | None = None, *, draws: int = 0) -> list[Any]:
-        """One array (*batch, channel, *array) per plane, finite and within the range of an elastic pad.
+        """One array (*batch, channel, *array) per plane, finite (but for ``gaps``) and within the range of an elastic pad.
 
         A batch whose results on ``surface``, with ``draws`` samples, do not fit into memory raises an error first.
         """
@@ -258,9 +259,9 @@ class Layout:
             check_frames(readings, self.planes, surface, draws)
         parts, out = checked_planes(readings, self.planes), []
         for values, array in zip(parts, self.planes):
-            finite = check_finite(values, array)
+            finite = np.nan_to_num(values) if self.gaps else check_finite(values, array)
             check_size(finite, array, plausible(self.pad, array))
-            out.append(finite)
+            out.append(values if self.gaps else finite)
         return out
 
     def without_zero(self, readings: Any, zero: Floats, time: Any) -> tuple[Any, Any]:

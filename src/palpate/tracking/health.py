@@ -201,6 +201,11 @@ class ReadingCheck:
         """Readings that are excluded because no contact explains them."""
         return self.health.left_out & (self.health.reasons == "unexplained")
 
+    @property
+    def lacks(self) -> Flags:
+        """Readings that are excluded for another reason."""
+        return self.health.left_out & (self.health.reasons != "unexplained")
+
     def present(self, readings: Floats) -> Floats:
         """The same readings; notes which the frame lacks. `zeroed` does it anew for frames that are solved."""
         self._absent = ~np.isfinite(readings) & ~self.health.left_out

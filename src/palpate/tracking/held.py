@@ -112,7 +112,7 @@ class Held:
         if reference.explained and load > 0.0:
             self.apart = float(np.abs(reference.force - compared.own).max()) / load
         touch, models = single.touch, single.models
-        solved = int(np.asarray(touch.status)) == Status.SOLVED and reference.meets(compared.answer)
+        solved = int(np.asarray(touch.status)) in (Status.SOLVED, Status.OVERLOAD) and reference.meets(compared.answer)
         if models is None or touch._errors is None or not solved:
             self.missing = True
         elif models.serve:

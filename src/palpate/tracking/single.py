@@ -46,9 +46,10 @@ class Compared(NamedTuple):
     readings: Floats
 
 
-#: A function that solves readings minus their zero (one array per plane), with the noise of frames at rest (a list of
-#: the same), or the given noise times the factor by which that of the zero increases it.
-Alone = Callable[[list[Floats], list[list[Floats]], float], Single]
+#: A function that solves readings minus their zero (one array per plane, NaN where missing), with the noise of frames at
+#: rest (a list of the same), or the given noise times the factor by which that of the zero increases it; and which
+#: readings are saturated (one array per plane).
+Alone = Callable[[list[Floats], list[list[Floats]], float, Sequence[Floats]], Single]
 #: The noise at rest is rounded up to powers of this, so that a prepared skin can be reused.
 NOISE_STEP = 1.1
 #: Largest change of the zero's share of the noise, a factor, with which a prepared skin is used again.
@@ -76,18 +77,24 @@ class SingleSolve:
         self._options = {} if friction is None else {"friction": friction}
         self._made: tuple[tuple[float, ...], float, Any] | None = None  # noise at rest, factor of the zero, skin
 
-    def __call__(self, readings: list[Floats], rest: list[list[Floats]], noisier: float = 1.0) -> Single:
+    def __call__(
+        self, readings: list[Floats], rest: list[list[Floats]], noisier: float = 1.0, saturated: Sequence[Floats] = ()
+    ) -> Single:
         planes = self._skin.planes
         frames = [np.stack(parts) for parts in zip(*rest)] if len(rest) >= FRAMES_FOR_NOISE else []
-        levels = [np.sqrt((f[:, :, a.valid] ** 2).mean(axis=(0, 2))) for f, a in zip(frames, planes)]
+        levels = [np.sqrt(np.nanmean(f[:, :, a.valid] ** 2, axis=(0, 2))) for f, a in zip(frames, planes)]
         known = bool(levels) and all((level > 0).all() for level in levels)
         steps = tuple(np.ceil(np.log(np.concatenate(levels)) / math.log(NOISE_STEP)).tolist()) if known else ()
         made = self._made
         if made is None or made[0] != steps or not made[1] / ZERO_STEP <= noisier <= made[1] * ZERO_STEP:
             made = self._made = steps, noisier, self._zeroed(NOISE_STEP ** np.array(steps), known, noisier)
         one = readings if len(readings) > 1 else readings[0]
+        skin = made[2]
+        if any(flags.any() for flags in saturated):
+            limits = [_limits(part, flags) for part, flags in zip(readings, saturated)]
+            skin = self._alone(skin, [replace(a, limits=each) for a, each in zip(skin.planes, limits)])
         with keeping() as kept:
-            touch = made[2].reconstruct(one, components=self._components, **self._options)
+            touch = skin.reconstruct(one, components=self._components, **self._options)
         return Single(touch, kept.models)
 
     def _zeroed(self, noise: Floats, known: bool, noisier: float) -> Any:
@@ -99,10 +106,23 @@ class SingleSolve:
             mine, noise = noise[: len(a.channels)], noise[len(a.channels) :]
             given = None if a.noise_std is None else [noisier * std for std in a.noise_std]
             planes.append(replace(a, limits=None, noise=mine.tolist() if known and given is None else given))
-        out = self._skin._with(self._skin.pad, planes)
-        out._calibration = None  # the tracker's readings have the unit of the pad already
+        out = self._alone(self._skin, planes)
         out._problem.zeroed = known
         return out
+
+    @staticmethod
+    def _alone(skin: Any, planes: Sequence[Any]) -> Any:
+        """The skin with other arrays, for the tracker's readings: in the unit of the pad, and some may be missing."""
+        out = skin._with(skin.pad, planes)
+        out._calibration, out._gaps = None, True
+        return out
+
+
+def _limits(readings: Floats, saturated: Floats) -> Floats:
+    """Limits (channel, 2, *array) that saturated readings are at: the upper one if they are positive."""
+    low = np.where(saturated.astype(bool) & (readings < 0), readings, -math.inf)
+    high = np.where(saturated.astype(bool) & (readings > 0), readings, math.inf)
+    return np.stack([low, high], axis=1)
 
 
 @dataclass(frozen=True)

@@ -363,19 +363,20 @@ class Tracker:
         if alone is None or frame is None:
             return touch
         if "alone" not in beside:
-            left_out = self._check.clipped | (self.health.left_out & (self.health.reasons != "unexplained"))
             load, shear = self._contact.size, self._contact.traction[:-1].sum(axis=1)
             due = self._contact.judged and comparison.due(
                 load, shear, stale=self._held.stale, missing=self._held.missing
             )
-            if not due or left_out.any() or not np.isfinite(frame.actual).all():
+            gaps = self.estimator.operator.floats and not np.isfinite(frame.actual).all()
+            if not due or gaps:
                 return touch
             comparison.begun(load, shear)
             self._compared = Compared(Answer.of(touch), self._own_force(), frame.actual * self._std)
         zero_frames = [self.estimator.readings.planes(f * self._std) for f in self._rest.frames]
-        y = self.estimator.readings.planes(frame.actual * self._std)
+        y = self.estimator.readings.planes(np.where(self._check.lacks, np.nan, frame.actual * self._std))
+        saturated = self.estimator.readings.planes(self._check.clipped.astype(np.float64))
         try:
-            single = beside.result("alone", lambda: alone(y, zero_frames, frame.noisier))
+            single = beside.result("alone", lambda: alone(y, zero_frames, frame.noisier, saturated))
         except InvalidInput:  # readings minus their offsets that no elastic pad gives
             comparison.refuted = True
             return rebuild(*self._status(bool(touch.converged)))

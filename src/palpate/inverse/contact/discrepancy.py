@@ -41,7 +41,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
     """The result of one frame with the smallest discrepancy that makes it fit; see the module."""
     policy = estimator.policy
     zeroed = estimator.problem.zeroed
-    data = estimator.readings.flat(estimator.operator.observed(readings))
+    data, _ = estimator.data_of(readings)
     if not estimator.noise_known:
         plain = search(estimator, readings, rng)
         few = len(data) <= policy.detection.few_readings or plain.unproven > 0

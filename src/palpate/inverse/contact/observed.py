@@ -22,8 +22,8 @@ Flags = npt.NDArray[np.bool_]
 class Observed:
     """Readings (reading,) of one frame.
 
-    ``data`` are the readings; in ``filled`` the linear model's prediction replaces outliers. ``alive``: neither dead
-    nor in a constant channel; ``usable``: alive and no outlier. ``ends``: saturated readings, None if screening is
+    ``data`` are the readings; in ``filled`` the linear model's prediction replaces outliers. ``alive``: not missing, dead
+    or in a constant channel; ``usable``: alive and no outlier. ``ends``: saturated readings, None if screening is
     switched off.
     """
 
@@ -42,8 +42,9 @@ class Observed:
 def observe(estimator: Prepared, readings: Sequence[Floats]) -> Observed:
     """Screen the readings of a frame, (channel, *array) per plane."""
     noise, policy = estimator.noise, estimator.policy
-    data = noise.unlike(estimator.readings.flat(estimator.operator.observed(readings)))
-    alive, ends = noise.alive(data), ends_of_range(estimator, readings, data)
+    data, missing = estimator.data_of(readings)
+    data = noise.unlike(data)
+    alive, ends = noise.alive(data) & ~missing, ends_of_range(estimator, readings, data)
     if not policy.parts.screening:
         return Observed(data, data, alive, alive.copy(), ends)
     alive &= ~silent(data, noise.index, estimator.pairs, policy)

@@ -12,6 +12,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.discrepancy import solve_with_model_error
 from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.contact.observed import constant, ends_of_range
 from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.limits import at_ends
@@ -23,11 +24,12 @@ def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.
     """The result of one frame that may have saturated readings.
 
     A saturated reading is censored: it constrains the contact only if the contact predicts less. If many readings are
-    saturated, the frame is also solved with the saturated values taken as true. The resulting load is a lower bound,
-    because every true reading is at least as large.
+    saturated, the frame is also solved with the saturated values taken as true: every true reading is at least as large.
+    But equal readings also look like a wide contact, which on a bonded layer takes more force. So the result without them
+    counts if it leaves enough degrees of freedom to be proven; if neither does, the smaller load counts.
     """
     policy = estimator.policy
-    data = estimator.readings.flat(estimator.operator.observed(readings))
+    data, _ = estimator.data_of(readings)
     ends = ends_of_range(estimator, readings, data)
     if ends is None or not ends.any:
         return _unless_constant(estimator, solve_with_model_error(estimator, readings, rng), data)
@@ -53,7 +55,11 @@ def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.
     push, force = float(np.nansum(least.traction[-1])), estimator.operator.surface.cell
     sign = -1.0 if push < 0 else 1.0
     without = sign * float(np.nansum(found.traction[-1])) if found.contact else 0.0
-    if without < abs(push):
+    apart = WIDE * math.hypot(least.known.force[-1], found.known.force[-1]) / force
+    proven = [f.free > policy.fit.proves for f in (least, found)]
+    if 0.0 < without < abs(push) - (apart if proven[1] else 0.0) and proven != [True, False]:
+        push = sign * without
+    elif without < abs(push) or not proven[1]:
         found = least
     bounds = np.full((len(found.traction), 2), math.nan)
     bounds[-1] = (force * push, math.inf) if sign > 0 else (-math.inf, force * push)

@@ -295,6 +295,12 @@ class Prepared(ABC):
             )
         )
 
+    def data_of(self, readings: Sequence[Floats]) -> tuple[Floats, Flags]:
+        """Readings (reading,) of a frame, 0 if missing (NaN), and which are missing."""
+        missing = np.isnan(self.readings.flat(readings))
+        there = [np.nan_to_num(part) for part in readings] if missing.any() else readings
+        return self.readings.flat(self.operator.observed(there)), missing
+
     def explained_by(self, traction: Floats) -> Floats:
         return self._responses.of(traction)
 
