@@ -232,13 +232,12 @@ struct Matrix : Quadratic {
           for (Index b = 0; b < c * n; ++b) line[b] += face.basis[(i * c + k) * c + d] * matrix[(k * n + i) * (c * n) + b];
         from = line.data();
       }
-      for (Index b = a; b < size; ++b) {
+      for (Index b = a; b < size; ++b) lower[a * size + b] = from[index[b]];
+      for (Index b = a; face.any_oblique && b < size; ++b) {
         const Index e = index[b] / n, j = index[b] % n;
-        double sum = from[index[b]];
-        if (face.oblique[j]) {
-          sum = 0.0;
-          for (Index k = 0; k < c; ++k) sum += from[k * n + j] * face.basis[(j * c + k) * c + e];
-        }
+        if (!face.oblique[j]) continue;
+        double sum = 0.0;
+        for (Index k = 0; k < c; ++k) sum += from[k * n + j] * face.basis[(j * c + k) * c + e];
         lower[a * size + b] = sum;
       }
       lower[a * (size + 1)] += more[index[a]];
