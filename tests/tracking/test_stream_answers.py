@@ -225,8 +225,8 @@ def test_a_tracker_that_a_single_solve_contradicts_begins_anew_and_its_interval_
     tracker, frame = pressed_tracker(skin)
     honest, asked = tracker._alone, []
 
-    def other(readings: Any, rest: Any, noisier: float) -> Single:
-        found = honest(readings, rest, noisier).touch
+    def other(readings: Any, rest: Any, *given: Any) -> Single:
+        found = honest(readings, rest, *given).touch
         asked.append(len(rest))
         return Single(replace(found, values=3.0 * found.values), None)
 
@@ -245,8 +245,8 @@ def test_a_frame_that_a_single_solve_does_not_explain_is_unexplained_when_it_is_
     tracker, frame = pressed_tracker(pp.Skin(PAD, TAXELS))
     honest = tracker._alone
 
-    def refuted(readings: Any, rest: Any, noisier: float) -> Single:
-        found = honest(readings, rest, noisier)
+    def refuted(*given: Any) -> Single:
+        found = honest(*given)
         status = np.asarray(int(Status.UNEXPLAINED), dtype=np.int8)
         return found._replace(touch=replace(found.touch, status=status))
 

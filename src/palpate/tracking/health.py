@@ -13,7 +13,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
 from palpate.sensing.limits import at_ends
 
-__all__ = ["Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
+__all__ = ["ENOUGH", "Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
 
 #: Same values as in the contact method.
 FAR, MOVED = Policy().screening.deviations, Policy().screening.moved

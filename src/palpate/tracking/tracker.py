@@ -36,7 +36,7 @@ from palpate.tracking.creep import Creep
 from palpate.tracking.discrepancy import bounds_of, widened, without_numbers
 from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
-from palpate.tracking.health import Flags, Health, ReadingCheck
+from palpate.tracking.health import ENOUGH, Flags, Health, ReadingCheck
 from palpate.tracking.held import Held, own_traction
 from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
 from palpate.tracking.misfit import probability_of
@@ -368,7 +368,7 @@ class Tracker:
                 load, shear, stale=self._held.stale, missing=self._held.missing
             )
             gaps = self.estimator.operator.floats and not np.isfinite(frame.actual).all()
-            if not due or gaps:
+            if not due or gaps or self._check.clipped.mean() > ENOUGH:
                 return touch
             comparison.begun(load, shear)
             self._compared = Compared(Answer.of(touch), self._own_force(), frame.actual * self._std)

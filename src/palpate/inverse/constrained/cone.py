@@ -19,6 +19,7 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
+from palpate.inverse.constrained import compiled
 from palpate.inverse.constrained.faces import Face, slanted, straight
 from palpate.inverse.constrained.factors import Factor
 from palpate.inverse.constrained.interior import interior
@@ -173,8 +174,20 @@ def minimise(
     if (scale != 1.0).any():
         h_matrix = h_matrix.scaled(scale)
     h_vector = linear * scale[:, None]
+    start = np.zeros((c, n)) if start is None else start / scale[:, None]
+    limits = compiled.Limits(tolerance, SMALLER, NEARLY, TURNED, steps, PATIENCE)
+    found = compiled.newton(
+        h_matrix, h_vector, start, free=cone.free, coupled=cone.coupled, limits=limits, keep_face=keep_face
+    )
+    if found is not None:
+        if found.known is not None:
+            found.known[0].scales = scale
+        converged = found.residual <= tolerance
+        return Solution(
+            found.x * scale[:, None], found.residual, found.steps, converged, *(found.known or (None, None))
+        )
     step_size = c / np.maximum(h_matrix.diagonal().reshape(c, n).sum(axis=0), 1e-300)
-    x = cone.project(np.zeros((c, n)) if start is None else start / scale[:, None])
+    x = cone.project(start)
     gradient = h_matrix.product(x) - h_vector
     reference = max(float(np.abs(step_size * h_vector).max()), 1e-300)
     best, best_gradient, best_size, since, taken = x, gradient, np.inf, 0, 0

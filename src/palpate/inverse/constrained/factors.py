@@ -404,8 +404,14 @@ class FewReadings:
     @cached_property
     def _seen(self) -> Floats:
         """Q (direction, reading) with P^-1 - Q Q' = H^-1, in the order of the parts."""
-        found = each_of(self.parts, [_triangle(self.lower, b) for b in self.blocks], back=True)
-        return np.concatenate([f.T for f in found])
+        out = np.empty((len(self.order), len(self.lower)))
+        for part, block in zip(self.parts, self.blocks):
+            here = out[part.place].T
+            here[...] = _triangle(self.lower, block)
+            part.chain.backward(here)
+            if part.scale != 1.0:
+                here /= math.sqrt(part.scale)
+        return out
 
     def _of_each(self, rows: Rows) -> Floats | None:
         """Variances of the same rows for each component in turn, if each component is a part with the same free

@@ -48,11 +48,8 @@ class Discs:
 
 @dataclass(frozen=True)
 class _Tried:
-    """Candidate shapes: their readings (shape, component, reading), the best traction of each (shape, component), and
-    its squared residual (shape,).
-    """
+    """Candidate shapes: the best traction of each (shape, component), and its squared residual (shape,)."""
 
-    columns: Floats
     traction: Floats
     left: Floats
 
@@ -85,6 +82,26 @@ class _Neighbours:
         there = found >= 0
         ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
         return scipy.sparse.csr_array((np.ones(ends[-1]), found[there], ends), shape=(len(centres), self.count))
+
+    def sums(self, centres: Index, radius: float, rows: Floats) -> tuple[Floats, Floats]:
+        """Sums (centre, component, reading) of ``rows`` (cell, component, reading) over discs, and their numbers of cells."""
+        disc = self.of(centres, radius)
+        sums = np.asarray(disc @ rows.reshape(self.count, -1)).reshape(-1, *rows.shape[1:])
+        return sums, np.diff(disc.indptr).astype(np.float64)
+
+    def normal(self, centres: Index, radii: Sequence[float], rows: Floats, white: Floats) -> tuple[Floats, Floats]:
+        """Gram matrix (radius, centre, component, component) and product with ``white`` (radius, centre, component) of the
+        same sums, for increasing radii.
+        """
+        flat, c = rows.reshape(self.count, -1), rows.shape[1]
+        sums = [self.of(centres, r, beyond) @ flat for beyond, r in zip((-1.0, *radii), radii)]
+        for inner, ring in itertools.pairwise(sums):
+            ring += inner  # all that lies within
+        columns = np.stack(sums).reshape(len(radii), len(centres), c, -1)
+        gram = np.empty((*columns.shape[:2], c, c))
+        for i, j in itertools.combinations_with_replacement(range(c), 2):
+            gram[..., i, j] = gram[..., j, i] = np.einsum("rpm,rpm->rp", columns[:, :, i], columns[:, :, j])
+        return gram, columns @ white
 
     def summed(self, centres: Index, radius: float, weights: Floats) -> Floats:
         """Weighted sum of discs (cell,)."""
@@ -134,6 +151,24 @@ def _shares(places: Floats) -> Floats:
     return np.asarray(np.prod(np.maximum(1.0 - np.abs(places[:, None, :] - next_to[None]), 0.0), axis=2))
 
 
+def _between(each: Floats, white: Floats) -> tuple[Floats, Floats]:
+    """Gram matrices (..., k * k, component * component) between the readings ``each`` (..., k, component, reading) of a
+    few shapes, and their product with ``white`` (..., k, component).
+    """
+    *batch, k, c, m = each.shape
+    flat = each.reshape(*batch, k * c, m)
+    gram = (flat @ np.swapaxes(flat, -1, -2)).reshape(*batch, k, c, k, c)
+    return np.swapaxes(gram, -3, -2).reshape(*batch, k * k, c * c), each @ white
+
+
+def _blended(share: Floats, between: Floats, told: Floats) -> tuple[Floats, Floats]:
+    """Gram matrices (..., shape, component * component) and products with the readings (..., shape, component) of shapes
+    that are the ``share`` (..., shape, k) of those of `_between`.
+    """
+    pairs = (share[..., :, None] * share[..., None, :]).reshape(*share.shape[:-1], -1)
+    return pairs @ between, share @ told
+
+
 def discs(
     estimator: Prepared,
     data: Normal,
@@ -158,65 +193,54 @@ def discs(
     free, total = len(white) - c, float(white @ white)
     if data.at_size or small > rules.taxels[grid.dimensions - 1] or free < c + 2 or n > rules.cells:
         return None
-    matrix = np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2).reshape(n, -1)
+    matrix = np.ascontiguousarray(np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2))
     detail = 0.0 if estimator.noise_known else (rules.detail * float(np.abs(white).max())) ** 2
     floor = detail * len(white)
 
-    def columns(shapes: Sparse) -> Floats:
-        return np.asarray(shapes @ matrix).reshape(-1, c, len(white))
-
-    def tried(columns: Floats) -> _Tried:
-        right = (columns.reshape(-1, len(white)) @ white).reshape(-1, c)
-        gram = np.empty((len(columns), c, c))
-        for i, j in itertools.combinations_with_replacement(range(c), 2):
-            gram[:, i, j] = gram[:, j, i] = np.einsum("pm,pm->p", columns[:, i], columns[:, j])
-        least = (
-            1e-9 * np.trace(gram, axis1=1, axis2=2) + np.finfo(np.float64).tiny
-        )  # cells beside a pad that ends read nothing
-        gram += least[:, None, None] * np.eye(c)
+    def tried(gram: Floats, right: Floats) -> _Tried:
+        """Fit of shapes with normal equations ``gram`` (..., component, component) and ``right`` (..., component)."""
+        gram, right = gram.reshape(-1, c, c), right.reshape(-1, c)
+        least = 1e-9 * np.trace(gram, axis1=1, axis2=2) + np.finfo(np.float64).tiny
+        gram = gram + least[:, None, None] * np.eye(c)  # cells beside a pad that ends read nothing
         found = np.linalg.solve(gram, right[..., None])[..., 0]
         found = estimator.cone.nearest(found.T).T
         rest = total - 2.0 * (found * right).sum(axis=1) + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)
-        return _Tried(columns, found, np.maximum(rest, 0.0) + floor)
+        return _Tried(found, np.maximum(rest, 0.0) + floor)
 
     places = _Neighbours(data.cells, grid.shape, radii, rules.steps)
-    some = np.argsort(tried(columns(places.of(np.arange(n), radii[2]))).left, kind="stable")[: rules.places]
-    rings = [columns(places.of(some, radius, beyond)) for beyond, radius in zip((-1.0, *radii), radii)]
-    for inner, ring in itertools.pairwise(rings):
-        ring += inner  # all that lies within
-    coarse = tried(np.concatenate(rings))
+    some = np.argsort(tried(*places.normal(np.arange(n), radii[2:3], matrix, white)).left, kind="stable")[
+        : rules.places
+    ]
+    coarse = tried(*places.normal(some, radii, matrix, white))
     # Refine to places between cells: take the best discs and interpolate between their neighbours.
     best = np.argsort(coarse.left, kind="stable")[: rules.best]
     sizes = best // len(some)
     near = [places.about(int(some[k % len(some)])) for k in best]
-    blocks: dict[int, Floats] = {}  # what readings they give, and their size in cells
+    normal: dict[int, tuple[Floats, Floats]] = {}  # their normal equations, and their size in cells
     extents: dict[int, Floats] = {}
     for size in np.unique(sizes):
         those = np.flatnonzero(sizes == size)
         centres, inverse = np.unique(np.concatenate([near[k][0] for k in those]), return_inverse=True)
-        shapes = places.of(centres, radii[size])
-        each, counts = columns(shapes).reshape(len(centres), -1), np.diff(shapes.indptr)
+        each, counts = places.sums(centres, radii[size], matrix)
         parts = np.split(inverse, np.cumsum([len(near[k][0]) for k in those])[:-1])
-        blocks |= {int(k): near[k][1] @ each[part] for k, part in zip(those, parts)}
+        normal |= {int(k): _blended(near[k][1], *_between(each[part], white)) for k, part in zip(those, parts)}
         extents |= {int(k): near[k][1] @ counts[part] for k, part in zip(those, parts)}
-    shapes = [
-        (near[k][0], share, int(sizes[k]), extent)
-        for k in range(len(best))
-        for share, extent in zip(near[k][1], extents[k])
-    ]
-    fine = [tried(np.concatenate([blocks[k] for k in range(len(best))]).reshape(-1, c, len(white)))]
+    # Groups of shapes: cells, their shares (shape, cell) and the radius; the sizes of the shapes in cells.
+    groups = [(*near[k], int(sizes[k])) for k in range(len(best))]
+    extent_by = [extents[k] for k in range(len(best))]
+    grams, rights = zip(*(normal[k] for k in range(len(best))))
+    fine = [tried(np.concatenate(grams), np.concatenate(rights))]
     usual, axes = len(fine[0].left), _lattice(np.arange(-1.0, 2.0), grid.dimensions)
     volume = [np.zeros(usual)]
     # Search by halving steps around the best place of each radius, for all radii together.
     best_of = [int(some[int(np.argmin(left))]) for left in coarse.left.reshape(count, -1)]
     around = places.next_to_each(best_of)
     missing = around < 0
-    each = np.zeros((*around.shape, c * len(white)))
+    each = np.zeros((*around.shape, c, len(white)))
     counts = np.zeros(around.shape)
     for size, (cells, gone) in enumerate(zip(around, missing)):
-        ones = places.of(cells[~gone], radii[size])
-        each[size, ~gone] = columns(ones).reshape(len(ones.indptr) - 1, -1)
-        counts[size, ~gone] = np.diff(ones.indptr)
+        each[size, ~gone], counts[size, ~gone] = places.sums(cells[~gone], radii[size], matrix)
+    between, told = _between(each, white)
     at, here = np.zeros((count, grid.dimensions)), np.arange(count)
     for turn in range(rules.halvings + 1):
         step, last = 0.5 ** (turn + 1), turn == rules.halvings
@@ -229,20 +253,22 @@ def discs(
         here, there, share = here[whole], there[whole], share[whole]
         if not len(here):
             break
-        one = tried((share @ each[here]).reshape(-1, c, len(white)))
+        one = tried(*_blended(share, between[here], told[here]))
         at = there[np.arange(len(here)), np.argmin(one.left.reshape(len(here), -1), axis=1)]
     else:
         fine.append(one)
         for size, part in zip(here, share):
             known = ~missing[size]
-            shapes += [(around[size, known], s[known], int(size), float(s @ counts[size])) for s in part]
+            groups.append((around[size, known], part[:, known], int(size)))
+            extent_by.append(part @ counts[size])
         volume.append(np.full(len(one.left), grid.dimensions * math.log(2.0 * step * rules.steps)))
     left_by, found_by = np.concatenate([f.left for f in fine]), np.concatenate([f.traction for f in fine])
     theirs = max(len(white) - taken, 1.0)
     if (float(left_by.min()) - floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
         return None
     # Prior: every radius up to the largest is equally likely.
-    size_by = np.array([size for *_, size, _ in shapes])
+    ends = np.cumsum([len(extent) for extent in extent_by])
+    size_by = np.repeat([size for *_, size in groups], np.diff(ends, prepend=0))
     log_weight = -0.5 * free * np.log(left_by) + np.log(np.gradient(np.array(radii)))[size_by] + np.concatenate(volume)
     top = -0.5 * free * math.log(float(left_by.min()))
     weight = np.exp(log_weight - top)
@@ -256,12 +282,13 @@ def discs(
     share_of_all = share_of(mine - other)
     if share_of_all < rules.least:
         return None
-    order = np.argsort(found_by[:, -1] * np.array([extent for *_, extent in shapes]), kind="stable")
+    order = np.argsort(found_by[:, -1] * np.concatenate(extent_by), kind="stable")
     steps = np.cumsum(weight[order]) / weight.sum()
     drawn = []
     for pick in order[np.searchsorted(steps, (np.arange(rules.drawn) + 0.5) / rules.drawn)]:
-        cells, share, size, _ = shapes[pick]
-        shape = places.summed(cells, radii[size], share)
+        group = int(np.searchsorted(ends, pick, side="right"))
+        cells, shares, size = groups[group]
+        shape = places.summed(cells, radii[size], shares[pick - ends[group]])
         position = np.flatnonzero(shape)
         drawn.append(Disc(position, found_by[pick][:, None] * shape[position]))
     return Discs(tuple(drawn), min(share_of_all, rules.most))

@@ -237,7 +237,8 @@ class AutomaticEstimator:
         for answered in (found.unexplained, found.undecided, found.overload):
             if answered is not None:
                 pulls &= ~answered
-        if not pulls.any():
+        # the linear method needs every reading
+        if not pulls.any() or any(np.isnan(to_numpy(r)).any() for r in readings):
             return replace(found, method=method)
         trace.step("contact that only pushes does not fit: the linear method answers")
         if pulls.all():

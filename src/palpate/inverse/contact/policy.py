@@ -511,7 +511,7 @@ class Work:
     """Problem sizes at which the method switches to another algorithm or leaves a step out."""
 
     again_unknowns: int = number(
-        2000,
+        1000,
         "most unknowns of a model with which later frames are solved: for more, one even penalty is nearly as good, and a frame takes tens of milliseconds with friction",
     )
     again: float = number(
