@@ -149,8 +149,7 @@ class Skin(SkinProperties):
         )
         self._problem.uncertainty.check(self._elastic)
         self._methods, self._problems = Kept(entries=PREPARED), Kept()
-        self._rests = Kept(entries=RESTS)
-        self._whole = planes
+        self._rests, self._whole = Kept(entries=RESTS), planes
         self._calibration: SkinCalibration | None = None
         self._gaps = False  # whether readings may be missing (NaN)
         self._plain: Skin | None = None

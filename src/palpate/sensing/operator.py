@@ -516,7 +516,15 @@ class Operator:
 
     @property
     def floats(self) -> bool:
-        """Whether the mean of a channel is subtracted: then each of its readings must be there."""
+        """Whether the mean of a channel is subtracted: then each of its readings must be there.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.5)
+        >>> pp.Skin(pad, pp.LineArray(count=5, pitch=1e-3, depth=0.0, channels=["displacement_z"])).operator.floats
+        True
+        """
         return any(self._floating)
 
     def observed(self, readings: Sequence[Any]) -> list[Any]:

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from palpate._threads import WIDEST
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import minimise
 from palpate.inverse.constrained.model import ContactModel, Normal
@@ -64,8 +65,9 @@ class Models:
         follows pressure at one ratio, that ratio changes.
         """
         members = [m for run in self.runs for m in run.members]
+        widest = WIDEST * len(self.prepared.readings.std)
         most = self.prepared.policy.work.again_unknowns
-        small = all(m.solution.traction.size <= most for m in members)
+        small = all(min(m.solution.traction.size, widest) <= most for m in members)
         return small and not any(m.ray is not None for m in members)
 
     def times(self, factor: float) -> Models:

@@ -512,7 +512,7 @@ class Work:
 
     again_unknowns: int = number(
         1000,
-        "most unknowns of a model with which later frames are solved: for more, one even penalty is nearly as good, and a frame takes tens of milliseconds with friction",
+        "largest matrix of a model with which later frames are solved: for more unknowns, one even penalty is nearly as good, and a frame takes tens of milliseconds with friction",
     )
     again: float = number(
         1e-4,
