@@ -367,8 +367,9 @@ class Tracker:
             due = self._contact.judged and comparison.due(
                 load, shear, stale=self._held.stale, missing=self._held.missing
             )
-            gaps = self.estimator.operator.floats and not np.isfinite(frame.actual).all()
-            if not due or gaps or self._check.clipped.mean() > ENOUGH:
+            gaps = ~np.isfinite(frame.actual)  # of this frame alone, unless the reading is left out
+            waits = gaps.any() and (self.estimator.operator.floats or bool((gaps & ~self.health.left_out).any()))
+            if not due or waits or self._check.clipped.mean() > ENOUGH:
                 return touch
             comparison.begun(load, shear)
             self._compared = Compared(Answer.of(touch), self._own_force(), frame.actual * self._std)
