@@ -56,10 +56,10 @@ def test_missing_readings_are_refused_by_a_skin_of_the_user() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_stream_with_a_dead_taxel_is_answered_as_well_as_before_it_died(seed: int) -> None:
-    """The tracker's own model reads such streams up to 45 % too high."""
-    skin, rest, frames = sensed(6, seed=seed)
-    frames[8:, :, 2, 3] = math.nan
+def test_a_contact_that_begins_on_a_dead_taxel_is_answered_as_well_as_another(seed: int) -> None:
+    """The tracker's own model, which answered such contacts, reads them 33 to 48 % too high."""
+    skin, rest, frames = sensed(6, noise=0.02, seed=seed)
+    frames[:, :, 2, 3] = math.nan
     off, touches = errors(skin, rest, frames)
     assert np.abs(off).max() < 0.1
     low, high = (
@@ -70,7 +70,7 @@ def test_a_stream_with_a_dead_taxel_is_answered_as_well_as_before_it_died(seed: 
 
 @pytest.mark.parametrize(("radius", "x", "y"), [(0.5e-3, 0.9e-3, 0.9e-3), (0.6e-3, 0.8e-3, 0.6e-3)])
 def test_a_stream_at_the_end_of_its_range_is_not_read_many_times_too_high(radius: float, x: float, y: float) -> None:
-    """Two or four of nine pressures end at 70 % of the largest; the tracker's own model made 11 N of 1 N of the first."""
+    """Two or four of nine pressures end at 70 % of the largest; the tracker's own model makes 11 N of the first ball of 1 N."""
     pad = pp.BondedLayers([pp.Layer(thickness=2.4e-3, youngs_modulus=7e5, poissons_ratio=0.5)])
     array = pp.AreaArray(shape=(3, 3), pitch=1.9e-3, depth="base", channels=THREE)
     ball = np.asarray(
