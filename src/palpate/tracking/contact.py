@@ -550,8 +550,7 @@ class Contact:
         if math.isnan(freedom) and not self.pushing:
             freedom = self._estimator.effective_freedom(self._parameter)
         elif math.isnan(freedom):
-            pressed = np.count_nonzero(self._solution.pressure) / self._estimator.taxels
-            freedom = min(pressed, 1.0) * self._estimator.effective_freedom(self._parameter)
+            freedom = self._estimator.taken(self._solution.pressure, self._parameter)
         return min(freedom, count - 1.0)
 
     def _take(self, residual: Residual, noise: float) -> None:

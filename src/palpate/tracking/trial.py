@@ -50,8 +50,7 @@ def residual_by_penalty(
     def residual_rms(parameter: float) -> float:
         pressure, explained = pushed(parameter)
         residual = estimator.readings.white(y - explained, ~nothing)
-        share = min(float(np.count_nonzero(pressure)) / estimator.taxels, 1.0)
-        free = max(len(residual) - share * estimator.effective_freedom(parameter), 1.0)
+        free = max(len(residual) - estimator.taken(pressure, parameter), 1.0)
         return math.sqrt(float(residual @ residual) / free)
 
     return residual_rms

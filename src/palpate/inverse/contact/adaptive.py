@@ -206,9 +206,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             return None
         white = self.readings.white(y[observed], observed)
         left = white - self.readings.white((self.explained_by(first) / noise)[observed], observed)
-        share = min(float(np.count_nonzero(first[-1])) / self.taxels, 1.0)
-        taken = share * self.effective_freedom(parameter)
-        return discs(self, data, first, white, float(left @ left), taken, possible)
+        return discs(self, data, first, white, float(left @ left), self.taken(first[-1], parameter), possible)
 
     def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
         """One model for each disc, with its weight."""

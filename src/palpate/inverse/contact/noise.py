@@ -32,7 +32,6 @@ class ChannelNoise:
             [n for a, n in zip(operator.planes_of, readings.sizes) for _ in a.channels],
         )
         self.count = int(self.index[-1]) + 1
-        self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
 
     def alive(self, data: Floats) -> Flags:
         """False for readings of a broken channel: all its values are equal while other channels vary."""
@@ -104,16 +103,9 @@ class ChannelNoise:
         out[alive] *= np.sqrt(power / free)
         return np.asarray(out)
 
-    def left(
-        self, member: ContactModel, first: Floats, y: Floats, observed: Flags, freedom: float, took: float | None = None
-    ) -> float:
-        """Root mean square of the whitened residual per remaining degree of freedom. The contact uses ``freedom``
-        times the loaded fraction of the array.
-
-        ``took`` is the number of degrees of freedom used, if known.
-        """
-        share = float(np.count_nonzero(first[-1])) / self.taxels
-        free = max(float(observed.sum()) - (min(share, 1.0) * freedom if took is None else took), 1.0)
+    def left(self, member: ContactModel, y: Floats, observed: Flags, took: float) -> float:
+        """Root mean square of the whitened residual per degree of freedom that the contact, which uses ``took``, leaves."""
+        free = max(float(observed.sum()) - took, 1.0)
         misfit = member.data.matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
         return float(np.sqrt((misfit**2).sum() / free))
 

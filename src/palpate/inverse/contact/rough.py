@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
-from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of, with_matrix
+from palpate.inverse.constrained.variances import UNTOLD, deviations_of, taken_by, told_of, unit_of, with_matrix
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Beside, Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
@@ -69,12 +69,11 @@ def rough(
             observed,
             weight,
             near,
-            keep_face=used > 0 or shifts is not None,
+            keep_face=True,
         )
         near = first
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
-        share = min(float(np.count_nonzero(first[-1])) / estimator.taxels, 1.0)
-        free = max(float(observed.sum()) - used - share * estimator.effective_freedom(found.parameter), 1.0)
+        free = max(float(observed.sum()) - used - taken_by(model), 1.0)
         left = math.sqrt(float((misfit**2).sum()) / free)
         # Fill unused readings with the prediction of the contact.
         filled = np.where(observed, data, explained)

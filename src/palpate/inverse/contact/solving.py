@@ -281,9 +281,7 @@ class _Solving:
         where a linear model could.
         """
         estimator, leading = self.estimator, self.first_model
-        took = taken_by(leading) if self.follows or leading.compact or estimator.noise_known else None
-        freedom = estimator.effective_freedom(self.evidence[1].parameter)
-        left = estimator.noise.left(leading, self.first_traction, self.y, self.observed, freedom, took)
+        left = estimator.noise.left(leading, self.y, self.observed, taken_by(leading))
         return float(left * (self.noise[0] / estimator.readings.std[0]))
 
     def _given_noise(self, left: float) -> bool:
