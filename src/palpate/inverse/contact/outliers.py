@@ -13,9 +13,9 @@ from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import gain_of
-from palpate.inverse.contact.screening import shallow
+from palpate.inverse.contact.screening import loads_above, shallow
 
-__all__ = ["without_outliers"]
+__all__ = ["loaded_above", "without_outliers"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -49,7 +49,7 @@ def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed
         # the noise that is used to judge it.
         part = 1.0 if estimator.at_size else policy.explanations.half
         limit = max(part * policy.screening.deviations * best.left, policy.screening.gross * largest)
-        if not residual[worst] > limit:
+        if not residual[worst] > limit or loaded_above(estimator, worst, clean - best.explained, counted):
             break
         fewer = counted.copy()
         fewer[_like_the_worst(residual, limit, estimator) if estimator.large else worst] = False
@@ -65,6 +65,22 @@ def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed
             break
         counted, best = fewer, found
     return replace(h, rough=best), counted
+
+
+def loaded_above(estimator: Prepared, place: int, residual: Floats, observed: Flags) -> bool:
+    """Whether more load above the taxel of a reading would lower the squared residual nearly as much as leaving the
+    reading out: then it is contact that coarse cells cannot follow.
+    """
+    policy, readings = estimator.policy, estimator.readings
+    left = readings.white((residual / readings.std)[observed], observed)
+    without = abs(residual[place]) / readings.std[place]
+    most = 0.0
+    c = len(estimator.columns)
+    for i, load in enumerate(loads_above(estimator.operator, estimator.columns, readings, place, policy)):
+        column = readings.white((load / readings.std)[observed], observed)
+        part = float(column @ left) / max(float(np.linalg.norm(column)), 1e-300)
+        most = max(most, part if i % c == c - 1 else abs(part))  # pressure only pushes
+    return most**2 > policy.screening.explained * without**2
 
 
 def _like_the_worst(residual: Floats, limit: float, estimator: Prepared) -> Flags:

@@ -25,6 +25,7 @@ from palpate.inverse.linear.matrix_free.evidence import FrameAtSize
 from palpate.inverse.linear.matrix_free.path import LinearModel
 from palpate.inverse.linear.regularised import Decomposition
 from palpate.inverse.linear.whitening import Readings
+from palpate.sensing.operator import Operator
 
 __all__ = [
     "Ceilings",
@@ -314,6 +315,34 @@ def _pitch(array: Any) -> float:
     return float(np.ptp(array.points, axis=0).max()) / max(max(array.shape) - 1, 1)
 
 
+def loads_above(
+    operator: Operator, columns: Sequence[int], readings: Readings, place: int, policy: Policy
+) -> list[Floats]:
+    """Readings (reading,) of unit loads directly above the taxel of one reading, for each component sought, pressure
+    last. A shallow taxel is affected almost only by loads above it and above its neighbours: it gets loads of three
+    widths.
+    """
+    start = 0
+    for array in operator.planes_of:
+        n = int(array.valid.sum())
+        if place < start + n * len(array.channels):
+            point = array.points[array.valid.ravel()][(place - start) % n]
+            break
+        start += n * len(array.channels)
+    pitch, widths = _pitch(array), (0.0,)
+    if array.depth < policy.screening.shallow * pitch:
+        widths = (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch)
+    away = [np.abs(x - point[a]) for a, x in enumerate(operator.surface.axes)]
+    away = [x - x.min() for x in away]
+    load = np.zeros((len(widths) * len(columns), len(operator.surface.components), *operator.surface.shape))
+    for w, width in enumerate(widths):
+        inside = np.ix_(*[x <= width * (1.0 + 1e-9) + 1e-12 for x in away])
+        for row, column in enumerate(columns):
+            load[(w * len(columns) + row, column)][inside] = 1.0
+    felt = operator.forward(load)
+    return [readings.flat([p[i] for p in felt]) for i in range(len(load))]
+
+
 class _Screening:
     """Search for broken readings in one frame.
 
@@ -433,30 +462,8 @@ class _Screening:
         their neighbours.
         """
         policy = self.policy
-        operator, start = self.linear.operator, 0
-        for array in operator.planes_of:
-            n = int(array.valid.sum())
-            if place < start + n * len(array.channels):
-                point = array.points[array.valid.ravel()][(place - start) % n]
-                break
-            start += n * len(array.channels)
-        pitch = _pitch(array)
-        # A shallow taxel is affected almost only by loads above it and above its neighbours.
-        widths = (
-            (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch)
-            if array.depth < policy.screening.shallow * pitch
-            else (0.0,)
-        )
-        away = [np.abs(x - point[a]) for a, x in enumerate(operator.surface.axes)]
-        away = [x - x.min() for x in away]
-        load = np.zeros(
-            (len(widths) * len(self.linear.columns), len(operator.surface.components), *operator.surface.shape)
-        )
-        for w, width in enumerate(widths):
-            inside = np.ix_(*[x <= width * (1.0 + 1e-9) + 1e-12 for x in away])
-            for row, column in enumerate(self.linear.columns):
-                load[(w * len(self.linear.columns) + row, column)][inside] = 1.0
-        columns = [self.pattern(self.readings.flat([p[i] for p in operator.forward(load)])) for i in range(len(load))]
+        loads = loads_above(self.linear.operator, self.linear.columns, self.readings, place, policy)
+        columns = [self.pattern(values) for values in loads]
         useful = [c / size for c in columns if (size := float(np.linalg.norm(c))) > 0]
         loaded = self.model([*held, *useful], total)[1]
         return loaded < policy.screening.nearly * rest and left**2 - loaded**2 > policy.screening.explained * (

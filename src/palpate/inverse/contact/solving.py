@@ -25,6 +25,7 @@ from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.outliers import loaded_above
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals.levels import in_range
 from palpate.inverse.contact.score import more_than_noise, noise_beyond
@@ -116,7 +117,7 @@ class _Solving:
                     continue
                 return self._solved([], pushed=True, limit=math.inf)
             self._fit()
-            if self._more_at_ends(attempt) or self._outliers(attempt):
+            if self._more_at_ends(attempt) or (not self.pressed and self._outliers(attempt)):
                 continue
             if not self.pressed:
                 break
@@ -125,6 +126,9 @@ class _Solving:
                 self.first_traction, self.y, self.noise, self.observed, self.evidence, self.leading
             )
             self.leading = next(self.models)
+            self.explained = self._predicted(self.leading)
+            if self._outliers(attempt):
+                continue
             if not (self._offsets_moved() or self._noise_changed()):
                 break
         left, limit = self._left_and_limit()
@@ -184,6 +188,13 @@ class _Solving:
         """The readings in units of the noise."""
         return np.asarray(self.data / self.noise)
 
+    def _predicted(self, model: ContactModel) -> Floats:
+        """All readings as a model predicts them, also those that are not used."""
+        operator = model.level.operator
+        full = np.zeros((len(operator.surface.components), math.prod(operator.surface.shape)))
+        full[np.ix_(self.estimator.columns, model.cells)] = model.solution.traction
+        return self.estimator.readings.flat(operator.forward(full.reshape(-1, *operator.surface.shape)))
+
     def _refill(self) -> None:
         """Replace unused readings by the contact's prediction, for the linear model."""
         self.rows = self.estimator.readings.planes(np.where(self.observed, self.data, self.explained))
@@ -209,6 +220,10 @@ class _Solving:
         few = part <= policy.screening.most and not loaded(wrong, self.data, self.explained, estimator.pairs, policy)
         leaves_out = few and policy.parts.outliers
         again = attempt < policy.noise.outlier_rounds and leaves_out and (wrong & self.observed).any()
+        if again:
+            residual = self.data - self.explained
+            worst = int(np.argmax(np.where(wrong & self.observed, np.abs(residual) / level, 0.0)))
+            again = leaves_out = not loaded_above(estimator, worst, residual, self.observed)
         if not (again or (attempt < policy.noise.broken_rounds and not alive.all())):
             return False
         if leaves_out:
