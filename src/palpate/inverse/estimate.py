@@ -40,8 +40,8 @@ class Errors:
 
     Fields named ``outside_...`` are not standard deviations but the part of each quantity that comes from outside the
     outermost taxels, where nothing is measured; its relative error is a calibrated constant. ``beyond_force`` (*batch,
-    component) is the force that a contact reaching the outermost taxels may have beyond them, away from zero; the 95 %
-    interval includes it.
+    component) is the force that a contact may have where no reading shows it, away from zero: beyond the outermost
+    taxels if it reaches them, and between taxels much shallower than the pitch; the 95 % interval includes it.
     """
 
     traction: Floats = field(metadata=per_frame("component", "*"))

@@ -15,6 +15,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.again import Models
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
+from palpate.inverse.contact.gaps import load_in_gaps
 from palpate.inverse.contact.misfit import drift_probability, fit_of, misfit_of, proportional_part
 from palpate.inverse.contact.no_contact import WIDE, detection_limit
 from palpate.inverse.contact.notes import single_taxel_share, smallness
@@ -112,6 +113,7 @@ def combined(
         prepared.operator.planes_of, run, np.abs(summary.mean[-1]), prepared.operator.surface, policy
     )
     summary.doubted = 0.5 / STATED * alone if policy.errors.much < alone < 1.0 - policy.errors.much else 0.0
+    summary.in_gaps = load_in_gaps(prepared, run, summary.mean)
     return Frame(
         summary.mean,
         summary if large else summary.errors(),

@@ -465,6 +465,8 @@ class Errors:
     sums_at_size: float = number(
         1.25, "factor on their standard deviations of force, moment and centre: errors in 12 frames were 1.2 of them"
     )
+    felt: float = number(2.0, "a load between shallow taxels may change each reading by this many times the noise")
+    gap_cells: int = number(400, "most cells of a contact in whose gaps such load is sought")
     beyond: float = number(
         0.5,
         "fraction of the possible load outside the outermost taxels that, divided by `STATED`, is its standard deviation in the errors of moment and centre: two of them cover all of it",

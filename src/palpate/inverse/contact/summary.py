@@ -187,6 +187,7 @@ class Summary:
         self.gain = 0.0  # assumed relative error of the gains
         self.whites: list[Floats] = []  # the readings of each model, whitened
         self.doubted = 0.0  # fraction of the normal force that may not exist
+        self.in_gaps: Floats | None = None  # `gaps.load_in_gaps`
 
     def _mixed(self, name: str) -> Quantity:
         """Mean and total variance of a quantity over the models."""
@@ -307,7 +308,10 @@ class Summary:
 
     @cached_property
     def _outside(self) -> dict[str, Floats]:
-        return self.posterior.outside_parts(self.mean)
+        parts = self.posterior.outside_parts(self.mean)
+        if self.in_gaps is not None:
+            parts["beyond_force"] = parts["beyond_force"] + self.in_gaps
+        return parts
 
     def of(self, name: str) -> Floats:
         """The field of `Errors` with this name."""
