@@ -14,14 +14,13 @@ __all__ = ["outside_taxels", "ring_of"]
 Flags = npt.NDArray[np.bool_]
 
 
-def outside_taxels(operator: Operator, margin: float = 0.0) -> Flags:
-    """Mask of the surface cells that lie outside the outermost taxels by more than a margin [m]."""
+def outside_taxels(operator: Operator) -> Flags:
+    """Mask of the surface cells that lie outside the outermost taxels."""
     grid = operator.surface
     points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
     out = np.zeros(grid.shape, dtype=bool)
     for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
-        beyond = 0.5 * dx + margin
-        low, high = points[:, axis].min() - beyond, points[:, axis].max() + beyond
+        low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
         outside = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
         out |= outside.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
     return out

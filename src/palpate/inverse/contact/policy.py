@@ -232,7 +232,7 @@ class Screening:
     broken: float = number(8.0, "log evidence for leaving out one of n readings, beyond log n: odds of 3000 to one")
     most: float = number(0.2, "largest fraction of the readings to leave out: beyond it the contact is wrong")
     first_noise: float = number(
-        1.0, "largest noise to try, as a fraction of the readings: go down to the first that equals its residual"
+        0.3, "largest noise to try, as a fraction of the readings: go down to the first that equals its residual"
     )
     rounds: int = number(10, "most rounds of this search")
     at_end: int = number(2, "this many readings at an end of a channel's values, side by side, are saturated")
@@ -465,7 +465,7 @@ class Errors:
     sums_at_size: float = number(
         1.25, "factor on their standard deviations of force, moment and centre: errors in 12 frames were 1.2 of them"
     )
-    felt: float = number(2.0, "a load between shallow taxels may change each reading by this many times the noise")
+    felt: float = number(1.0, "a load between shallow taxels may change each reading by this many times the noise")
     gap_cells: int = number(400, "most cells of a contact in whose gaps such load is sought")
     beyond: float = number(
         0.5,

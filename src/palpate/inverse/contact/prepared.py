@@ -101,8 +101,6 @@ class Prepared(ABC):
         self.inside[self.window] = True
         # Cells outside the outermost taxels.
         self.outside = outside_taxels(operator)
-        # Cells above the array, or no farther from it than the taxels are deep: loads beyond change all readings alike.
-        self.sensed = ~outside_taxels(operator, max(a.depth for a in operator.planes_of)).ravel()
         # Prior variance of the shear components relative to pressure: friction squared, divided between two components.
         shear = 0.5 * (cone.friction or self.policy.prior.shear) ** 2
         self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
@@ -193,10 +191,11 @@ class Prepared(ABC):
         return self.start.freedom(parameter)
 
     def taken(self, pressure: Floats, parameter: float) -> float:
-        """Degrees of freedom that a solution with this pressure (*grid or cell,) takes under an even penalty: those of
-        the linear model, times the loaded fraction of the cells that the array senses.
+        """Degrees of freedom that a solution with this pressure takes, estimated without its factor
+        (`variances.taken_by`): those of the linear model, times the number of loaded cells per taxel. On a surface much
+        larger than the array this is too many.
         """
-        return float(np.mean(pressure.ravel()[self.sensed] != 0)) * self.effective_freedom(parameter)
+        return min(float(np.count_nonzero(pressure)) / self.taxels, 1.0) * self.effective_freedom(parameter)
 
     def resolution(self, parameter: float) -> float:
         """Finest detail that the data determine [m]: the side of the area (on a line, the length) per degree of

@@ -383,7 +383,7 @@ class _Screening:
 
     def run(self, observed: Flags, patterns: Sequence[Floats] | None) -> Screened:
         policy = self.policy
-        n, scaled = len(self.scaled), self.scaled
+        n, scaled, spread = len(self.scaled), self.scaled, self.readings.std
         broken = np.zeros(n, dtype=bool)
         counted = int(observed.sum())
         total = math.sqrt(float(np.mean(scaled[observed] ** 2))) if counted else 0.0
@@ -423,7 +423,13 @@ class _Screening:
                 )
             far = size > policy.screening.deviations * rest
             if not (far and gain > policy.screening.broken + math.log(n)) or self._local(
-                chosen, held, total, left, rest
+                chosen,
+                column,
+                held,
+                total,
+                left,
+                rest,
+                more=abs(scaled[chosen]) > abs(explained[chosen]) / spread[chosen],
             ):
                 break
             broken[chosen] = True
@@ -457,18 +463,27 @@ class _Screening:
                     chosen, best, far = i, reduction, math.sqrt(reduction / size)
         return chosen, far
 
-    def _local(self, place: int, held: Sequence[Floats], total: float, left: float, rest: float) -> bool:
+    def _local(
+        self, place: int, column: Floats, held: Sequence[Floats], total: float, left: float, rest: float, *, more: bool
+    ) -> bool:
         """Whether a load directly above the taxel would explain its reading: shallow taxels do not share loads with
-        their neighbours.
+        their neighbours. ``more``: the reading is larger than the model's prediction.
         """
         policy = self.policy
         loads = loads_above(self.linear.operator, self.linear.columns, self.readings, place, policy)
         columns = [self.pattern(values) for values in loads]
         useful = [c / size for c in columns if (size := float(np.linalg.norm(c))) > 0]
         loaded = self.model([*held, *useful], total)[1]
-        return loaded < policy.screening.nearly * rest and left**2 - loaded**2 > policy.screening.explained * (
-            left**2 - rest**2
-        )
+        explained = policy.screening.explained
+        if loaded < policy.screening.nearly * rest and left**2 - loaded**2 > explained * (left**2 - rest**2):
+            return True
+        # With a given noise the linear model may leave nothing but that; then the evidence tells, of a reading that is
+        # larger than predicted (a dead taxel under a contact reads too little).
+        if not self.known or not more:
+            return False
+        before = self._evidence(held)
+        gains = [self._evidence([*held, *patterns]) - before for patterns in (useful, [column])]
+        return gains[0] > explained * gains[1]
 
 
 def _explained(linear: Decomposition, readings: Readings, found: LinearEvidence, shifts: Floats) -> Floats:

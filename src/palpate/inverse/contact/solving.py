@@ -117,7 +117,7 @@ class _Solving:
                     continue
                 return self._solved([], pushed=True, limit=math.inf)
             self._fit()
-            if self._more_at_ends(attempt) or (not self.pressed and self._outliers(attempt)):
+            if self._more_at_ends(attempt) or self._outliers(attempt):
                 continue
             if not self.pressed:
                 break
@@ -126,9 +126,6 @@ class _Solving:
                 self.first_traction, self.y, self.noise, self.observed, self.evidence, self.leading
             )
             self.leading = next(self.models)
-            self.explained = self._predicted(self.leading)
-            if self._outliers(attempt):
-                continue
             if not (self._offsets_moved() or self._noise_changed()):
                 break
         left, limit = self._left_and_limit()
@@ -187,13 +184,6 @@ class _Solving:
     def y(self) -> Floats:
         """The readings in units of the noise."""
         return np.asarray(self.data / self.noise)
-
-    def _predicted(self, model: ContactModel) -> Floats:
-        """All readings as a model predicts them, also those that are not used."""
-        operator = model.level.operator
-        full = np.zeros((len(operator.surface.components), math.prod(operator.surface.shape)))
-        full[np.ix_(self.estimator.columns, model.cells)] = model.solution.traction
-        return self.estimator.readings.flat(operator.forward(full.reshape(-1, *operator.surface.shape)))
 
     def _refill(self) -> None:
         """Replace unused readings by the contact's prediction, for the linear model."""
