@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -279,6 +279,15 @@ def wide_press(rng: np.random.Generator) -> Case:
     sensor, load, least = _wide(rng, lambda s: _stress(s) and "stress_zz" in s.channels, 0.6, 1.2)
     case = Case(rng, sensor, load, sensed(sensor, load))
     case.least = least
+    return _held(case, case.readings)
+
+
+def shallow_taxels(rng: np.random.Generator) -> Case:
+    """Press taxels that lie 0.1 to 0.5 pitches deep: nothing measures the pressure between them."""
+    sensor = random_sensor(rng, _stress)
+    sensor = replace(sensor, depth=sensor.pitch * float(rng.uniform(0.1, 0.5)), aperture=0.0)
+    load = random_load(rng, sensor, friction=0.5, axes=sensor.shears, small=True)
+    case = Case(rng, sensor, load, sensed(sensor, load))
     return _held(case, case.readings)
 
 

@@ -518,6 +518,7 @@ _TABLE: Sequence[Row] = (
         "one channel or all shifted by 1 to 20 % of the largest reading after the zero was taken",
         recorded=recorded.drift_after_zero,
     ),
+    Row("shallow taxels", "taxels 0.1 to 0.5 pitches deep; zero from a rest", recorded=recorded.shallow_taxels),
     Row("wide press", "a press of 0.6 to 1.2 times the array's width; zero from a rest", recorded=recorded.wide_press),
 )
 
