@@ -57,8 +57,7 @@ def rough(
     explained = np.zeros_like(data)
     used = 0 if patterns is None else patterns.shape[1]
     left, free, gain = total, float(observed.sum() - used), -math.inf
-    # With few readings, a wide contact fits at any offset. Counted exactly, it would beat the offset.
-    few = observed.sum() <= policy.detection.few_readings
+    counted = estimator.counts_freedom
     for turn in range(policy.screening.rounds):
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
@@ -71,11 +70,11 @@ def rough(
             observed,
             weight,
             near,
-            keep_face=True,
+            keep_face=counted or used > 0 or shifts is not None,
         )
         near = first
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
-        taken = estimator.taken(first[-1], found.parameter) if few else taken_by(model)
+        taken = taken_by(model) if counted else estimator.taken(first[-1], found.parameter)
         free = max(float(observed.sum()) - used - taken, 1.0)
         left = math.sqrt(float((misfit**2).sum()) / free)
         # Fill unused readings with the prediction of the contact.
@@ -94,7 +93,8 @@ def rough(
     if patterns is not None and used:
         rows = readings.white((patterns / noise[:, None])[observed], observed)
         left_over = readings.white(((data - explained) / noise)[observed], observed)
-        # Small steps find the offsets before such a contact leaves no degrees of freedom.
+        # With few readings, a wide contact fits at any offset and leaves no degrees of freedom. Small steps find the offsets before that happens.
+        few = observed.sum() <= policy.detection.few_readings
         unit = unit_of(rows)
         rows = rows / unit
         told = rows.T @ rows if few else told_of(model, rows)

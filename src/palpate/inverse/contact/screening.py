@@ -79,7 +79,7 @@ def ceilings(
     for a, b in itertools.pairwise(ends):
         values = data[a:b]
         size = float(np.abs(values).max(initial=0.0))
-        if size == 0.0 or np.ptp(values) == 0.0:
+        if not np.ptp(values) > 1e-9 * size:  # equal but for rounding
             continue
         levels = np.unique(values)
         apart = np.diff(levels)

@@ -286,7 +286,11 @@ class _Solving:
         where a linear model could.
         """
         estimator, leading = self.estimator, self.first_model
-        left = estimator.noise.left(leading, self.y, self.observed, taken_by(leading))
+        if self.follows or leading.compact or estimator.noise_known or estimator.counts_freedom:
+            took = taken_by(leading)
+        else:
+            took = estimator.taken(self.first_traction[-1], self.evidence[1].parameter)
+        left = estimator.noise.left(leading, self.y, self.observed, took)
         return float(left * (self.noise[0] / estimator.readings.std[0]))
 
     def _given_noise(self, left: float) -> bool:
