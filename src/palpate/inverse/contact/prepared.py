@@ -196,7 +196,7 @@ class Prepared(ABC):
         `taken`: on large arrays of contacts that push. On small ones a load along the whole edge, or a push where
         there is a pull, would then take so few that it wins.
         """
-        return self.large and not self.cone.free
+        return self.taxels >= self.policy.explanations.counted_taxels and not self.cone.free
 
     def taken(self, pressure: Floats, parameter: float) -> float:
         """Degrees of freedom that a solution with this pressure takes, estimated without its factor
