@@ -152,7 +152,8 @@ class Answer:
         share = getattr(touch, "discrepancy", None)
         decided = bool(np.isfinite(force).all())
         if not decided:
-            force = 0.5 * (low + high)
+            with np.errstate(invalid="ignore"):  # NaN if neither end is known
+                force = 0.5 * (low + high)
         return cls(
             force,
             low,
