@@ -329,7 +329,8 @@ def loads_above(
             point = array.points[array.valid.ravel()][(place - start) % n]
             break
         start += n * len(array.channels)
-    pitch, widths = _pitch(array), (0.0,)
+    pitch = _pitch(array)
+    widths: tuple[float, ...] = (0.0,)
     if array.depth < policy.screening.shallow * pitch:
         widths = (0.5 * min(operator.surface.spacings), 0.5 * pitch, pitch)
     away = [np.abs(x - point[a]) for a, x in enumerate(operator.surface.axes)]
