@@ -66,7 +66,7 @@ def test_the_answer_scales_with_the_readings() -> None:
 
 
 def test_a_frame_solved_with_a_model_error_names_the_noise_that_it_was_solved_with() -> None:
-    """Of channels with unequal noise and gains that spread: residual, resolution and force are those of that noise where it is given."""
+    """Of channels with unequal noise and gains that spread: residual, parameter, resolution and force are those of that noise where it is given."""
     rng = np.random.default_rng(1)
     skin = taxels(6, THREE, noise=[2.0, 2.0, 40.0])
     level = np.array([2.0, 2.0, 40.0])[:, None, None]
@@ -76,7 +76,7 @@ def test_a_frame_solved_with_a_model_error_names_the_noise_that_it_was_solved_wi
     assert float(touch.discrepancy) > 0.02
     assert touch.methods.item() == "constrained"
     given = taxels(6, THREE, noise=np.asarray(touch.noise_std).tolist()).reconstruct(readings, method="constrained")
-    for name in ("residual", "resolution"):
+    for name in ("residual", "parameter", "resolution"):
         assert float(getattr(touch, name)) == pytest.approx(float(getattr(given, name)), rel=0.03)
     assert float(touch.force[2]) == pytest.approx(float(given.force[2]), rel=1e-3)
 
