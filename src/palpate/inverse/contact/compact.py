@@ -271,11 +271,7 @@ def discs(
     size_by = np.repeat([size for *_, size in groups], np.diff(ends, prepend=0))
     log_weight = -0.5 * free * np.log(left_by) + np.log(np.gradient(np.array(radii)))[size_by] + np.concatenate(volume)
     top = -0.5 * free * math.log(float(left_by.min()))
-    # No pad carries more; between shallow taxels the pressure of a disc could have any size.
-    borne = found_by[:, -1] * estimator.problem.pad.compliance(0.0)[2, 2] <= rules.strain
-    weight = np.where(borne, np.exp(log_weight - top), 0.0)
-    if not weight.any():
-        return None
+    weight = np.exp(log_weight - top)
     if weight[size_by == count - 1].sum() > rules.at_end * weight.sum():
         return None
     # Fraction of all shapes that fit as well as the best.

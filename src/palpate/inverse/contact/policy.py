@@ -424,9 +424,6 @@ class Discs:
         (3.0, 6.0), "a contact is small if pressure above half its peak covers at most this many taxels (line, area)"
     )
     drawn: int = number(8, "discs that become models")
-    strain: float = number(
-        3.0, "largest pressure of a disc, in Young's moduli: stress does not depend on the modulus, which may be wrong"
-    )
     detail: float = number(
         0.015, "accuracy of discs over the largest reading, if noise is not given: real contacts have other edges"
     )
