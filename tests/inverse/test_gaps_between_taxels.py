@@ -56,20 +56,3 @@ def test_the_largest_readings_of_a_small_punch_are_not_broken_taxels(seed: int, 
     low, high = touch.interval(0.95, of="force")
     assert low[2] < 1.0 < high[2]
     assert float(touch.force[2]) == pytest.approx(1.0, rel=0.2)
-
-
-@pytest.mark.parametrize(("depth", "noise"), [(0.6, 1000.0), (0.9, 300.0), (0.9, 1000.0)])
-def test_a_clean_ball_on_a_wide_surface_is_a_push(depth: float, noise: float) -> None:
-    """The surface of 20 x 20 taxels in a half-space has six times their area: the push was charged for cells that no
-    taxel feels, and the linear method answered, with an error bar of six times the load.
-    """
-    pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
-    channels = ["stress_xz", "stress_yz", "stress_zz"]
-    array = pp.AreaArray(shape=(20, 20), pitch=PITCH, depth=depth * PITCH, channels=channels, noise=noise)
-    skin = pp.Skin(pad, array)
-    ball = pp.solutions.hertz_point(contact_radius=4.1e-3, force=0.6).shifted(1.3e-3, -2.1e-3)
-    touch = skin.reconstruct(np.asarray(skin.sense(ball, rng=np.random.default_rng(1))))
-    assert touch.method == "adaptive"
-    assert float(touch.force[2]) == pytest.approx(0.6, rel=0.05)
-    low, high = touch.interval(0.95, of="force")
-    assert high[2] - low[2] < 0.2

@@ -167,10 +167,6 @@ class Explanations:
         0.5,
         "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of contact with less than half the best gain; a line whose ends read less than half of its lowest level may have an offset; half of the lowest reading is the standard deviation of an offset that a contact hides, because two of them are all of it",
     )
-    counted_taxels: int = number(
-        200,
-        "from this many taxels, count the degrees of freedom of rough solutions: the linear method answers fewer frames (7 -> 2 of 150); on smaller arrays, pulls would be taken for pushes",
-    )
     many_taxels: int = number(
         400,
         "an array of this many taxels is large: skip unlikely signs of contact, leave out several outliers at once, and seek no offsets of groups, which took a third of the time of a frame of 32 x 32 x 3",

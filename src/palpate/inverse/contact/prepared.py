@@ -190,18 +190,10 @@ class Prepared(ABC):
         """Degrees of freedom of the traction that are determined by the data rather than by the penalty."""
         return self.start.freedom(parameter)
 
-    @property
-    def counts_freedom(self) -> bool:
-        """Whether rough solutions count the degrees of freedom that they take (`variances.taken_by`), instead of
-        `taken`: on large arrays of contacts that push. On small ones a load along the whole edge, or a push where
-        there is a pull, would then take so few that it wins.
-        """
-        return self.taxels >= self.policy.explanations.counted_taxels and not self.cone.free
-
     def taken(self, pressure: Floats, parameter: float) -> float:
         """Degrees of freedom that a solution with this pressure takes, estimated without its factor
         (`variances.taken_by`): those of the linear model, times the number of loaded cells per taxel. On a surface much
-        larger than the array this is too many.
+        larger than the array these are too many.
         """
         return min(float(np.count_nonzero(pressure)) / self.taxels, 1.0) * self.effective_freedom(parameter)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
-from palpate.inverse.constrained.variances import UNTOLD, deviations_of, taken_by, told_of, unit_of, with_matrix
+from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of, with_matrix
 from palpate.inverse.contact.cells import solved
 from palpate.inverse.contact.explanation import Beside, Explanation, Rough
 from palpate.inverse.contact.prepared import Prepared
@@ -57,7 +57,6 @@ def rough(
     explained = np.zeros_like(data)
     used = 0 if patterns is None else patterns.shape[1]
     left, free, gain = total, float(observed.sum() - used), -math.inf
-    counted = estimator.counts_freedom
     for turn in range(policy.screening.rounds):
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
@@ -70,12 +69,11 @@ def rough(
             observed,
             weight,
             near,
-            keep_face=counted or used > 0 or shifts is not None,
+            keep_face=used > 0 or shifts is not None,
         )
         near = first
         misfit = readings.white(((data - explained) / readings.std)[observed], observed)
-        taken = taken_by(model) if counted else estimator.taken(first[-1], found.parameter)
-        free = max(float(observed.sum()) - used - taken, 1.0)
+        free = max(float(observed.sum()) - used - estimator.taken(first[-1], found.parameter), 1.0)
         left = math.sqrt(float((misfit**2).sum()) / free)
         # Fill unused readings with the prediction of the contact.
         filled = np.where(observed, data, explained)

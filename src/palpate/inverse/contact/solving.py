@@ -286,7 +286,7 @@ class _Solving:
         where a linear model could.
         """
         estimator, leading = self.estimator, self.first_model
-        if self.follows or leading.compact or estimator.noise_known or estimator.counts_freedom:
+        if self.follows or leading.compact or estimator.noise_known:
             took = taken_by(leading)
         else:
             took = estimator.taken(self.first_traction[-1], self.evidence[1].parameter)
