@@ -42,17 +42,19 @@ def test_deep_taxels_hide_nothing_between_them() -> None:
     assert not touch._errors.posterior.beyond_force.any()
 
 
-@pytest.mark.parametrize("zeroed", [False, True])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_largest_readings_of_a_small_punch_are_not_broken_taxels(seed: int, zeroed: bool) -> None:
-    """Two to five shallow taxels under a punch of one pitch were left out as dead, and 90 % of its force with them."""
+def test_the_largest_readings_of_a_small_punch_are_not_broken_taxels(seed: int) -> None:
+    """Two to five shallow taxels under a punch of one pitch were left out as dead, and 90 % of its force with them; or
+    the punch was given to the linear method, 57 N wide.
+    """
     pad = pp.HalfSpace(youngs_modulus=1e6, poissons_ratio=0.48)
     skin = pp.Skin(pad, pp.AreaArray(shape=(22, 24), pitch=4e-3, depth=1.88e-3, channels=["stress_zz"]))
     clean = np.asarray(skin.sense(pp.solutions.flat_punch(radius=3.94e-3, force=1.0).shifted(20.0e-3, 5.7e-3)))
     rng, noise = np.random.default_rng(seed), float(np.abs(clean).max()) / 37
     rest = noise * rng.standard_normal((50, *clean.shape))
     readings = clean + noise * rng.standard_normal(clean.shape)
-    touch = skin.reconstruct(readings, zero=rest if zeroed else None)
+    touch = skin.reconstruct(readings, zero=rest)
     low, high = touch.interval(0.95, of="force")
     assert low[2] < 1.0 < high[2]
+    assert high[2] - low[2] < 2.0
     assert float(touch.force[2]) == pytest.approx(1.0, rel=0.2)
