@@ -268,6 +268,13 @@ class Picked:
         found = (kept.rows @ white).take(kept.picks(self.position))
         return np.asarray(found.reshape(kept.components, -1) * self.scale)
 
+    def lengths(self) -> Floats:
+        """Norm of each column (component * cell,); readings that were lost count."""
+        kept = self.columns
+        return np.asarray(
+            self.scale * np.sqrt(np.einsum("ij,ij->i", kept.rows, kept.rows)).take(kept.picks(self.position))
+        )
+
     def matrix(self) -> Floats:
         """The matrix (reading, component * cell)."""
         rows = self.columns.rows.take(self.columns.picks(self.position), axis=0)
@@ -339,6 +346,16 @@ class Normal:
         if self.known is not None:
             return self.known
         return self.given.gram() if isinstance(self.given, Picked | Later) else self.matrix.T @ self.matrix
+
+    def significance(self, white: Floats) -> Floats:
+        """Standard deviations by which a residual of whitened readings differs from noise along each column (component,
+        cell).
+        """
+        if isinstance(self.given, Picked):
+            slope, unit = self.given.linear(white), self.given.lengths()
+        else:
+            slope, unit = white @ self.matrix, np.sqrt((self.matrix**2).sum(axis=0))
+        return np.asarray((slope.ravel() / np.maximum(unit, 1e-300)).reshape(self.linear.shape))
 
     def part(self, position: Index) -> Normal:
         """The normal equations of some of the cells."""

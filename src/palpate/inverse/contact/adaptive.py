@@ -157,8 +157,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
         parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
-        data, start = refined(ratio)
-        found = self._compact(data, first, y, noise, observed, parameter, possible)
+        white = self.readings.white(y[observed], observed)
+        data, start = self._certain(*refined(ratio), white, parameter / scale**2)
+        found = self._compact(data, first, white, noise, observed, parameter, possible)
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
         if fields < 0.5:
@@ -197,14 +198,20 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield from compact
 
     def _compact(
-        self, data: Normal, first: Floats, y: Floats, noise: Floats, observed: Flags, parameter: float, possible: int
+        self,
+        data: Normal,
+        first: Floats,
+        white: Floats,
+        noise: Floats,
+        observed: Flags,
+        parameter: float,
+        possible: int,
     ) -> Discs | None:
         """Candidate discs for a contact of a few taxels (`palpate.inverse.contact.compact`); None if the contact is
         larger.
         """
         if not self.policy.parts.compact or data.at_size:
             return None
-        white = self.readings.white(y[observed], observed)
         left = white - self.readings.white((self.explained_by(first) / noise)[observed], observed)
         return discs(self, data, first, white, float(left @ left), self.taken(first[-1], parameter), possible)
 
@@ -246,12 +253,17 @@ class AdaptiveEstimator(ConstrainedEstimator):
         share = (1.0 - even) / max(len(reaches), 1)
 
         def solved(order: int) -> ContactModel:
-            nonlocal start
+            nonlocal data, start
             found = evidence[order]
             precisions = self.precisions(level, order, found.parameter / found.scale**2)
             whole = self.model(data, precisions, start)
-            start = whole.solution.traction
-            return self._trimmed(whole, precisions, y)
+            kept = self._trimmed(whole, precisions, y)
+            # Other orders need only the cells near those that this one kept.
+            near = np.zeros(level.grid.shape, dtype=bool)
+            near.ravel()[kept.cells] = True
+            position = np.flatnonzero(dilated(near, 1).ravel()[data.cells])
+            data, start = data.part(position), whole.solution.traction[:, position]
+            return kept
 
         first: ContactModel | None = None
         for order in chosen:
@@ -272,6 +284,24 @@ class AdaptiveEstimator(ConstrainedEstimator):
             member = self._relearned(first, width, variance, y, energies[variance])
             member.weight = share
             yield member
+
+    def _certain(self, data: Normal, start: Floats, white: Floats, weight: float) -> tuple[Normal, Floats]:
+        """The cells of ``data`` near those that certainly press, and traction there, if such a contact leaves only noise in the other cells.
+
+        Coarse cells explain by a scatter of faint pressure what they cannot follow. ``start`` is their traction
+        (component, cell), ``white`` (reading,) the whitened readings, ``weight`` that of the even penalty.
+        """
+        policy, level = self.policy, data.level
+        strong = np.zeros(level.grid.shape, dtype=bool)
+        strong.ravel()[data.cells] = start[-1] > policy.extent.faint * start[-1].max()
+        near = dilated(strong, level.ratio).ravel()[data.cells]
+        position = np.flatnonzero(near)
+        if data.at_size or self.cone.free or not 0 < len(position) < policy.extent.most_certain * len(near):
+            return data, start
+        part = data.part(position)
+        found = self.model(part, self.precisions(level, 1, weight), start[:, position]).solution.traction
+        beyond = data.significance(white - part.matrix @ found.ravel())[-1][~near]
+        return (part, found) if beyond.max() < policy.extent.certain else (data, start)
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """The model without cells whose pressure is below the noise. Pressure is never negative, so noise in these cells would add up to a force."""

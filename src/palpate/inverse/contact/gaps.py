@@ -21,8 +21,8 @@ def load_in_gaps(prepared: Prepared, run: Solved, traction: Floats) -> Floats:
 
     It is the largest force of any pressure that is no larger than the peak found, ends at the middle between a loaded
     taxel and the next, and changes no reading by more than ``policy.errors.felt`` times the noise (a linear program).
-    Shear may grow by the same factor. Zero for arrays that are not shallow, and for large contacts, whose edge is a
-    small part of them.
+    Shear may grow by the same factor. Zero for arrays that are not shallow; for displacements, which reach far; and for
+    large contacts, whose edge is a small part of them.
     """
     import scipy.optimize
     import scipy.spatial
@@ -30,7 +30,7 @@ def load_in_gaps(prepared: Prepared, run: Solved, traction: Floats) -> Floats:
     policy, operator = prepared.policy, prepared.operator
     grid, pressure = operator.surface, traction[-1].ravel()
     peak, none = float(pressure.max(initial=0.0)), np.zeros(len(traction))
-    if not peak > 0.0 or not shallow(operator.planes_of, policy).all():
+    if not peak > 0.0 or prepared.far or not shallow(operator.planes_of, policy).all():
         return none
     taxels = np.concatenate([a.points[a.valid.ravel()] for a in operator.planes_of])
     places = np.stack([x.ravel() for x in np.meshgrid(*grid.axes, indexing="ij")[::-1]], axis=1)

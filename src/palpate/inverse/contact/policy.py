@@ -399,6 +399,12 @@ class Extent:
         0.3, "for noisy frames: that fraction of the peak, times the largest reading in units of the noise", tried=True
     )
     most_quiet: float = number(0.03, "upper limit of that fraction: less than `faint`")
+    certain: float = number(
+        4.0, "cells beyond the certain contact are left out if their residual is below this, in standard deviations"
+    )
+    most_certain: float = number(
+        0.8, "that is tried if so large a part of the cells, at most, is kept: else it saves nothing"
+    )
     at_edge: float = number(
         0.3, "if traction at the outermost taxels is above this fraction of the largest, contact may go on beyond"
     )
