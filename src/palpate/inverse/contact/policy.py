@@ -293,6 +293,10 @@ class Noise:
         3.0, "plus this many standard errors: once in 400 channels with equal noise", needs="channels"
     )
     again: float = number(1.2, "estimate the noise again if it changes by more than this factor", tried=True)
+    by_cells: float = number(
+        3.0,
+        "on large arrays the given noise is tried first if coarse cells leave less than this times it: fine ones follow more",
+    )
     followed: float = number(
         0.05, "the linear model fits noise if its noise is less than this fraction of the contact's residual"
     )

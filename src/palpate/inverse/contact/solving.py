@@ -97,8 +97,10 @@ class _Solving:
             pass
         elif estimator.noise_known:
             learned = noise_beyond(given, h.rough.left, h.rough.free, self.policy)
-            if learned > self.policy.noise.again * given:
-                known = coarse = max(learned, least)
+            rules = self.policy.noise
+            if learned > rules.again * given:
+                coarse = max(learned, least)
+                known = coarse if learned > rules.by_cells * given or not estimator.large else known
         elif h.present.any() or ((self.follows or not self.frame.usable.all()) and h.rough.left > 0):
             # A linear model takes the edges of filled-in regions for noise.
             known = max(h.rough.left, least)
@@ -295,21 +297,20 @@ class _Solving:
 
     def _given_noise(self, left: float) -> bool:
         """Update noise that is given up to a factor (`score.noise_beyond`): lower it to what the leading model leaves,
-        because coarse cells leave more than fine ones. If the estimate settles far above the given noise, try the
-        given noise once; restore the estimate if the residual is then far larger as well.
+        because coarse cells leave more than fine ones; or raise it, if the given noise was tried first. If the
+        estimate settles far above the given noise, try that once, and return to the estimate unless it is enough.
         """
-        policy, now = self.policy, self.coarse if self.known is None else self.known
+        policy, now = self.policy, self.given if self.known is None else self.known
         again, free = policy.noise.again, float(self.observed.sum()) - taken_by(self.first_model)
         learned = max(noise_beyond(self.given, left, max(free, 0.0), policy), self.floor)
-        if learned * again < now and self.learned < policy.noise.turns:
+        more = now == self.given and learned > again * now
+        if self.rested and more:
+            vars(self).update(self.rested)
+        elif (learned * again < now and self.learned < policy.noise.turns) or (more and not self.learned):
             self.known = learned if learned > again * self.given else self.given
         elif now > policy.screening.deviations * self.given and not self.rested:
             self.rested = {name: copy(getattr(self, name)) for name in STATE}
             self.known = self.given
-        elif self.rested and now == self.given and learned > again * now:
-            self.known = learned
-            if learned > policy.screening.deviations * self.given:
-                vars(self).update(self.rested)
         else:
             return False
         return True
