@@ -19,7 +19,7 @@ from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
 
-__all__ = ["rough", "rough_fit", "steps_of"]
+__all__ = ["rough", "rough_fit", "steps_of", "wide_and_wrong"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -49,7 +49,7 @@ def rough(
     known = 1.0 if certain else noise_at_first or policy.screening.first_noise * total
     filled = data.copy()
     linear = estimator.orders[1]
-    if certain and noise_at_first is not None and (estimator.large or _wide_and_wrong(estimator, near, noise_at_first)):
+    if certain and noise_at_first is not None and (estimator.large or wide_and_wrong(estimator, near, noise_at_first)):
         # With a noise far below the residual, products take hundreds of steps.
         known = max(noise_at_first, 1.0)
     cells = estimator.operator.surface.shape
@@ -105,10 +105,10 @@ def rough(
     return Rough(gain, left, free, first, explained, ring, change, deviation, beside)
 
 
-def _wide_and_wrong(estimator: Prepared, near: Floats | None, left: float) -> bool:
-    """Whether a solution presses on so many cells that products are used, and still leaves far more than noise."""
+def wide_and_wrong(estimator: Prepared, near: Floats | None, left: float) -> bool:
+    """Whether a solution presses on so many cells that products are used, and still leaves far more than the given noise."""
     policy = estimator.policy
-    if near is None or left <= policy.screening.deviations:
+    if near is None or not estimator.noise_known or left <= policy.screening.deviations:
         return False
     return int(np.count_nonzero(near[-1])) * len(near) > policy.grid.few_unknowns
 

@@ -28,7 +28,7 @@ from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.outliers import loaded_above
 from palpate.inverse.contact.prepared import Prepared
 from palpate.inverse.contact.proposals.levels import in_range
-from palpate.inverse.contact.score import more_than_noise, noise_beyond
+from palpate.inverse.contact.score import gain_of, more_than_noise, noise_beyond
 from palpate.inverse.contact.screening import loaded
 from palpate.inverse.contact.systematic import change_of_nuisances
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -37,7 +37,7 @@ __all__ = ["solve"]
 
 Flags = npt.NDArray[np.bool_]
 #: Attributes of `_Solving` that change between attempts, except the counts.
-STATE = ("h", "known", "data", "rows", "observed", "near", "explained")
+STATE = ("h", "known", "data", "rows", "observed", "near", "explained", "gained")
 
 
 def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
@@ -68,6 +68,7 @@ class _Solving:
         self.known, self.given, self.coarse = self._noise_at_first()
         #: Number of times the noise and the offsets were re-estimated.
         self.learned, self.refined = 0, 0
+        self.gained = 0.0
         self.rested: dict[str, Any] = {}  # state in which the noise estimate settled far above the given noise
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
@@ -255,6 +256,13 @@ class _Solving:
 
     # -- noise
 
+    @property
+    def total(self) -> float:
+        """Root mean square of the whitened readings."""
+        readings = self.estimator.readings
+        white = readings.white((self.data / readings.std)[self.observed], self.observed)
+        return float(np.sqrt(np.mean(white**2)))
+
     def _noise_changed(self) -> bool:
         """Re-estimate the noise from the residual, each channel first; return whether it changed."""
         estimator, parts = self.estimator, self.policy.parts
@@ -297,18 +305,20 @@ class _Solving:
 
     def _given_noise(self, left: float) -> bool:
         """Update noise that is given up to a factor (`score.noise_beyond`): lower it to what the leading model leaves,
-        because coarse cells leave more than fine ones; or raise it, if the given noise was tried first. If the
-        estimate settles far above the given noise, try that once, and return to the estimate unless it is enough.
+        because coarse cells leave more than fine ones; or raise it, if the given noise was tried. If the estimate
+        settles far above the given noise, try that once, and keep what gains more.
         """
         policy, now = self.policy, self.given if self.known is None else self.known
-        again, free = policy.noise.again, float(self.observed.sum()) - taken_by(self.first_model)
-        learned = max(noise_beyond(self.given, left, max(free, 0.0), policy), self.floor)
-        more = now == self.given and learned > again * now
-        if self.rested and more:
+        again, free = policy.noise.again, max(float(self.observed.sum()) - taken_by(self.first_model), 0.0)
+        learned = max(noise_beyond(self.given, left, free, policy), self.floor)
+        gain = gain_of(free, self.total, max(left, self.given), self.floor)
+        tried, count = now == self.given, self.learned < policy.noise.turns
+        if tried and self.rested and gain < self.rested["gained"]:
             vars(self).update(self.rested)
-        elif (learned * again < now and self.learned < policy.noise.turns) or (more and not self.learned):
+        elif count and (learned * again < now or (tried and learned > again * now)):
             self.known = learned if learned > again * self.given else self.given
         elif now > policy.screening.deviations * self.given and not self.rested:
+            self.gained = gain
             self.rested = {name: copy(getattr(self, name)) for name in STATE}
             self.known = self.given
         else:
@@ -317,14 +327,12 @@ class _Solving:
 
     def _learned_noise(self, left: float, ratio: float) -> bool:
         """Update noise that is not given."""
-        policy, readings = self.policy, self.estimator.readings
+        policy = self.policy
         if self.follows and ratio < 1.0:
             ratio = 1.0 / ratio  # the first estimate was an upper limit
         if self.learned == policy.noise.turns_of_all or ratio < policy.noise.again:
             return False
-        white = readings.white((self.data / readings.std)[self.observed], self.observed)
-        total = float(np.sqrt(np.mean(white**2)))
-        if left > max(policy.detection.most_left * total, policy.detection.unexplained * self.scale):
+        if left > max(policy.detection.most_left * self.total, policy.detection.unexplained * self.scale):
             return False  # most of the signal is in the residual: a pull, not noise
         self.known = left
         return True
