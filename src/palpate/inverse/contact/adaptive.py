@@ -158,7 +158,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         parameter, scale = evidence[1].parameter, evidence[1].scale
         ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
         white = self.readings.white(y[observed], observed)
-        data, start = self._certain(*refined(ratio), white, parameter / scale**2)
+        whole, start = refined(ratio)
+        data, start = self._certain(whole, start, white, parameter / scale**2)
         found = self._compact(data, first, white, noise, observed, parameter, possible)
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
@@ -167,7 +168,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield from compact
         slides: list[tuple[Floats, Floats, float]] = []
         if self.cone.coupled and policy.parts.sliding:
-            coarse = data if ratio == 1 else refined(1)[0]
+            coarse = whole if ratio == 1 else refined(1)[0]
             precisions = self.precisions(coarse.level, 1, parameter / scale**2)
             given = coarse, first, precisions
             if coarse.at_size:
