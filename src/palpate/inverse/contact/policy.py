@@ -534,7 +534,10 @@ class Work:
     second_order: int = number(4096, "most readings for trying the second derivative: its spectrum doubles the cost")
     hold: int = number(4096, "with more readings, local weights are not tested: data alone show where contact is")
     likely: float = number(0.15, "start with the cells above this fraction of the linear solution's peak: saves time")
-    cell_rounds: int = number(3, "rounds of adding cells")
+    cell_rounds: int = number(
+        5,
+        "rounds of adding cells: more of them follow a minimum that presses everywhere, because coarse cells leave more than noise",
+    )
     few_cells: float = number(
         0.02, "stop adding cells if the missing ones touch the others and are at most this fraction of them"
     )

@@ -41,7 +41,7 @@ def with_rims(
     rng: np.random.Generator | None,
 ) -> Frame | None:
     """The frame with traction of either sign around its contact; None if that does not fit better, or if it is not
-    worth trying.
+    worth trying. A contact too large for that is a push if it fits and the linear model gains little over it.
 
     ``observed`` are the readings before outliers of the pushing contact were removed.
     """
@@ -56,15 +56,17 @@ def with_rims(
         )
     ):
         return None
-    if any(m.data.at_size for m in run.members):
-        return None
+    at_size = any(m.data.at_size for m in run.members)
     size = np.abs(frame.traction[-1])
     core = size > policy.extent.faint * size.max()
     radius = 0.5 * core.sum() ** (1.0 / core.ndim)
     region = dilated(core, 1 + math.ceil(policy.rims.margin * radius))
-    if not core.any() or region.sum() * len(estimator.columns) > policy.rims.unknowns:
+    if not core.any():
         return None
     h = run.explanation
+    if at_size or region.sum() * len(estimator.columns) > policy.rims.unknowns:
+        fits = frame.fit > policy.fit.accepted and _gain_of_linear(estimator, run) < policy.detection.evidence
+        return replace(frame, sign=1, pushed=True) if h.sign == 0 and fits else None
     # If the sign of the contact is open, recompute the loaded fraction of the array's edge from this frame.
     h = replace(h, rough=replace(h.rough, ring=estimator.ring_load(size)))
     free = _without_cone(estimator)
@@ -157,6 +159,14 @@ def _gain(free: Prepared, push: Solved, other: Solved) -> float:
         for run in (push, other)
     ]
     return gain_without_cone(float(other.observed.sum()), left[0], left[1])
+
+
+def _gain_of_linear(estimator: Prepared, run: Solved) -> float:
+    """Gain of the linear model of an explanation of either sign over the push that was solved instead."""
+    count, rough, first = float(run.observed.sum()), run.explanation.rough, run.members[0]
+    push = (float(np.median(run.noise / estimator.readings.std)) * _left(estimator, first, run)) ** 2
+    linear = rough.left**2 * rough.free / count
+    return gain_without_cone(count, (push, taken_by(first)), (linear, count - rough.free))
 
 
 def _left(free: Prepared, model: ContactModel, run: Solved) -> float:
