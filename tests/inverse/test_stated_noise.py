@@ -60,3 +60,19 @@ def test_refused() -> None:
         with pytest.raises(pp.InvalidInput):
             tracker.step(PRESS, 0.1, std=wrong)
     assert tracker.health.frames == before
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_given_noise_far_too_small_is_not_fitted(seed: int) -> None:
+    """Traction that follows the noise leaves less than the estimate, and was kept: 0.09 N was read as 1.9 N."""
+    layer = pp.BondedLayers([pp.Layer(thickness=4.148e-3, youngs_modulus=1e6, poissons_ratio=0.48)])
+    array = pp.AreaArray(
+        shape=(5, 6), pitch=1e-3, depth=1.566e-3, channels=["strain_xz", "strain_yz", "strain_zz"], noise=2.9e-5
+    )
+    skin = pp.Skin(layer, array)
+    ball = pp.solutions.hertz_point(contact_radius=1.02e-3, force=0.09).shifted(-0.94e-3, 1.0e-3)
+    clean = np.asarray(skin.sense(ball))
+    touch = skin.reconstruct(clean + 12 * 2.9e-5 * np.random.default_rng(seed).standard_normal(clean.shape))
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 0.09 < high[2]
+    assert float(touch.force[2]) == pytest.approx(0.09, rel=0.3)

@@ -1,0 +1,52 @@
+"""Contacts too large to try pull around them, and fine cells near certain contact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate as pp
+
+MARKERS = ["displacement_x", "displacement_y", "displacement_z"]
+
+
+@pytest.mark.parametrize("seed", [37, 1, 2])
+def test_a_push_that_fits_is_not_left_to_the_linear_method(seed: int) -> None:
+    """The linear model scored higher, and the net force was known to 1.4 loads."""
+    array = pp.AreaArray(shape=(10, 12), pitch=1e-3, depth=0.844e-3, channels=MARKERS)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
+    ball = pp.solutions.hertz_point(contact_radius=3.67e-3, force=0.117).shifted(-1.93e-3, -0.48e-3)
+    clean = np.asarray(skin.sense(ball))
+    touch = skin.reconstruct(clean + 1.26e-5 * np.random.default_rng(seed).standard_normal(clean.shape))
+    low, high = touch.interval(0.95, "force")
+    assert touch.method == "adaptive"
+    assert low[2] < 0.117 < high[2]
+    assert high[2] - low[2] < 0.117
+
+
+def test_pull_as_large_as_the_array_is_left_to_the_linear_method() -> None:
+    array = pp.AreaArray(shape=(15, 15), pitch=1e-3, depth=0.9e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    ball = pp.solutions.hertz_point
+    clean = np.asarray(skin.sense(ball(contact_radius=3e-3, force=0.5).shifted(-3e-3, 1e-3)))
+    clean -= np.asarray(skin.sense(ball(contact_radius=2.5e-3, force=0.25).shifted(4e-3, -2e-3)))
+    level = 0.05 * float(np.abs(clean).max())
+    touch = skin.reconstruct(clean + level * np.random.default_rng(1).standard_normal(clean.shape))
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 0.25 < high[2]
+    assert any("push" in note or "pull" in note for note in touch.notes)
+
+
+def test_a_faint_contact_beside_a_strong_one_is_kept() -> None:
+    """It is beyond the cells that certainly press, and leaves more than noise there."""
+    array = pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=0.0, channels=MARKERS, noise=1e-6)
+    layer = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
+    skin = pp.Skin(layer, array)
+    ball = pp.solutions.hertz_point(contact_radius=2e-3, force=0.5)
+    second = pp.solutions.hertz_point(contact_radius=1e-3, force=0.004).shifted(4e-3, 4e-3)  # 3 % of the pressure
+    readings = np.asarray(skin.sense(ball)) + np.asarray(skin.sense(second))
+    readings = readings + 1e-6 * np.random.default_rng(0).standard_normal(readings.shape)
+    touch = skin.reconstruct(readings)
+    far = (skin.surface.y[:, None] > 2.9e-3) & (skin.surface.x[None, :] > 2.9e-3)
+    pressure, area = np.asarray(touch.pressure), float(np.prod(skin.surface.spacings))
+    assert float(pressure[far].sum() * area) == pytest.approx(0.004, rel=0.3)
