@@ -260,17 +260,30 @@ def large() -> list[str]:
     readings = skin.sense(np.zeros((3, *surface.shape)))
     spent = time.perf_counter() - clock, time.process_time() - processor
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    readings = [skin.sense(BALL.shifted(x, 0.0), rng=np.random.default_rng(1)) for x in (0.0, 1e-3, 2e-3)]
+    places = [(0.0, 0.0), (1e-3, 0.0), (2e-3, 0.0), (-3e-3, 0.0), (4e-3, 0.0), (-5e-3, 0.0), (3e-3, 3e-3)]
+    readings = [skin.sense(BALL.shifted(*p), rng=np.random.default_rng(i)) for i, p in enumerate(places)]
     clock = time.perf_counter()
     solve = partial(skin.reconstruct, method="tikhonov")
     solve(readings[0])
     first = time.perf_counter() - clock
+    skin.reconstruct(readings[0])
+    each = [_frame_time(skin.reconstruct, [r]) for r in readings]
+    others = [
+        pp.solutions.hertz_point(contact_radius=1.2e-3, force=0.3),
+        pp.solutions.hertz_point(contact_radius=4.5e-3, force=4.0),
+        pp.solutions.flat_punch(radius=2e-3, force=1.0),
+    ]
+    small, wide, punch = (
+        _frame_time(skin.reconstruct, [skin.sense(o.shifted(1e-3, -2e-3), rng=np.random.default_rng(9))])
+        for o in others
+    )
     return [
         f"{len(pad.elements)} elements, {3 * pad.solid.basis.N} unknowns, {math.prod(surface.shape)} cells of the surface, "
         f"{len(array.points)} x 3 markers, {os.environ.get('OMP_NUM_THREADS', 'all')} threads: prepared in {spent[0]:.0f} s "
         f"({spent[1]:.0f} s of processor time), {memory:.1f} GB at most. The first frame by Tikhonov's method takes another "
-        f"{first:.0f} s, later ones {_frame_time(solve, readings):.0f} ms of processor time. By the automatic method a frame takes "
-        f"{_frame_time(skin.reconstruct, readings):.0f} ms after the first, tracked {_frame_time(skin.track().step, readings):.0f} ms."
+        f"{first:.0f} s, later ones {_frame_time(solve, readings):.0f} ms of processor time. By the automatic method a ball of 3 mm radius "
+        f"takes {np.median(each):.0f} ms after the first frame (slowest of {len(each)} places: {max(each):.0f}), a ball of 1.2 mm {small:.0f} ms, "
+        f"one of 4.5 mm {wide:.0f} ms, a punch of 2 mm {punch:.0f} ms; tracked {_frame_time(skin.track().step, readings):.0f} ms."
     ]
 
 
