@@ -39,7 +39,7 @@ def test_pull_as_large_as_the_array_is_left_to_the_linear_method() -> None:
 
 def test_a_faint_contact_beside_a_strong_one_is_kept() -> None:
     """It is beyond the cells that certainly press, and leaves more than noise there."""
-    array = pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=0.0, channels=MARKERS, noise=1e-6)
+    array = pp.AreaArray(shape=(20, 20), pitch=1e-3, depth=0.0, channels=MARKERS, noise=1e-6)
     layer = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
     skin = pp.Skin(layer, array)
     ball = pp.solutions.hertz_point(contact_radius=2e-3, force=0.5)

@@ -290,8 +290,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """The cells of ``data`` near those that certainly press, and traction there, if such a contact leaves only noise in the other cells.
 
         Coarse cells explain by a scatter of faint pressure what they cannot follow. ``start`` is their traction
-        (component, cell), ``white`` (reading,) the whitened readings, ``weight`` that of the even penalty.
+        (component, cell), ``white`` (reading,) the whitened readings, ``weight`` that of the even penalty. All cells on
+        arrays that are not large: a tracker holds such models, and needs room for drift.
         """
+        if not self.large:
+            return data, start
         policy, level = self.policy, data.level
         strong = np.zeros(level.grid.shape, dtype=bool)
         strong.ravel()[data.cells] = start[-1] > policy.extent.faint * start[-1].max()

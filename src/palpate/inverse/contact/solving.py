@@ -68,7 +68,8 @@ class _Solving:
         self.known, self.given, self.coarse = self._noise_at_first()
         #: Number of times the noise and the offsets were re-estimated.
         self.learned, self.refined = 0, 0
-        self.gained = 0.0
+        #: Root mean square of the whitened readings at first, with which states are compared; the gain of `rested`.
+        self.signal, self.gained = self.total, 0.0
         self.rested: dict[str, Any] = {}  # state in which the noise estimate settled far above the given noise
         self.first: Floats | None = None
         self.near = h.rough.traction if h.sign else None
@@ -258,10 +259,10 @@ class _Solving:
 
     @property
     def total(self) -> float:
-        """Root mean square of the whitened readings."""
+        """Root mean square of the whitened readings, without the nuisances."""
         readings = self.estimator.readings
         white = readings.white((self.data / readings.std)[self.observed], self.observed)
-        return float(np.sqrt(np.mean(white**2)))
+        return float(np.sqrt(np.mean(white**2))) if len(white) else 0.0
 
     def _noise_changed(self) -> bool:
         """Re-estimate the noise from the residual, each channel first; return whether it changed."""
@@ -311,7 +312,7 @@ class _Solving:
         policy, now = self.policy, self.given if self.known is None else self.known
         again, free = policy.noise.again, max(float(self.observed.sum()) - taken_by(self.first_model), 0.0)
         learned = max(noise_beyond(self.given, left, free, policy), self.floor)
-        gain = gain_of(free, self.total, max(left, self.given), self.floor)
+        gain = gain_of(free, self.signal, max(left, self.given), self.floor)
         tried, count = now == self.given, self.learned < policy.noise.turns
         if tried and self.rested and gain < self.rested["gained"]:
             vars(self).update(self.rested)
