@@ -71,7 +71,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         policy = self.policy
         if not policy.parts.finer_grid:
             return 1
-        few = policy.grid.few_unknowns
+        # Of large arrays no more than a tracker can hold.
+        few = policy.work.again_unknowns if self.large else policy.grid.few_unknowns
         most = min(policy.grid.unknowns, max(few, policy.grid.unknowns_per_reading * len(self.readings.std)))
         limits = [(policy.grid.spacing, most), (math.inf, math.inf)]
         if d == 2:
@@ -287,25 +288,32 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield member
 
     def _certain(self, data: Normal, start: Floats, white: Floats, weight: float) -> tuple[Normal, Floats]:
-        """The cells of ``data`` near those that certainly press, and traction there, if such a contact leaves only noise in the other cells.
+        """The cells of ``data`` near those that certainly press, and traction there, with those added in which such a
+        contact leaves more than noise.
 
         Coarse cells explain by a scatter of faint pressure what they cannot follow. ``start`` is their traction
         (component, cell), ``white`` (reading,) the whitened readings, ``weight`` that of the even penalty. All cells on
         arrays that are not large: a tracker holds such models, and needs room for drift.
         """
-        if not self.large:
-            return data, start
         policy, level = self.policy, data.level
-        strong = np.zeros(level.grid.shape, dtype=bool)
-        strong.ravel()[data.cells] = start[-1] > policy.extent.faint * start[-1].max()
-        near = dilated(strong, level.ratio).ravel()[data.cells]
-        position = np.flatnonzero(near)
-        if data.at_size or self.cone.free or not 0 < len(position) < policy.extent.most_certain * len(near):
+        if not self.large or data.at_size or self.cone.free:
             return data, start
-        part = data.part(position)
-        found = self.model(part, self.precisions(level, 1, weight), start[:, position]).solution.traction
-        beyond = data.significance(white - part.matrix @ found.ravel())[-1][~near]
-        return (part, found) if beyond.max() < policy.extent.certain else (data, start)
+        precisions, found = self.precisions(level, 1, weight), start
+        certain = start[-1] > policy.extent.faint * start[-1].max()
+        while True:
+            wanted = np.zeros(level.grid.shape, dtype=bool)
+            wanted.ravel()[data.cells[certain]] = True
+            near = dilated(wanted, level.ratio).ravel()[data.cells]
+            if not near.any() or near.mean() > policy.extent.most_certain:
+                return data, found
+            part = data.part(np.flatnonzero(near))
+            solution = self.model(part, precisions, found[:, near]).solution.traction
+            found = np.zeros_like(start)
+            found[:, near] = solution
+            beyond = data.significance(white - part.matrix @ solution.ravel())[-1] > policy.extent.certain
+            if not (beyond & ~near).any():
+                return part, solution
+            certain |= beyond & ~near
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """The model without cells whose pressure is below the noise. Pressure is never negative, so noise in these cells would add up to a force."""
