@@ -151,22 +151,21 @@ def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solv
 
 def _gain(free: Prepared, push: Solved, other: Solved) -> float:
     """Gain of traction of either sign over a push (`score.gain_without_cone`)."""
-    left = [
-        (
-            (float(np.median(run.noise / free.readings.std)) * _left(free, run.members[0], run)) ** 2,
-            taken_by(run.members[0]),
-        )
-        for run in (push, other)
-    ]
-    return gain_without_cone(float(other.observed.sum()), left[0], left[1])
+    return gain_without_cone(float(other.observed.sum()), _unexplained(free, push), _unexplained(free, other))
 
 
 def _gain_of_linear(estimator: Prepared, run: Solved) -> float:
     """Gain of the linear model of an explanation of either sign over the push that was solved instead."""
-    count, rough, first = float(run.observed.sum()), run.explanation.rough, run.members[0]
-    push = (float(np.median(run.noise / estimator.readings.std)) * _left(estimator, first, run)) ** 2
-    linear = rough.left**2 * rough.free / count
-    return gain_without_cone(count, (push, taken_by(first)), (linear, count - rough.free))
+    count, rough = float(run.observed.sum()), run.explanation.rough
+    return gain_without_cone(
+        count, _unexplained(estimator, run), (rough.left**2 * rough.free / count, count - rough.free)
+    )
+
+
+def _unexplained(estimator: Prepared, run: Solved) -> tuple[float, float]:
+    """Mean squared residual of the first model, in units of the whitening, and the degrees of freedom that it uses."""
+    first = run.members[0]
+    return (float(np.median(run.noise / estimator.readings.std)) * _left(estimator, first, run)) ** 2, taken_by(first)
 
 
 def _left(free: Prepared, model: ContactModel, run: Solved) -> float:
