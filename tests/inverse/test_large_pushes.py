@@ -24,6 +24,24 @@ def test_a_push_that_fits_is_not_left_to_the_linear_method(seed: int) -> None:
     assert high[2] - low[2] < 0.117
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize(("depth", "noise"), [(0.6e-3, 300.0), (0.9e-3, 300.0)])
+def test_a_clean_ball_on_a_wide_surface_is_a_push(depth: float, noise: float, seed: int) -> None:
+    """The residual of the linear model has fewer degrees of freedom than n - tr(H): the net force was known to 4 loads."""
+    array = pp.AreaArray(
+        shape=(20, 20), pitch=1e-3, depth=depth, channels=["stress_xz", "stress_yz", "stress_zz"], noise=noise
+    )
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    ball = pp.solutions.hertz_point(contact_radius=4.1e-3, force=0.6).shifted(1.3e-3, -2.1e-3)
+    touch = skin.reconstruct(skin.sense(ball, rng=np.random.default_rng(seed)))
+    low, high = touch.interval(0.95, "force")
+    assert touch.method == "adaptive"
+    assert touch.force[2] == pytest.approx(0.6, rel=0.05)
+    assert low[2] < 0.6 < high[2]
+    assert high[2] - low[2] < 0.2
+
+
 def test_pull_as_large_as_the_array_is_left_to_the_linear_method() -> None:
     array = pp.AreaArray(shape=(15, 15), pitch=1e-3, depth=0.9e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)

@@ -206,6 +206,9 @@ def test_hertz_sizes() -> None:
     assert solutions.hertz_line(half_width=b, force=100.0).traction(0.0)[1] == pytest.approx(
         np.sqrt(100.0 * 1e6 / 0.75 / (np.pi * 0.01)), rel=1e-12
     )
+    layer: Any = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
+    with pytest.raises(pp.Unsupported, match="HalfSpace only; got BondedLayers"):
+        solutions.hertz_contact_radius(layer, radius=0.01, force=1.0)
 
 
 @pytest.mark.parametrize("tangential", [0.2, -0.35])

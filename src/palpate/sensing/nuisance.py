@@ -18,15 +18,17 @@ from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.arrays import AreaArray, Array
 
-__all__ = ["DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "check_nuisance", "groups", "nuisances"]
+__all__ = ["AT_EDGE", "DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "check_nuisance", "groups", "nuisances"]
 
-#: Kinds of nuisance by their short names.
+#: Kinds of nuisance by their short names. A kind that is neither in `USUAL` nor in `LATER` is sought only if the user names it.
 NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
 #: Kinds that the contact method seeks in every frame if the user names none, with contact and with noise alone.
 USUAL = ("offset", "rotation")
 #: Kinds that it seeks beside contact only, if the outermost taxels show one.
 LATER = ("ramp",)
-#: Kinds whose sizes the outermost taxels tell. What contact leaves is tested for them.
+#: Kinds whose sizes the outermost taxels tell, where contact is faint: their first sizes are fitted there. Others start from 0.
+AT_EDGE = ("offset", "ramp")
+#: Kinds for which the residual of every frame is tested, also of frames for which the user named others.
 DRIFTS = ("offset", "ramp")
 
 _SHIFT = {"displacement_x": "shift along x", "displacement_y": "shift along y", "displacement_z": "shift along z"}

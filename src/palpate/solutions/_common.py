@@ -29,6 +29,11 @@ def finite(name: str, value: Any, unit: str) -> float:
 
 def smoothed_modulus(pad: HalfSpace) -> float:
     """Plane-strain modulus E* = E/(1 - nu^2) [Pa] of a pad pressed by a rigid body."""
+    if not isinstance(pad, HalfSpace):
+        raise Unsupported(
+            f"the radius of a contact is known in closed form on a HalfSpace only; got {type(pad).__name__}. On any pad, "
+            "give hertz_point(contact_radius=...) or hertz_line(half_width=...) the size of the contact itself."
+        )
     return pad.youngs_modulus / (1.0 - pad.poissons_ratio**2)
 
 

@@ -373,6 +373,8 @@ def hertz_contact_radius(pad: HalfSpace, *, radius: float, force: float) -> floa
     ------
     InvalidInput
         A radius or force that is not positive and finite.
+    Unsupported
+        A pad that is not a `HalfSpace`.
 
     Examples
     --------

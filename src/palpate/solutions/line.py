@@ -247,6 +247,8 @@ def hertz_contact_half_width(pad: HalfSpace, *, radius: float, force: float) -> 
     ------
     InvalidInput
         A radius or force that is not positive and finite.
+    Unsupported
+        A pad that is not a `HalfSpace`.
 
     Examples
     --------

@@ -153,7 +153,8 @@ class Explanations:
         1.0, "an even press with more shear than this part of its pressure is drift of all channels"
     )
     smallest_nuisance: float = number(
-        0.01, "smallest nuisance over the largest reading: five times `inverse.fit.MODEL_DETAIL`, the model's accuracy"
+        0.01,
+        "smallest nuisance to seek, over the largest reading: five times `inverse.fit.MODEL_DETAIL`, the model's accuracy; smaller ones gain in clean frames too",
     )
     structured: float = number(
         0.1, "try contact that pushes and pulls if the residual of one sign is above this fraction of the readings"

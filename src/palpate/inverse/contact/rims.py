@@ -156,10 +156,10 @@ def _gain(free: Prepared, push: Solved, other: Solved) -> float:
 
 def _gain_of_linear(estimator: Prepared, run: Solved) -> float:
     """Gain of the linear model of an explanation of either sign over the push that was solved instead."""
-    count, rough = float(run.observed.sum()), run.explanation.rough
-    return gain_without_cone(
-        count, _unexplained(estimator, run), (rough.left**2 * rough.free / count, count - rough.free)
-    )
+    count, rough, start = float(run.observed.sum()), run.explanation.rough, estimator.start
+    found = start.evidence(start.orders[1], estimator.readings.planes(run.data), rough.left)
+    left = rough.left**2 * rough.free / count
+    return gain_without_cone(count, _unexplained(estimator, run), (left, start.residual_lacks(found.parameter)))
 
 
 def _unexplained(estimator: Prepared, run: Solved) -> tuple[float, float]:

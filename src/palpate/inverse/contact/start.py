@@ -50,6 +50,17 @@ class LinearStart:
         spectrum = linear.spectrum
         return float(spectrum.multiplicity @ (spectrum.eigenvalues / (spectrum.eigenvalues + parameter)))
 
+    def residual_lacks(self, parameter: float) -> float:
+        """Degrees of freedom that noise loses in the residual of the linear model: tr(2H - H^2), where H takes readings to
+        predictions (T. J. Hastie, R. J. Tibshirani, Generalized Additive Models, 1990, 3.5). More than `freedom`, tr(H), because the
+        penalty shrinks what it does not remove. Matrix-free models give tr(H).
+        """
+        linear = self.orders[1]
+        if isinstance(linear, LinearAtSize):
+            return linear.freedom(parameter)
+        kept = linear.spectrum.eigenvalues / (linear.spectrum.eigenvalues + parameter)
+        return float(linear.spectrum.multiplicity @ (kept * (2.0 - kept)))
+
     def evidence(
         self, linear: LinearModel, rows: Sequence[Floats], known: float | None, patterns: Floats | None = None
     ) -> LinearEvidence:

@@ -37,7 +37,7 @@ class Tried:
     Attributes
     ----------
     proposal : str
-        What proposed it: "push", "pull", "offsets", "rows", "ramps" or "both".
+        What proposed it: "push", "pull", "offsets", "groups", "ramps" or "both".
     explanation : str
         Such as "push, offset of stress_zz 267 Pa".
     worth : float
@@ -171,8 +171,14 @@ def best(h: Explanation, tried: Sequence[Explanation], terms: Sequence[Nuisance]
     if _heard():
         lead = worth_of(h, policy) - worth_of(simplest_of(tried, policy), policy)
         needed = policy.detection.evidence
-        why = f"worth {lead:.1f} more than contact alone, needed {needed:g}" if lead else "no other leads enough"
+        why = f"worth {lead:.1f} more than contact alone, needed {needed:g}" if lead else _why_simple(tried, needed)
         step(f"best of these: {named(h, terms)} ({why})")
+
+
+def _why_simple(tried: Sequence[Explanation], needed: float) -> str:
+    """Why contact alone is the best of the explanations tried."""
+    others = any(h.present.any() or h.sign == 0 for h in tried)
+    return f"no other is worth {needed:g} more, or leaves as little" if others else "no other was left"
 
 
 def chosen(what: str, h: Explanation, terms: Sequence[Nuisance], *, contact: bool = True) -> None:

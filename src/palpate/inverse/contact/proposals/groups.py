@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
 from palpate.inverse.contact.proposals.search import Search
@@ -49,6 +50,7 @@ def _beside(search: Search, h: Explanation) -> Iterator[Explanation]:
         ]
         best = int(np.argmax(worth))
         if not worth[best] > choice:
+            trace.decided("gain of the best group of taxels, less its price", worth[best], choice)
             return
         sought, start = h.present.copy(), h.sizes.copy()
         sought[groups[best]], start[groups[best]] = True, steps[best][0]

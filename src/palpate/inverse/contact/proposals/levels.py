@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.drift import reach_of_kind
 from palpate.inverse.contact.prepared import Prepared
 from palpate.sensing.arrays import Array, ScatteredArray
-from palpate.sensing.nuisance import DRIFTS, Nuisance
+from palpate.sensing.nuisance import AT_EDGE, Nuisance
 
 __all__ = [
     "edge_drift",
@@ -69,14 +69,11 @@ def lowest_levels(
 
 
 def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
-    """Initial sizes of offsets and ramps together, fitted to the outermost taxels by least squares; 0 for other
-    nuisances.
+    """Initial sizes of nuisances of the kinds `AT_EDGE` together, fitted to the outermost taxels by least squares; 0
+    for others.
     """
     sizes = np.zeros(len(terms))
-    for offset in terms:
-        if offset.kind != "offset":
-            continue
-        array, place = touched(estimator, offset)
+    for array, place in _channels(estimator):
         points = array.points[array.valid.ravel()]
         if points.shape[1] == 1:
             k = max(1, min(2, len(points) // 6))
@@ -85,8 +82,8 @@ def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequen
         else:
             edge = outermost_of(points, isinstance(array, ScatteredArray))
         edge &= observed[place]
-        of = [j for j, t in enumerate(terms) if t.kind in DRIFTS and t.rows[place].any()]
-        if edge.sum() < len(of):
+        of = [j for j, t in enumerate(terms) if t.kind in AT_EDGE and t.rows[place].any()]
+        if not of or edge.sum() < len(of):
             continue
         rows = np.stack([terms[j].rows[place][edge] for j in of], axis=1)
         scale = np.abs(rows).max(axis=0)
@@ -126,14 +123,17 @@ def reach(columns: Floats, data: Floats) -> Floats:
 
 def touched(estimator: Prepared, term: Nuisance) -> tuple[Array, Index]:
     """The array of an offset, and the indices of the readings of its channel."""
-    first, start = int(np.argmax(term.rows != 0)), 0
+    return next((array, place) for array, place in _channels(estimator) if term.rows[place].any())
+
+
+def _channels(estimator: Prepared) -> Iterator[tuple[Array, Index]]:
+    """The array of each channel of each plane, and the indices of the channel's readings."""
+    start = 0
     for array in estimator.operator.planes_of:
         n = int(array.valid.sum())
         for _ in array.channels:
-            if first < start + n:
-                return array, np.arange(start, start + n)
+            yield array, np.arange(start, start + n)
             start += n
-    raise IndexError(first)
 
 
 def _levels_of(values: Floats, points: Floats, scattered: bool) -> list[float]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact import drift
+from palpate.inverse.contact import drift, trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.proposals.levels import in_range, reach
 from palpate.inverse.contact.proposals.search import Search
@@ -31,10 +31,12 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
     if solved is None:
         return None
     found, sizes = solved
-    # A very small nuisance is below the accuracy of the model.
     columns = np.stack([term.rows for term in terms], axis=1)
-    part = np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)
-    if not ((part > rules.smallest_nuisance).any() and in_range(estimator, columns, sizes, search.data)):
+    if not sizes.any():
+        return None
+    if not in_range(estimator, columns, sizes, search.data):
+        largest = float((np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)).max())
+        trace.decided("too large a nuisance, as a part of the largest reading", largest, rules.largest_nuisance)
         return None
     every = search.none
     every[sought] = sizes
@@ -71,7 +73,9 @@ def _in_turn(
             if found.gain < best.gain - (0.0 if few or turn > 1 else estimator.policy.detection.evidence):
                 break
             step = max(step, found.gain - best.gain)
-            if found.gain + (rules.nuisance_rounds - 1 - turn) * step < beat:
+            most = found.gain + (rules.nuisance_rounds - 1 - turn) * step
+            if most < beat:
+                trace.decided("most that contact with nuisances can gain", most, beat)
                 return None
         best, kept = found, sizes.copy()
         deviation = max(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
@@ -80,8 +84,11 @@ def _in_turn(
         sizes = sizes + change
         # The first joint step starts far from the solution. It shows whether there are nuisances, but not yet which.
         first = turn == 0 and not few
-        there = np.abs(sizes) > rules.nuisance * (found.deviation if first else deviation)
+        sure = found.deviation if first else deviation
+        there = np.abs(sizes) > rules.nuisance * sure
         if not there.any():
+            most = float((np.abs(sizes) / sure).max())
+            trace.decided("largest nuisance, in standard deviations", most, rules.nuisance)
             return None
         if not first:
             present, sizes = there, np.where(there, sizes, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.score import absorbs
@@ -17,5 +18,10 @@ def propose(search: Search) -> Iterator[Explanation]:
     """
     push = search.tried[0]
     doubted = search.worth_more(push) or (search.estimator.far and absorbs(push.rough, search.estimator.policy))
-    if -1 in search.signs and doubted:
-        yield search.plain(-1)
+    if -1 not in search.signs:
+        return
+    if not doubted:
+        limit = search.estimator.policy.explanations.doubt
+        trace.decided("what a push leaves, as a part of the readings", push.rough.left / search.total, limit)
+        return
+    yield search.plain(-1)

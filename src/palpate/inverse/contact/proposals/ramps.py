@@ -1,4 +1,4 @@
-"""Propose contact with offsets and ramps."""
+"""Propose contact with offsets, ramps and other nuisances whose sizes the outermost taxels tell."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.proposals.levels import edge_drift
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.score import likelier_signs
-from palpate.sensing.nuisance import LATER
+from palpate.sensing.nuisance import AT_EDGE
 
 __all__ = ["propose"]
 
 
 def propose(search: Search) -> Iterator[Explanation]:
-    """Yield contact with offsets and ramps, if the outermost taxels show a significant ramp."""
+    """Yield contact with all nuisances but groups, if the outermost taxels show a significant one that is no offset."""
     estimator, observed = search.estimator, search.observed
-    ramps = np.array([term.kind in LATER for term in search.terms], dtype=bool)
+    ramps = np.array([term.kind in AT_EDGE and term.kind != "offset" for term in search.terms], dtype=bool)
     if not ramps.any():
         return
     readings = estimator.readings
@@ -27,7 +28,9 @@ def propose(search: Search) -> Iterator[Explanation]:
     unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
     level = max(max(search.tried, key=lambda h: h.rough.gain).rough.left, estimator.least_noise(search.data))
     tilted = edge_drift(estimator, search.data, observed, search.terms)
-    if not (np.abs(tilted) * unit > estimator.policy.explanations.nuisance * level)[ramps].any():
+    least, most = estimator.policy.explanations.nuisance, float((np.abs(tilted) * unit / level)[ramps].max())
+    if not most > least:
+        trace.decided("ramp of the outermost taxels, in standard deviations", most, least)
         return
     sought = np.array([term.kind != "group" for term in search.terms])
     for sign in likelier_signs(search.tried, search.hopeless):

@@ -75,7 +75,7 @@ class Search:
 
     def promises(self, sign: int, sought: Flags) -> bool:
         """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of them, together with
-        contact on its face, one is above the model's accuracy, and they gain more than it costs. Always, if contact
+        contact on its face, one is above the model's accuracy, and they gain more than one costs. Always, if contact
         alone leaves a large residual, covers much of the array, or may have taken them up.
         """
         rules = self.estimator.policy.explanations
@@ -85,8 +85,10 @@ class Search:
         if np.count_nonzero(plain.rough.traction[-1]) > rules.edge * self.estimator.taxels:
             return True
         ((sizes, gain),) = steps_of(self.estimator, plain, self.data, self.observed, [np.flatnonzero(sought)])
-        part = np.abs(sizes) / np.maximum(reach(self.estimator.shifts[:, sought], self.data), 1e-300)
-        return bool(gain > rules.per_nuisance and (part > rules.smallest_nuisance).any())
+        largest = float((np.abs(sizes) / np.maximum(reach(self.estimator.shifts[:, sought], self.data), 1e-300)).max())
+        trace.decided("gain of nuisances beside contact, in one step", gain, rules.per_nuisance)
+        trace.decided("the largest of them, as a part of the largest reading", largest, rules.smallest_nuisance)
+        return bool(gain > rules.per_nuisance and largest > rules.smallest_nuisance)
 
     @property
     def none(self) -> Floats:
