@@ -11,8 +11,9 @@ import pytest
 import palpate as pp
 from palpate.inverse.contact import prepared
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
-from palpate.inverse.contact.proposals import offsets, ramps
+from palpate.inverse.contact.proposals import levels, offsets, ramps
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
+from palpate.sensing import nuisance
 from palpate.sensing.arrays import Array
 from palpate.sensing.nuisance import Nuisance, nuisances
 from palpate.sensing.uncertainty import EXACT
@@ -124,6 +125,45 @@ def test_a_pattern_of_ones_own_is_found(force: float, monkeypatch: pytest.Monkey
     assert plain.force[2] != pytest.approx(force, abs=0.01)
     size = _sizes(touch)["bow of stress_zz along x"][0]
     assert size == pytest.approx(0.2 * peak / 3.5e-3**2, rel=0.03)
+
+
+def _with_warm_ends(planes: Sequence[Array], kinds: Sequence[str]) -> list[Nuisance]:
+    """`nuisances`, and a kind that is new: of each channel, a drift that is larger at one end and levels off."""
+    found = nuisances(planes, kinds)
+    for ramp in nuisances(planes, ["ramp"] if "warm_end" in kinds else []):
+        if ramp.label.endswith("along x"):
+            rows = np.where(ramp.rows != 0, np.tanh(3.0 * ramp.rows / np.abs(ramp.rows).max()), 0.0)
+            found.append(Nuisance("warm_end", ramp.label.replace("ramp", "warm end"), "Pa", rows))
+    return found
+
+
+@pytest.mark.parametrize("kinds", [["warm_end"], ["offset", "warm_end"]])
+@pytest.mark.parametrize("line", [False, True])
+@pytest.mark.long
+def test_a_kind_of_ones_own_is_found_where_it_is_named(
+    line: bool, kinds: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pattern and two names are all that CONTRIBUTING.md asks of a new kind. Without it 19 N were read of 10 on a line."""
+    monkeypatch.setattr(nuisance, "NUISANCES", (*nuisance.NUISANCES, "warm_end"))
+    for module in (levels, ramps):
+        monkeypatch.setattr(module, "AT_EDGE", (*nuisance.AT_EDGE, "warm_end"))
+    monkeypatch.setattr(prepared, "nuisances", _with_warm_ends)
+    contact: Any = pp.solutions.hertz_point(contact_radius=3e-3, force=0.5)
+    array: Array = _array(8, 2e-3, "stress_zz")
+    if line:
+        array = pp.LineArray(count=21, pitch=1e-3, depth=1e-3, channels=["stress_xz", "stress_zz"], noise=10.0)
+        contact = pp.solutions.hertz_line(half_width=3e-3, force=10.0)
+    skin = pp.Skin(PAD, array, uncertainty=EXACT, nuisance=kinds)
+    clean = np.asarray(skin.sense(contact))
+    size = 0.2 * float(np.abs(clean).max())
+    noise = 10.0 * np.random.default_rng(0).standard_normal(clean.shape)
+    touch = skin.reconstruct(clean + noise + size * np.tanh(np.linspace(-3.0, 3.0, clean.shape[-1])))
+    assert touch.force[-1] == pytest.approx(contact.force[-1], rel=0.05)
+    assert _sizes(touch)["warm end of stress_zz along x"][0] == pytest.approx(size, rel=0.05)
+    assert any(note.startswith("warm end of stress_zz along x: ") for note in touch.notes)
+    without = skin.reconstruct(clean + noise)
+    assert without.force[-1] == pytest.approx(contact.force[-1], rel=0.05)
+    assert not any("warm end" in note for note in without.notes)
 
 
 @pytest.mark.parametrize("part", [0.0075, 0.01])

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import dilated
-from palpate.inverse.contact.cells import solved
+from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
 from palpate.tracking.health import Flags, Index, Single
@@ -86,7 +86,7 @@ class Search:
         estimator, std = self._estimator, self._estimator.readings.std
         linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(y * std), noise)
         weight = parameter / noise**2
-        traction, explained, _ = solved(estimator, linear.traction, y / noise, noise * std, ~unused, weight)
+        traction, explained, _ = even_contact(estimator, linear.traction, y / noise, noise * std, ~unused, weight)
         return traction[-1], explained / std
 
     def _pressing(self, y: Floats, noise: float, unused: Flags, parameter: float) -> Flags:

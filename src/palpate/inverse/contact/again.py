@@ -24,7 +24,7 @@ from palpate.inverse.constrained.cone import minimise
 from palpate.inverse.constrained.model import ContactModel, Normal
 from palpate.inverse.constrained.variances import variance_of_sums
 from palpate.inverse.contact.explanation import Solved
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.summary import shares
 
 __all__ = ["Again", "Kept", "Models", "keep", "keeping"]
@@ -38,13 +38,13 @@ class Models:
     ``prepared`` they were solved with (the readings were divided by it); ``free``: degrees of freedom of the residual.
     """
 
-    prepared: Prepared
+    prepared: PreparedContact
     runs: tuple[Solved, ...]
     factor: float = 1.0
     free: float = math.nan
 
     @classmethod
-    def of(cls, prepared: Prepared, *runs: Solved) -> Models | None:
+    def of(cls, prepared: PreparedContact, *runs: Solved) -> Models | None:
         """The models of these runs, if there are any and all of them push, or all pull."""
         signs = {run.explanation.sign for run in runs if run.members}
         return cls(prepared, runs) if signs in ({1}, {-1}) else None
@@ -146,7 +146,7 @@ class Again:
 class _Part:
     """One explanation, solved again."""
 
-    def __init__(self, prepared: Prepared, run: Solved) -> None:
+    def __init__(self, prepared: PreparedContact, run: Solved) -> None:
         self.prepared, self.run = prepared, run
         self._shift = prepared.shifts @ run.explanation.sizes
         white = self._white(run.data, run.observed)
@@ -177,7 +177,7 @@ class _Part:
 class _Member:
     """One model, solved again, which was made from the readings ``white``."""
 
-    def __init__(self, prepared: Prepared, model: ContactModel, white: Floats) -> None:
+    def __init__(self, prepared: PreparedContact, model: ContactModel, white: Floats) -> None:
         self.model, self._cone, self._tolerance = model, prepared.cone, prepared.policy.work.again
         self._last = model.solution.traction
         self._known = {np.ones(len(white), dtype=bool).tobytes(): model}

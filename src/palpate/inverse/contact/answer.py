@@ -21,7 +21,7 @@ from palpate.inverse.contact.no_contact import WIDE, detection_limit
 from palpate.inverse.contact.notes import single_taxel_share, smallness
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.policy import STATED
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.screening import shallow
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
@@ -33,7 +33,7 @@ __all__ = ["combined", "framed", "hidden", "nothing_known", "unexplained"]
 Flags = npt.NDArray[np.bool_]
 
 
-def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.Generator | None) -> Frame:
+def framed(prepared: PreparedContact, run: Solved, observed: Observed, rng: np.random.Generator | None) -> Frame:
     """The result of one frame under the explanation that was solved."""
     h = run.explanation
     deviation = nuisance_errors(prepared, run)
@@ -85,7 +85,7 @@ def framed(prepared: Prepared, run: Solved, observed: Observed, rng: np.random.G
 
 
 def combined(
-    prepared: Prepared,
+    prepared: PreparedContact,
     run: Solved,
     noise: Floats,
     fit: float,
@@ -136,7 +136,7 @@ def combined(
 
 
 def _nothing(
-    prepared: Prepared, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
+    prepared: PreparedContact, parameter: float, scale: float, data: Floats, outliers: Flags, alone: Any = 0.0
 ) -> Frame:
     """Result of a frame without contact; its errors are those of the largest contact that would not be detected.
 
@@ -155,7 +155,7 @@ def _nothing(
     return Frame(np.zeros(shape), errors, parameter, noise, left, True, False, outliers, empty)
 
 
-def unexplained(prepared: Prepared, data: Floats, outliers: Flags, chance: float) -> Frame:
+def unexplained(prepared: PreparedContact, data: Floats, outliers: Flags, chance: float) -> Frame:
     """Result of a frame that no explanation fits: traction, draws and errors are NaN."""
     nothing = _nothing(prepared, math.nan, math.nan, data, outliers).blanked()
     terms = np.full(len(prepared.terms), math.nan)
@@ -176,7 +176,7 @@ def nothing_known(errors: Errors) -> Errors:
     return Errors(**{f.name: np.full_like(getattr(errors, f.name), math.nan) for f in fields(Errors)})
 
 
-def hidden(prepared: Prepared, data: Floats) -> Floats:
+def hidden(prepared: PreparedContact, data: Floats) -> Floats:
     """Bounds on the net force (component, 2) if no explanation fits: the larger of two loads that cause the largest reading, a patch as wide as the depth and an even load over the array."""
     largest = float(np.abs(data / prepared.readings.std).max(initial=0.0))
     force = WIDE * prepared.undetected(largest, data).force

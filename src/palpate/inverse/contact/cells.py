@@ -11,13 +11,13 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import TOLERANCE
 from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.constrained.products import FIRST_AT_SIZE
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 
-__all__ = ["solved"]
+__all__ = ["even_contact"]
 
 
-def solved(
-    estimator: Prepared,
+def even_contact(
+    estimator: PreparedContact,
     linear: Floats,
     y: Floats,
     noise: Floats,

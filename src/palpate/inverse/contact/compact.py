@@ -22,7 +22,7 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.model import Normal
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import share_of
 
 __all__ = ["Disc", "Discs", "discs"]
@@ -170,7 +170,7 @@ def _blended(share: Floats, between: Floats, told: Floats) -> tuple[Floats, Floa
 
 
 def discs(
-    estimator: Prepared,
+    estimator: PreparedContact,
     data: Normal,
     first: Floats,
     white: Floats,

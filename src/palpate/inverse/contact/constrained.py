@@ -22,7 +22,7 @@ from palpate.inverse.constrained.model import ContactModel, dilated
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.overload import solve_within_range
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.estimate import Estimate, batch_of, frames_of
 from palpate.inverse.linear.evidence import LinearEvidence
 
@@ -31,7 +31,7 @@ __all__ = ["ConstrainedEstimator"]
 Flags = npt.NDArray[np.bool_]
 
 
-class ConstrainedEstimator(Prepared):
+class ConstrainedEstimator(PreparedContact):
     """The constrained estimator, prepared once for a problem and its constraints."""
 
     def solve(self, readings: Sequence[Any], rng: np.random.Generator | None = None) -> Estimate:

@@ -30,14 +30,16 @@ from palpate.inverse.contact.answer import hidden, unexplained
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.contact.policy import Fit, Policy
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.search import search
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 
 __all__ = ["degrees_of_share", "posterior", "solve_with_model_error"]
 
 
-def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def solve_with_model_error(
+    estimator: PreparedContact, readings: Sequence[Floats], rng: np.random.Generator | None
+) -> Frame:
     """The result of one frame with the smallest discrepancy that makes it fit; see the module."""
     policy = estimator.policy
     zeroed = estimator.problem.zeroed
@@ -71,7 +73,7 @@ def solve_with_model_error(estimator: Prepared, readings: Sequence[Floats], rng:
 
 
 def _solved(
-    estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None, factor: float = 1.0
+    estimator: PreparedContact, readings: Sequence[Floats], rng: np.random.Generator | None, factor: float = 1.0
 ) -> Frame:
     """The frame with ``factor`` times the noise (`_at_noise`); of few readings without the nuisances that the zero removed."""
     few = len(estimator.readings.std) <= estimator.policy.fit.proves
@@ -85,7 +87,7 @@ def _solved(
     return replace(found, nuisance=sizes, nuisance_std=std)
 
 
-def _doubted(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
+def _doubted(estimator: PreparedContact, frame: Frame, data: Floats) -> Frame:
     """The frame with a discrepancy computed from its residual: none at the misfit probability `Fit.accepted`, all of it
     at `POOR_FIT`. Many frames of a wrong pad pass the fit test narrowly.
     """
@@ -107,7 +109,7 @@ def _undecided(frame: Frame) -> Frame:
     return replace(frame.blanked(), undecided=True, bounds=np.stack([-force, force], axis=-1))
 
 
-def _explains(estimator: Prepared, frame: Frame) -> bool:
+def _explains(estimator: PreparedContact, frame: Frame) -> bool:
     """Whether the contact that was found, or drift since the zero without contact, passes the fit test."""
     if frame.contact:
         return not frame.fit < POOR_FIT and (frame.pushed or frame.sign < 0 or frame.sign > 1)
@@ -116,7 +118,7 @@ def _explains(estimator: Prepared, frame: Frame) -> bool:
 
 
 def _with_shares(
-    estimator: Prepared,
+    estimator: PreparedContact,
     readings: Sequence[Floats],
     data: Floats,
     plain: Frame | None,
@@ -175,7 +177,9 @@ def _with_shares(
     return replace(nothing, bounds=hidden(estimator, data))
 
 
-def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None) -> Frame:
+def _at_noise(
+    estimator: PreparedContact, readings: Sequence[Floats], factor: float, rng: np.random.Generator | None
+) -> Frame:
     """Solve a frame as if its noise were ``factor`` times the noise that ``estimator`` was prepared for.
 
     Traction and errors are proportional to readings and noise. So instead of preparing an estimator anew, divide the
@@ -203,7 +207,7 @@ def _at_noise(estimator: Prepared, readings: Sequence[Floats], factor: float, rn
     )
 
 
-def _in_units_of(estimator: Prepared, frame: Frame, factor: float) -> Frame:
+def _in_units_of(estimator: PreparedContact, frame: Frame, factor: float) -> Frame:
     """The frame solved by `_at_noise` with even noise: its noise in units of the noise of ``estimator``, and the resolution at that noise."""
     even = estimator.even_noise
     noise = frame.noise * np.concatenate(even.scales) / np.concatenate(estimator.scales)

@@ -11,23 +11,23 @@ import numpy as np
 
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 
 __all__ = ["cost", "precision", "reach_of_kind"]
 
 
-def precision(estimator: Prepared, data: Floats) -> Floats:
+def precision(estimator: PreparedContact, data: Floats) -> Floats:
     """1 / variance (nuisance,) of the sizes, for readings ``data`` without the nuisances; 0 for those that no zero removed."""
     size = estimator.policy.explanations.drift * reach_of_kind(estimator, estimator.shifts, data)
     return np.where(estimator.since_zero, np.maximum(size, 1e-150) ** -2.0, 0.0)
 
 
-def cost(estimator: Prepared, sizes: Floats, data: Floats) -> float:
+def cost(estimator: PreparedContact, sizes: Floats, data: Floats) -> float:
     """What nuisances of these sizes (nuisance,) in the readings ``data`` cost, in nats."""
     return float(0.5 * (sizes**2 * precision(estimator, data - estimator.shifts @ sizes)).sum())
 
 
-def reach_of_kind(estimator: Prepared, columns: Floats, data: Floats) -> Floats:
+def reach_of_kind(estimator: PreparedContact, columns: Floats, data: Floats) -> Floats:
     """Size at which each nuisance makes readings as large as the largest of any channel of its kind. A sensor's zero
     error depends on its range, not on how strongly a contact happens to act on one channel.
     """

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_of
 
 __all__ = ["FewCells", "contact_in_few_cells", "heavy_tails"]
@@ -41,7 +41,7 @@ class FewCells:
     left: float
 
 
-def contact_in_few_cells(estimator: Prepared, data: Floats, observed: Flags) -> FewCells | None:
+def contact_in_few_cells(estimator: PreparedContact, data: Floats, observed: Flags) -> FewCells | None:
     """Contact in a few cells, with or without offsets; None if noise explains the readings as well."""
     policy, readings = estimator.policy, estimator.readings
     channel = estimator.noise.index[observed]
@@ -108,7 +108,7 @@ def _stands_out(data: Floats, channel: Index, policy: Policy) -> bool:
 class _Search:
     """Search for the cell whose traction explains most of the residual."""
 
-    def __init__(self, estimator: Prepared, observed: Flags) -> None:
+    def __init__(self, estimator: PreparedContact, observed: Flags) -> None:
         policy = estimator.policy
         self.estimator, self.observed = estimator, observed
         surface = estimator.operator.surface

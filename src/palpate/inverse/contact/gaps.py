@@ -10,13 +10,13 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Solved
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.screening import shallow
 
 __all__ = ["load_in_gaps"]
 
 
-def load_in_gaps(prepared: Prepared, run: Solved, traction: Floats) -> Floats:
+def load_in_gaps(prepared: PreparedContact, run: Solved, traction: Floats) -> Floats:
     """Force (component,) that a contact may have in addition to a traction (component, *grid), hidden between taxels.
 
     It is the largest force of any pressure that is no larger than the peak found, ends at the middle between a loaded

@@ -16,7 +16,7 @@ from palpate.inverse.contact.again import keep
 from palpate.inverse.contact.deferred_errors import ContactErrors
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.notes import notes_of
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Estimate, Stated
 from palpate.sensing.grids import unresolved
@@ -24,7 +24,7 @@ from palpate.sensing.grids import unresolved
 __all__ = ["gathered"]
 
 
-def gathered(estimator: Prepared, frames: Sequence[Frame], batch: tuple[int, ...], like: Any) -> Estimate:
+def gathered(estimator: PreparedContact, frames: Sequence[Frame], batch: tuple[int, ...], like: Any) -> Estimate:
     """One estimate of all frames, with the batch axes first; traction in the kind of array that ``like`` is."""
 
     def stacked(parts: Sequence[Floats]) -> Floats:

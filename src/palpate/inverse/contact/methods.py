@@ -188,7 +188,7 @@ class Automatic(Method):
         if free and "z" in problem.components:
             return self
         other: Method = Local(draws=self.draws) if free else Tikhonov()
-        for option in ("friction", "draws"):
+        for option in self.options():
             if getattr(self, option) and option not in other.options():
                 raise Unsupported(
                     f'{option} belongs to methods that seek pressure on boundary="free"; here method="{other.name}" is used, which '
@@ -203,7 +203,8 @@ class Automatic(Method):
 
     def _prepared_by(self, problem: Problem, policy: Policy) -> AutomaticEstimator:
         """Prepare with this policy, if pressure is sought."""
-        pushing = Adaptive(friction=self.friction, draws=self.draws)._prepared_by(problem, policy)
+        adaptive = Adaptive(**{option: getattr(self, option) for option in self.options()})
+        pushing = adaptive._prepared_by(problem, policy)
         linear = self.friction is None and not problem.ambiguous and policy.parts.pulls
         return AutomaticEstimator(
             pushing, (lambda: with_offsets(Tikhonov().prepare(problem), problem)) if linear else None

@@ -9,13 +9,13 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.variances import carried, face_of, taken_by
 from palpate.inverse.contact.explanation import Solved
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.fit import MIN_DEGREES, MODEL_DETAIL, misfit_probability
 
 __all__ = ["drift_probability", "fit_of", "misfit_of", "proportional_part"]
 
 
-def fit_of(estimator: Prepared, run: Solved) -> tuple[float, float, float]:
+def fit_of(estimator: PreparedContact, run: Solved) -> tuple[float, float, float]:
     """Misfit probability (`misfit_of`) of the weighted models of a frame; root mean square of the residual, in units
     of the noise; degrees of freedom of the residual.
     """
@@ -29,7 +29,7 @@ def fit_of(estimator: Prepared, run: Solved) -> tuple[float, float, float]:
     return fit, float(np.sqrt(np.mean(misfit**2))), float(observed.sum()) - taken
 
 
-def proportional_part(estimator: Prepared, run: Solved) -> float:
+def proportional_part(estimator: PreparedContact, run: Solved) -> float:
     """The discrepancy: fraction of the readings by which the residual is proportional to them; 0 if it is not
     significant or if the noise is given.
 
@@ -52,7 +52,7 @@ def proportional_part(estimator: Prepared, run: Solved) -> float:
     return float(shares[chosen]) if best[0] - best[chosen] > estimator.policy.fit.shows else 0.0
 
 
-def misfit_of(estimator: Prepared, run: Solved, residual: Floats, taken: float, largest: float) -> float:
+def misfit_of(estimator: PreparedContact, run: Solved, residual: Floats, taken: float, largest: float) -> float:
     """Misfit probability of a frame: from size and whiteness (`palpate.inverse.fit.misfit_probability`) and from drift
     (`drift_probability`).
 
@@ -80,7 +80,7 @@ def misfit_of(estimator: Prepared, run: Solved, residual: Floats, taken: float, 
     )
 
 
-def drift_probability(estimator: Prepared, run: Solved) -> float:
+def drift_probability(estimator: PreparedContact, run: Solved) -> float:
     """Probability that noise alone would leave as much offset and ramp (columns B) in the residual as was found; NaN
     if this cannot be computed.
 

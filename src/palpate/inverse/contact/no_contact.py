@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.unbounded import even_press
@@ -27,7 +27,7 @@ WIDE = 1.96
 Flags = npt.NDArray[np.bool_]
 
 
-def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Explanation | None:
+def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags) -> Explanation | None:
     """The explanation of a frame by noise, with or without offsets; None if contact is needed."""
     policy = estimator.policy
     rows = estimator.readings.planes(data)
@@ -69,7 +69,7 @@ def explained_by_noise(estimator: Prepared, data: Floats, observed: Flags) -> Ex
     return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)
 
 
-def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
+def short_line_load(estimator: PreparedContact, run: Solved) -> Floats | None:
     """Net force (component,) of a contact over most of a short line that would explain the readings although noise does too; None
     if the noise is given or no such contact fits.
 
@@ -103,7 +103,7 @@ def short_line_load(estimator: Prepared, run: Solved) -> Floats | None:
     return out if out.any() else None
 
 
-def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
+def detection_limit(estimator: PreparedContact, run: Solved, fit: float, errors: Errors) -> tuple[Errors, int]:
     """Errors of a frame without contact, and the reason if they are wider than ``errors``: 0 not wider, 1 because noise
     explains the readings poorly (``fit``), 2 because of `short_line_load`.
     """
@@ -118,6 +118,6 @@ def detection_limit(estimator: Prepared, run: Solved, fit: float, errors: Errors
     return errors, why
 
 
-def uneven_noise(estimator: Prepared, data: Floats, observed: Flags, known: float | None) -> float:
+def uneven_noise(estimator: PreparedContact, data: Floats, observed: Flags, known: float | None) -> float:
     """Log likelihood gained by one noise level per channel (`ChannelNoise.uneven`)."""
     return estimator.noise.uneven(data, observed, known) if estimator.policy.parts.uneven_evidence else 0.0

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.screening import Ceilings, ceilings, silent, stuck
 from palpate.sensing.limits import at_ends
 
@@ -39,7 +39,7 @@ class Observed:
         return np.zeros(len(self.data), dtype=bool) if self.ends is None else self.ends.upper | self.ends.lower
 
 
-def observe(estimator: Prepared, readings: Sequence[Floats]) -> Observed:
+def observe(estimator: PreparedContact, readings: Sequence[Floats]) -> Observed:
     """Screen the readings of a frame, (channel, *array) per plane."""
     noise, policy = estimator.noise, estimator.policy
     data, missing = estimator.data_of(readings)
@@ -56,7 +56,7 @@ def observe(estimator: Prepared, readings: Sequence[Floats]) -> Observed:
     return Observed(data, np.where(usable, data, found.explained), alive, usable, ends)
 
 
-def ends_of_range(estimator: Prepared, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
+def ends_of_range(estimator: PreparedContact, readings: Sequence[Floats], data: Floats) -> Ceilings | None:
     """Saturated readings, from the given limits or detected in the frame; None if screening is switched off."""
     if not estimator.policy.parts.screening:
         return None
@@ -72,7 +72,7 @@ def ends_of_range(estimator: Prepared, readings: Sequence[Floats], data: Floats)
     return replace(found, upper=found.upper | (end & (data > 0)), lower=found.lower | (end & (data < 0)))
 
 
-def constant(estimator: Prepared, data: Floats) -> Flags:
+def constant(estimator: PreparedContact, data: Floats) -> Flags:
     """Mask of the channels whose readings, with their zero, are all the same and not 0: at the end of their range, if
     they are not at rest.
     """
@@ -85,6 +85,6 @@ def constant(estimator: Prepared, data: Floats) -> Flags:
     return out
 
 
-def as_read(estimator: Prepared, data: Floats) -> Floats:
+def as_read(estimator: PreparedContact, data: Floats) -> Floats:
     """Readings with their zero."""
     return data if estimator.zero is None else data + estimator.zero

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.contact.screening import loads_above, shallow
@@ -20,7 +20,9 @@ __all__ = ["loaded_above", "without_outliers"]
 Flags = npt.NDArray[np.bool_]
 
 
-def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> tuple[Explanation, Flags]:
+def without_outliers(
+    estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags
+) -> tuple[Explanation, Flags]:
     """The explanation solved without outliers, and the mask of the readings used. Outliers are removed one at a time,
     worst first; on a large array, where each solution takes long, with all that are nearly as bad.
     """
@@ -67,7 +69,7 @@ def without_outliers(estimator: Prepared, h: Explanation, data: Floats, observed
     return replace(h, rough=best), counted
 
 
-def loaded_above(estimator: Prepared, place: int, residual: Floats, observed: Flags) -> bool:
+def loaded_above(estimator: PreparedContact, place: int, residual: Floats, observed: Flags) -> bool:
     """Whether more load above the taxel of a reading would lower the squared residual nearly as much as leaving the
     reading out: then it is contact that coarse cells cannot follow.
     """
@@ -83,7 +85,7 @@ def loaded_above(estimator: Prepared, place: int, residual: Floats, observed: Fl
     return most**2 > policy.screening.explained * without**2
 
 
-def _like_the_worst(residual: Floats, limit: float, estimator: Prepared) -> Flags:
+def _like_the_worst(residual: Floats, limit: float, estimator: PreparedContact) -> Flags:
     """Mask of the readings whose residuals are beyond the limit and at least half the largest. Of neighbours only the
     worse: its residual is also seen in theirs.
     """
@@ -91,7 +93,7 @@ def _like_the_worst(residual: Floats, limit: float, estimator: Prepared) -> Flag
     return np.asarray((residual > limit) & (residual >= half) & (residual >= _of_neighbours(residual, estimator)))
 
 
-def _of_neighbours(residual: Floats, estimator: Prepared) -> Floats:
+def _of_neighbours(residual: Floats, estimator: PreparedContact) -> Floats:
     """The largest residual among the neighbours of each reading."""
     largest = np.zeros_like(residual)
     for i, j in (estimator.pairs, estimator.pairs[::-1]):

@@ -14,13 +14,15 @@ from palpate.inverse.contact.discrepancy import solve_with_model_error
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.contact.observed import constant, ends_of_range
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.sensing.limits import at_ends
 
 __all__ = ["solve_within_range"]
 
 
-def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None) -> Frame:
+def solve_within_range(
+    estimator: PreparedContact, readings: Sequence[Floats], rng: np.random.Generator | None
+) -> Frame:
     """The result of one frame that may have saturated readings.
 
     A saturated reading is censored: it constrains the contact only if the contact predicts less. If many readings are
@@ -80,7 +82,7 @@ def solve_within_range(estimator: Prepared, readings: Sequence[Floats], rng: np.
     )
 
 
-def _unless_constant(estimator: Prepared, frame: Frame, data: Floats) -> Frame:
+def _unless_constant(estimator: PreparedContact, frame: Frame, data: Floats) -> Frame:
     """The frame; undecided and without bounds if it shows no contact while all readings of a channel are the same, as
     an offset makes them and the end of the range. Displacements are the same if the image moved; after a zero, readings
     are the same at rest.

@@ -2,7 +2,7 @@
 nuisance patterns; and numerics that use them.
 
 This file makes no decision about a frame. The modules that decide (`search`, `proposals`, `solving`, `answer`) receive
-a `Prepared`. It stores nothing about a frame, except the cache `rounds` while that frame is solved.
+a `PreparedContact`. It stores nothing about a frame, except the cache `rounds` while that frame is solved.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from palpate.sensing.grids import resampled
 from palpate.sensing.limits import ends_of
 from palpate.sensing.nuisance import DRIFTS, LATER, USUAL, Nuisance, groups, nuisances
 
-__all__ = ["Prepared"]
+__all__ = ["PreparedContact"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -57,8 +57,8 @@ class TooLarge(Unsupported):
     """A contact has too many unknowns; an alternative that has is not tried."""
 
 
-class Prepared(ABC):
-    """A problem, prepared once. (`palpate.inverse.Prepared` is another: the interface of every prepared method.)
+class PreparedContact(ABC):
+    """A problem in which contact is sought, prepared once.
 
     The surface is the middle part of the operator's grid. Cells outside the surface explain a contact across the edge
     of the array and are not part of the result. ``parameter`` is the weight of the penalty (None: chosen by evidence),
@@ -183,7 +183,9 @@ class Prepared(ABC):
         return self._levels[ratio]
 
     def precisions(self, level: Level, order: int, weight: float) -> list[Sparse]:
-        """Even penalty of each component on a level, as precision matrices."""
+        """Even penalty of each component on a level, as precision matrices: of rough solutions, from whose residuals
+        the noise and the explanation follow, and of the models of the chosen explanation.
+        """
         return level.differences.even(order, [weight / v for v in self.variances])
 
     def effective_freedom(self, parameter: float) -> float:
@@ -228,7 +230,7 @@ class Prepared(ABC):
         return np.asarray(field if inner == self.surface.shape else resampled(field, self.surface.shape))
 
     @cached_property
-    def settled(self) -> Prepared:
+    def settled(self) -> PreparedContact:
         """A copy without the nuisances that the zero removed; itself if there are none."""
         kept = [t for t in self.terms if t.of_image or not self.removed]
         if len(kept) == len(self.terms):
@@ -238,7 +240,7 @@ class Prepared(ABC):
         out.__dict__.pop("shifts", None)
         return out
 
-    def as_they_are(self) -> Prepared:
+    def as_they_are(self) -> PreparedContact:
         """A copy that takes all readings as they are: no saturation, no outliers, no offsets."""
         out = copy.copy(self)
         out.policy = replace(self.policy, parts=replace(self.policy.parts, screening=False, outliers=False))
@@ -384,5 +386,5 @@ class Prepared(ABC):
 
     @property
     @abstractmethod
-    def even_noise(self) -> Prepared:
+    def even_noise(self) -> PreparedContact:
         """A copy with one noise level for all channels of a kind, and one even penalty (`Problem.with_even_noise`)."""

@@ -23,7 +23,7 @@ from palpate.inverse.contact.answer import framed
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_without_cone
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -34,7 +34,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def with_rims(
-    estimator: Prepared,
+    estimator: PreparedContact,
     run: Solved,
     frame: Frame,
     observed: Observed,
@@ -92,7 +92,7 @@ def with_rims(
     return None
 
 
-def _without_cone(estimator: Prepared) -> Prepared:
+def _without_cone(estimator: PreparedContact) -> PreparedContact:
     """A copy of the estimator whose traction may have either sign."""
     policy = estimator.policy
     free = copy.copy(estimator)
@@ -107,7 +107,7 @@ def _without_cone(estimator: Prepared) -> Prepared:
     return free
 
 
-def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solved, Iterator[ContactModel]]:
+def _run(free: PreparedContact, run: Solved, size: Floats, region: Flags) -> tuple[Solved, Iterator[ContactModel]]:
     """The first model over a region, with noise estimated from its residual; and an iterator over the other models."""
     policy = free.policy
     readings, data, observed = free.readings, run.data, run.observed
@@ -149,12 +149,12 @@ def _run(free: Prepared, run: Solved, size: Floats, region: Flags) -> tuple[Solv
     return solved, models
 
 
-def _gain(free: Prepared, push: Solved, other: Solved) -> float:
+def _gain(free: PreparedContact, push: Solved, other: Solved) -> float:
     """Gain of traction of either sign over a push (`score.gain_without_cone`)."""
     return gain_without_cone(float(other.observed.sum()), _unexplained(free, push), _unexplained(free, other))
 
 
-def _gain_of_linear(estimator: Prepared, run: Solved) -> float:
+def _gain_of_linear(estimator: PreparedContact, run: Solved) -> float:
     """Gain of the linear model of an explanation of either sign over the push that was solved instead."""
     count, rough, start = float(run.observed.sum()), run.explanation.rough, estimator.start
     found = start.evidence(start.orders[1], estimator.readings.planes(run.data), rough.left)
@@ -162,13 +162,13 @@ def _gain_of_linear(estimator: Prepared, run: Solved) -> float:
     return gain_without_cone(count, _unexplained(estimator, run), (left, start.residual_lacks(found.parameter)))
 
 
-def _unexplained(estimator: Prepared, run: Solved) -> tuple[float, float]:
+def _unexplained(estimator: PreparedContact, run: Solved) -> tuple[float, float]:
     """Mean squared residual of the first model, in units of the whitening, and the degrees of freedom that it uses."""
     first = run.members[0]
     return (float(np.median(run.noise / estimator.readings.std)) * _left(estimator, first, run)) ** 2, taken_by(first)
 
 
-def _left(free: Prepared, model: ContactModel, run: Solved) -> float:
+def _left(free: PreparedContact, model: ContactModel, run: Solved) -> float:
     """Root mean square of a model's residual, in units of the noise."""
     observed = run.observed
     y = free.readings.white((run.data / run.noise)[observed], observed)

@@ -12,7 +12,7 @@ from palpate.inverse.contact.answer import combined, framed
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import louder, rival_odds, share_of, worth_of
 from palpate.inverse.contact.solving import solve
 from palpate.inverse.fit import POOR_FIT
@@ -23,7 +23,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def with_rivals(
-    estimator: Prepared,
+    estimator: PreparedContact,
     run: Solved,
     frame: Frame,
     observed: Observed,
@@ -82,7 +82,7 @@ def _noise_of(frame: Frame) -> float:
 
 
 def _mean(
-    estimator: Prepared,
+    estimator: PreparedContact,
     run: Solved,
     second: Solved,
     frame: Frame,

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import UNTOLD, deviations_of, told_of, unit_of, with_matrix
-from palpate.inverse.contact.cells import solved
+from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.explanation import Beside, Explanation, Rough
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability
 
@@ -26,7 +26,7 @@ Index = npt.NDArray[np.intp]
 
 
 def rough(
-    estimator: Prepared,
+    estimator: PreparedContact,
     data: Floats,
     observed: Flags,
     total: float,
@@ -40,7 +40,7 @@ def rough(
     ``noise_at_first``.
 
     ``patterns`` (reading, nuisance) are the nuisances that were subtracted, each of which takes a degree of freedom;
-    ``near`` is passed to `cells.solved`. Stop lowering the noise once the gain decreases and is below ``beat``.
+    ``near`` is passed to `cells.even_contact`. Stop lowering the noise once the gain decreases and is below ``beat``.
     ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for.
     """
     policy = estimator.policy
@@ -61,7 +61,7 @@ def rough(
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
         weight = found.parameter / found.scale**2
-        first, explained, model = solved(
+        first, explained, model = even_contact(
             estimator,
             found.traction,
             data / noise,
@@ -105,7 +105,7 @@ def rough(
     return Rough(gain, left, free, first, explained, ring, change, deviation, beside)
 
 
-def wide_and_wrong(estimator: Prepared, near: Floats | None, left: float) -> bool:
+def wide_and_wrong(estimator: PreparedContact, near: Floats | None, left: float) -> bool:
     """Whether a solution presses on so many cells that products are used, and still leaves far more than the given noise."""
     policy = estimator.policy
     if near is None or not estimator.noise_known or left <= policy.screening.deviations:
@@ -113,7 +113,7 @@ def wide_and_wrong(estimator: Prepared, near: Floats | None, left: float) -> boo
     return int(np.count_nonzero(near[-1])) * len(near) > policy.grid.few_unknowns
 
 
-def _beside(estimator: Prepared, model: ContactModel, columns: Floats, left: Floats, observed: Flags) -> Beside:
+def _beside(estimator: PreparedContact, model: ContactModel, columns: Floats, left: Floats, observed: Flags) -> Beside:
     """`Beside` of a contact; nuisances ``columns`` and residual ``left`` are in units of the noise."""
     rows = estimator.readings.white(columns[observed], observed)
     white = estimator.readings.white(left[observed], observed)
@@ -123,7 +123,7 @@ def _beside(estimator: Prepared, model: ContactModel, columns: Floats, left: Flo
 
 
 def steps_of(
-    estimator: Prepared, h: Explanation, data: Floats, observed: Flags, groups: Sequence[Sequence[int] | Index]
+    estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags, groups: Sequence[Sequence[int] | Index]
 ) -> list[tuple[Floats, float]]:
     """Sizes of the nuisances of each group if it alone is solved together with the contact of ``h``, on its face, and
     the log likelihood that it gains.
@@ -141,7 +141,7 @@ def steps_of(
     return out
 
 
-def _solved_beside(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> Beside:
+def _solved_beside(estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags) -> Beside:
     """`Beside` of an explanation, solved again with the noise that it leaves."""
     readings, floor = estimator.readings, estimator.least_noise(data)
     clean = h.sign * (data - estimator.shifts @ h.sizes)
@@ -151,13 +151,13 @@ def _solved_beside(estimator: Prepared, h: Explanation, data: Floats, observed: 
         estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known
     )
     weight = found.parameter / found.scale**2
-    _, explained, model = solved(
+    _, explained, model = even_contact(
         estimator, found.traction, clean / noise, noise, observed, weight, h.rough.traction, keep_face=True
     )
     return _beside(estimator, model, estimator.shifts / noise[:, None], (clean - explained) / noise, observed)
 
 
-def rough_fit(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> float:
+def rough_fit(estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags) -> float:
     """Probability that noise alone would leave a residual as regular as that of explanation ``h``. If it is low, a
     contact of one sign (all pushing or all pulling) is the wrong model.
 

@@ -21,7 +21,7 @@ from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.no_contact import explained_by_noise
 from palpate.inverse.contact.observed import observe
 from palpate.inverse.contact.outliers import without_outliers
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals import explanation_of
 from palpate.inverse.contact.rims import with_rims
 from palpate.inverse.contact.rivals import with_rivals
@@ -31,7 +31,7 @@ from palpate.inverse.contact.solving import solve
 __all__ = ["search"]
 
 
-def search(prepared: Prepared, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
+def search(prepared: PreparedContact, readings: Sequence[Floats], rng: np.random.Generator | None = None) -> Frame:
     """Result of one frame of readings, (channel, *array) per plane."""
     policy, observed = prepared.policy, observe(prepared, readings)
     filled, usable = observed.filled, observed.usable

@@ -20,13 +20,13 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import taken_by
-from palpate.inverse.contact.cells import solved
+from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.outliers import loaded_above
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals.levels import in_range
 from palpate.inverse.contact.score import gain_of, more_than_noise, noise_beyond
 from palpate.inverse.contact.screening import loaded
@@ -40,7 +40,7 @@ Flags = npt.NDArray[np.bool_]
 STATE = ("h", "known", "data", "rows", "observed", "near", "explained", "gained")
 
 
-def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
+def solve(estimator: PreparedContact, h: Explanation, frame: Observed) -> Solved:
     """The solved models of one explanation of a frame; no models if noise explains it."""
     return _Solving(estimator, h, frame).run()
 
@@ -48,7 +48,7 @@ def solve(estimator: Prepared, h: Explanation, frame: Observed) -> Solved:
 class _Solving:
     """State of one explanation while it is solved."""
 
-    def __init__(self, estimator: Prepared, h: Explanation, frame: Observed) -> None:
+    def __init__(self, estimator: PreparedContact, h: Explanation, frame: Observed) -> None:
         self.estimator, self.policy, self.h, self.frame = estimator, estimator.policy, h, frame
         self.sign = h.sign or 1
         self.data = self.sign * (frame.filled - estimator.shifts @ h.sizes)
@@ -166,7 +166,7 @@ class _Solving:
         """Solve for contact with one even penalty on surface cells."""
         found, y = self.evidence[1], self.data / self.noise
         weight = found.parameter / found.scale**2
-        fitted = solved(self.estimator, found.traction, y, self.noise, self.observed, weight, self.near)
+        fitted = even_contact(self.estimator, found.traction, y, self.noise, self.observed, weight, self.near)
         self.first, self.explained, _ = fitted
         self.near = self.first
 

@@ -27,7 +27,7 @@ from palpate.inverse.constrained.variances import (
 from palpate.inverse.contact import drift
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import is_compact
 from palpate.sensing.grids import block_means
 
@@ -36,8 +36,8 @@ __all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share",
 Flags = npt.NDArray[np.bool_]
 
 
-def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
-    """Standard deviations (nuisance,) of the sizes of the nuisances `Prepared.terms`; 0 for those not present, but for
+def nuisance_errors(estimator: PreparedContact, run: Solved) -> Floats:
+    """Standard deviations (nuisance,) of the sizes of the nuisances `PreparedContact.terms`; 0 for those not present, but for
     offsets that the contact may hide (`_hidden_offsets`).
     """
     h = run.explanation
@@ -56,7 +56,7 @@ def nuisance_errors(estimator: Prepared, run: Solved) -> Floats:
     return np.asarray(deviation)
 
 
-def _hidden_offsets(estimator: Prepared, run: Solved) -> Floats:
+def _hidden_offsets(estimator: PreparedContact, run: Solved) -> Floats:
     """Standard deviations (nuisance,) of the offsets that a contact may hide if it could fit any readings.
 
     If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
@@ -75,7 +75,7 @@ def _hidden_offsets(estimator: Prepared, run: Solved) -> Floats:
 
 
 def change_of_nuisances(
-    estimator: Prepared,
+    estimator: PreparedContact,
     h: Explanation,
     model: ContactModel,
     data: Floats,
@@ -106,7 +106,7 @@ def change_of_nuisances(
     return out
 
 
-def doubtful(estimator: Prepared, run: Solved) -> tuple[Floats, Floats]:
+def doubtful(estimator: PreparedContact, run: Solved) -> tuple[Floats, Floats]:
     """Columns (reading, unknown) by which an inexactly known pad changes the readings, in units of the noise, and the
     standard deviations of the unknowns.
     """
@@ -122,7 +122,7 @@ def doubtful(estimator: Prepared, run: Solved) -> tuple[Floats, Floats]:
     return columns / run.noise[:, None], size
 
 
-def share(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags) -> None:
+def share(estimator: PreparedContact, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags) -> None:
     """Add to a model's errors the effects that act on many readings at once: nuisances, saturation, a pad not known
     exactly.
     """
@@ -150,7 +150,7 @@ def share(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floa
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
 
 
-def add_hidden_drift(estimator: Prepared, model: ContactModel, run: Solved, deviation: Floats) -> None:
+def add_hidden_drift(estimator: PreparedContact, model: ContactModel, run: Solved, deviation: Floats) -> None:
     """Widen a model's errors by a drift of displacements that may be hidden by wide pressure, if no offset or ramp was found.
 
     A displacement sensor responds to distant loads: pressure all round changes the readings almost like a shift of the

@@ -8,12 +8,12 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 
 __all__ = ["even_press", "goes_on_all_round", "offset_as_load"]
 
 
-def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Floats | None:
+def offset_as_load(estimator: PreparedContact, h: Explanation, traction: Floats) -> Floats | None:
     """Bounds on the net force (component, 2) if the offsets of an explanation are really a load; None if they cannot
     be, or if a zero was taken.
 
@@ -39,7 +39,7 @@ def offset_as_load(estimator: Prepared, h: Explanation, traction: Floats) -> Flo
     return bounds
 
 
-def even_press(estimator: Prepared, sizes: Floats) -> Floats | None:
+def even_press(estimator: PreparedContact, sizes: Floats) -> Floats | None:
     """The even traction (component sought,) that reads like nuisances of these sizes (nuisance,), None if none does."""
     policy = estimator.policy
     rows = estimator.shifts @ sizes / estimator.readings.std
@@ -52,7 +52,7 @@ def even_press(estimator: Prepared, sizes: Floats) -> Floats | None:
     return None if float(left @ left) > policy.errors.even_press**2 * float(rows @ rows) else np.asarray(even)
 
 
-def goes_on_all_round(estimator: Prepared, traction: Floats, sign: int) -> Floats | None:
+def goes_on_all_round(estimator: PreparedContact, traction: Floats, sign: int) -> Floats | None:
     """Bounds on the net force (component, 2) of a contact that loads the whole edge of the array, so that its extent
     is unknown; None if it ends inside.
     """

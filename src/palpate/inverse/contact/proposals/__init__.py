@@ -18,7 +18,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.search import Search
 from palpate.inverse.contact.rough import rough_fit
@@ -41,7 +41,7 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
 
 
 def explanation_of(
-    estimator: Prepared,
+    estimator: PreparedContact,
     data: Floats,
     observed: Flags,
     terms: Sequence[Nuisance],
@@ -82,7 +82,7 @@ def explanation_of(
     return best if noise is None else replace(best, noise=noise)
 
 
-def _in_order(estimator: Prepared, h: Explanation, data: Floats, observed: Flags) -> bool:
+def _in_order(estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags) -> bool:
     """Whether the residual of contact of one sign is as irregular as noise."""
     chance, least = rough_fit(estimator, h, data, observed), estimator.policy.explanations.structured_chance
     trace.decided("probability that noise has the order which one sign leaves", chance, least)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.drift import reach_of_kind
-from palpate.inverse.contact.prepared import Prepared
+from palpate.inverse.contact.prepared import PreparedContact
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import AT_EDGE, Nuisance
 
@@ -28,7 +28,7 @@ Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
-def edge_levels(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> list[Floats]:
+def edge_levels(estimator: PreparedContact, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> list[Floats]:
     """Candidate initial sizes of offsets, from the outermost taxels; 0 for other nuisances."""
     starts = [np.zeros(len(terms)) for _ in range(3 if estimator.operator.surface.dimensions == 1 else 1)]
     for i, term in enumerate(terms):
@@ -45,7 +45,7 @@ def edge_levels(estimator: Prepared, data: Floats, observed: Flags, terms: Seque
 
 
 def lowest_levels(
-    estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
+    estimator: PreparedContact, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
 ) -> list[Floats]:
     """Candidate initial sizes of offsets on a line whose contacts reach its ends (at most one): the lowest reading of
     neighbours between them. Valid if contact of this sign makes no reading negative and the ends read more.
@@ -68,7 +68,7 @@ def lowest_levels(
     return [start] if start.any() else []
 
 
-def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
+def edge_drift(estimator: PreparedContact, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
     """Initial sizes of nuisances of the kinds `AT_EDGE` together, fitted to the outermost taxels by least squares; 0
     for others.
     """
@@ -91,13 +91,13 @@ def edge_drift(estimator: Prepared, data: Floats, observed: Flags, terms: Sequen
     return sizes
 
 
-def in_range(estimator: Prepared, columns: Floats, sizes: Floats, data: Floats) -> bool:
+def in_range(estimator: PreparedContact, columns: Floats, sizes: Floats, data: Floats) -> bool:
     """Whether nuisances are small enough for a sensor that was zeroed: one as large as the readings is not an offset."""
     largest = estimator.policy.explanations.largest_nuisance * reach_of_kind(estimator, columns, data - columns @ sizes)
     return bool((np.abs(sizes) <= largest)[~_without_datum(estimator, columns)].all())
 
 
-def _without_datum(estimator: Prepared, columns: Floats) -> Flags:
+def _without_datum(estimator: PreparedContact, columns: Floats) -> Flags:
     """Which nuisances are displacements of a line on a pad without a base: in two dimensions they grow as log r, so
     that only differences between taxels mean something, and a shift of any size is no fault of the sensor.
     """
@@ -121,12 +121,12 @@ def reach(columns: Floats, data: Floats) -> Floats:
     )
 
 
-def touched(estimator: Prepared, term: Nuisance) -> tuple[Array, Index]:
+def touched(estimator: PreparedContact, term: Nuisance) -> tuple[Array, Index]:
     """The array of an offset, and the indices of the readings of its channel."""
     return next((array, place) for array, place in _channels(estimator) if term.rows[place].any())
 
 
-def _channels(estimator: Prepared) -> Iterator[tuple[Array, Index]]:
+def _channels(estimator: PreparedContact) -> Iterator[tuple[Array, Index]]:
     """The array of each channel of each plane, and the indices of the channel's readings."""
     start = 0
     for array in estimator.operator.planes_of:

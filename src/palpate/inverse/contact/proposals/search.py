@@ -12,7 +12,7 @@ from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.prepared import Prepared, TooLarge
+from palpate.inverse.contact.prepared import PreparedContact, TooLarge
 from palpate.inverse.contact.proposals.levels import edge_levels, reach
 from palpate.inverse.contact.rough import rough, steps_of
 from palpate.inverse.contact.score import absorbs, hopeless_signs, same
@@ -29,7 +29,7 @@ class Search:
     as in `Explanation`.
     """
 
-    estimator: Prepared
+    estimator: PreparedContact
     data: Floats
     observed: Flags
     terms: Sequence[Nuisance]
