@@ -74,7 +74,6 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "doubt": {"explanations.doubt": 0.0},
     "loaded edge asks for offsets": {"explanations.edge": 2.0},
     "largest nuisance": {"explanations.largest_nuisance": math.inf},
-    "smallest nuisance": {"explanations.smallest_nuisance": 0.0},
     "push and pull at once": {"explanations.structured": 2.0},
     "push and pull by chance": {"explanations.structured_chance": 2.0},
     "pressure everywhere": {"explanations.everywhere": 2.0},

@@ -42,7 +42,7 @@ class Rough:
     free: float
     traction: Floats
     explained: Floats
-    ring: float
+    edge: float
     change: Floats = field(default_factory=lambda: np.zeros(0))
     deviation: Floats = field(default_factory=lambda: np.zeros(0))
     beside: Beside | None = None

@@ -62,7 +62,7 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     none[: estimator.usual] = sizes
     if (present & estimator.since_zero).any():
         even = even_press(estimator, np.where(present, none, 0.0))
-        if even is not None and np.linalg.norm(even[:-1]) <= policy.explanations.steepest * even[-1]:
+        if even is not None and even[-1] > 0:
             return None  # after a zero, a press is likelier than such a drift
     left = (data - estimator.shifts @ np.where(present, none, 0.0)) / estimator.readings.std
     noise_left = float(np.sqrt(np.mean(estimator.readings.white(left[observed], observed) ** 2)))

@@ -156,7 +156,7 @@ class PreparedContact(ABC):
         #: Signs of contact to try (`proposals`): push (1), pull as a whole (-1), both (0; solved by the linear method).
         self.signs: tuple[int, ...] = (1,)
 
-    def ring_load(self, pressure: Floats) -> float:
+    def edge_load(self, pressure: Floats) -> float:
         """Fraction of the cells above the outermost taxels that are loaded."""
         top = float(pressure.max(initial=0.0))
         return float((pressure.ravel()[self.ring] > self.policy.extent.faint * top).mean()) if top > 0 else 0.0

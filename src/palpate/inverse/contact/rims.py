@@ -68,7 +68,7 @@ def with_rims(
         fits = frame.fit > policy.fit.accepted and _gain_of_linear(estimator, run) < policy.detection.evidence
         return replace(frame, sign=1, pushed=True) if h.sign == 0 and fits else None
     # If the sign of the contact is open, recompute the loaded fraction of the array's edge from this frame.
-    h = replace(h, rough=replace(h.rough, ring=estimator.ring_load(size)))
+    h = replace(h, rough=replace(h.rough, edge=estimator.edge_load(size)))
     free = _without_cone(estimator)
     # An offset found together with a push may really be a rim, so try without it first.
     without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))

@@ -38,10 +38,10 @@ def with_rivals(
     h, rivals = run.explanation, run.explanation.rivals
     plain = replace(observed, filled=observed.data)
     # A load all round the edge with an opposite offset leaves the interior free and can fit anything.
-    anything = h.present.any() and h.rough.ring > policy.explanations.ring
+    anything = h.present.any() and h.rough.edge > policy.explanations.whole_edge
     if frame.fit < POOR_FIT or anything:
-        for rival in [*rivals, *h.coarser][: 1 if anything else policy.explanations.followed]:
-            # The chosen explanation fails the fit test, or could fit anything: take the first alternative that passes.
+        for rival in [*rivals, *h.coarser][:1]:
+            # The chosen explanation fails the fit test, or could fit anything: take the first alternative, if it passes.
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
             simpler = h.present.any() and not rival.present.any()

@@ -98,11 +98,11 @@ def rough(
         told = rows.T @ rows if few else told_of(model, rows)
         change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0]) / unit
         deviation = deviations_of(told) / unit * (max(left, floor) / known)
-    ring = estimator.ring_load(first[-1])
+    edge = estimator.edge_load(first[-1])
     beside = None
     if shifts is not None:
         beside = _beside(estimator, model, shifts / noise[:, None], (data - explained) / noise, observed)
-    return Rough(gain, left, free, first, explained, ring, change, deviation, beside)
+    return Rough(gain, left, free, first, explained, edge, change, deviation, beside)
 
 
 def wide_and_wrong(estimator: PreparedContact, near: Floats | None, left: float) -> bool:

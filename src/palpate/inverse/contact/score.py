@@ -74,7 +74,7 @@ def is_compact(h: Explanation, policy: Policy) -> bool:
     An explanation that fits every reading could fit anything. So could a load along the whole edge with an opposite
     offset, because it leaves the interior free to push and pull.
     """
-    return h.rough.free >= MIN_DEGREES and h.rough.ring < policy.explanations.ring
+    return h.rough.free >= MIN_DEGREES and h.rough.edge < policy.explanations.whole_edge
 
 
 def simplest_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
@@ -100,7 +100,7 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
 def absorbs(rough: Rough, policy: Policy) -> bool:
     """Whether a contact alone may have taken up nuisances: it loads the edge, or fits most readings freely."""
     rules = policy.explanations
-    return rough.ring > rules.edge or rough.free < rules.bends * len(rough.explained)
+    return rough.edge > rules.edge or rough.free < rules.bends * len(rough.explained)
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
@@ -148,7 +148,7 @@ def hopeless_signs(tried: Sequence[Explanation], policy: Policy) -> list[int]:
     the edge, where it could be an offset.
     """
     best = max(tried, key=lambda h: h.rough.gain)
-    if not best.rough.gain > 0.0 or best.rough.ring > policy.explanations.edge:
+    if not best.rough.gain > 0.0 or best.rough.edge > policy.explanations.edge:
         return []
     return [h.sign for h in tried if h.rough.gain < policy.explanations.half * best.rough.gain]
 

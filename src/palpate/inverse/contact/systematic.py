@@ -59,7 +59,7 @@ def nuisance_errors(estimator: PreparedContact, run: Solved) -> Floats:
 def _hidden_offsets(estimator: PreparedContact, run: Solved) -> Floats:
     """Standard deviations (nuisance,) of the offsets that a contact may hide if it could fit any readings.
 
-    If more than ``policy.explanations.ring`` of the cells above the outermost taxels are loaded (`Rough.ring`), no
+    If more than ``policy.explanations.whole_edge`` of the cells above the outermost taxels are loaded (`Rough.edge`), no
     reading shows an offset without contact: it may be ``policy.errors.hidden_drift`` of the largest reading (after a zero
     ``policy.explanations.drift``). Otherwise the contact can only have added an offset to its load, and no offset is
     larger than the lowest reading (of displacements, `add_hidden_drift` takes care).
@@ -68,7 +68,7 @@ def _hidden_offsets(estimator: PreparedContact, run: Solved) -> Floats:
     sizes = [(run.data * c)[run.observed & (c != 0)] / np.abs(c).max() ** 2 for c in shifts.T]
     part = np.where(estimator.since_zero, policy.explanations.drift, policy.errors.hidden_drift)
     hidden = part * np.array([np.abs(s).max(initial=0.0) for s in sizes])
-    if not run.explanation.rough.ring > policy.explanations.ring:
+    if not run.explanation.rough.edge > policy.explanations.whole_edge:
         lowest = np.array([0.0 if estimator.far else max(s.min(initial=math.inf), 0.0) for s in sizes])
         hidden = np.minimum(hidden, policy.explanations.half * lowest)
     return np.where([t.kind == "offset" for t in estimator.terms], hidden, 0.0)

@@ -158,7 +158,7 @@ def explanations(
         rough, worth = h.rough, worth_of(h, policy)
         left = total * math.exp(-rough.gain / rough.free)  # that counts: not less than the accuracy of the model
         price = rough.gain - worth
-        tried = Tried(proposal, named(h, terms), worth, rough.gain, price, rough.free, total, left, rough.ring)
+        tried = Tried(proposal, named(h, terms), worth, rough.gain, price, rough.free, total, left, rough.edge)
         step(str(tried))
         for trace in _traces.get():
             trace.tried.append(tried)

@@ -21,5 +21,5 @@ def propose(search: Search) -> Iterator[Explanation]:
     found, left, free = search.estimator.start.noise(data, search.total, observed)
     gain = gain_of(free, search.total, left, search.estimator.least_noise(data))
     flat = found.traction.reshape(len(found.traction), -1)
-    ring = search.tried[0].rough.ring
-    yield Explanation(0, Rough(gain, left, free, flat, np.zeros_like(data), ring), search.none, search.none > 0)
+    edge = search.tried[0].rough.edge
+    yield Explanation(0, Rough(gain, left, free, flat, np.zeros_like(data), edge), search.none, search.none > 0)

@@ -25,5 +25,5 @@ def propose(search: Search) -> Iterator[Explanation]:
         for k, start in enumerate([*search.levels, *lowest]):
             found = with_nuisances(search, sign, start, search.usual)
             # A start from the wrong end leaves the other end loaded, and so does a ramp: reject these.
-            if found is not None and (k == 0 or not found.rough.ring > estimator.policy.explanations.edge):
+            if found is not None and (k == 0 or not found.rough.edge > estimator.policy.explanations.edge):
                 yield found
