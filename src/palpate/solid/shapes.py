@@ -37,9 +37,10 @@ def disc(radius: float, thickness: float, step: float, through: int) -> Any:
         2, round(1.25 * radius / step)
     )  # elements along the rim are then 1.26 steps long, those in the middle 0.8
     layers, depths = max(1, round(0.55 * radius / step)), np.linspace(0.0, 1.0, through + 1)
-    half = 0.5  # of the radius: scikit-fem joins meshes to eight decimals
+    half = 0.5  # of the radius
     line = np.linspace(-1.0, 1.0, count + 1)
-    mesh = MeshHex.init_tensor(half * line, half * line, depths)
+    middle = MeshHex.init_tensor(half * line, half * line, depths)
+    points, elements, known = [np.asarray(middle.p)], [np.asarray(middle.t)], middle.nvertices
     for turn in range(4):
         block = MeshHex.init_tensor(np.linspace(0.0, 1.0, layers + 1), line, depths)
         out, along, depth = np.asarray(block.p)
@@ -47,8 +48,13 @@ def disc(radius: float, thickness: float, step: float, through: int) -> Any:
         y = (1.0 - out) * half * along + out * np.sin(0.25 * np.pi * along)
         for _ in range(turn):
             x, y = -y, x
-        mesh = mesh + MeshHex(np.ascontiguousarray(np.stack([x, y, depth])), block.t)
-    return MeshHex(np.ascontiguousarray(mesh.p * np.array([[radius], [radius], [thickness]])), mesh.t)
+        points.append(np.stack([x, y, depth]))
+        elements.append(block.t + known)
+        known += block.nvertices
+    # corners that are equal to eight decimals are one
+    corners, which = np.unique(np.hstack(points).round(decimals=8), axis=1, return_inverse=True)
+    scaled = np.ascontiguousarray(corners * np.array([[radius], [radius], [thickness]]))
+    return MeshHex(scaled, np.ascontiguousarray(which.ravel()[np.hstack(elements)]))
 
 
 def laid_on(flat: Any, chart: Chart, *, rim: float | None = None) -> tuple[Any, Floats]:
