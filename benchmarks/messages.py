@@ -9,6 +9,7 @@ message with a call that is refused and the call that its words lead to.
 
 from __future__ import annotations
 
+import argparse
 import ast
 import functools
 import re
@@ -271,7 +272,9 @@ if __name__ == "__main__":
     sys.modules["messages"] = sys.modules[__name__]
     import notes
 
-    if "--write" in sys.argv[1:]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write the table into the documentation")
+    if parser.parse_args().write:
         TABLE.write_text(table() + notes.table(), encoding="utf-8")
     else:
         sys.stdout.write(table() + notes.table())

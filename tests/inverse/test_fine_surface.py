@@ -11,7 +11,7 @@ import pytest
 import palpate as pp
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.policy import Policy
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.sensing.grids import block_means, divided, refined, resampled, unresolved
 
 PAD = pp.SolidPad.box(12e-3, 10e-3, 3e-3, youngs_modulus=2e5, poissons_ratio=0.48, element=1e-3)

@@ -1,6 +1,6 @@
 """From readings to traction: methods and their needs.
 
-In: readings and a `Problem` (operator, surface, noise, prior, friction).
+In: readings and a `Problem` (operator, surface, noise); a `Method` with its options, such as friction.
 Out: an `Estimate`: traction, errors, status and notes of each frame.
 Open first: `method.py`.
 """

@@ -359,7 +359,7 @@ def divided(grid: Grid, counts: Sequence[int]) -> Grid:
 
 
 def resampled(field: Floats, counts: Sequence[int]) -> Floats:
-    """A field (..., *cells) on ``counts`` cells of the same surface; sums over the surface stay the same.
+    """A field (..., *cells) on ``counts`` cells of the same surface; its integral over the surface stays the same.
 
     Within a cell the field is linear, with the smaller of the differences to both neighbours as its slope, or 0 if
     they differ in sign: no cell gets a new extreme, and no pressure becomes negative. NaN stays NaN.

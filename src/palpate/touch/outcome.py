@@ -35,7 +35,7 @@ ROUGHLY = "the net force is uncertain"
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Counts for one offset or rotation: frames that contain it and the largest size; frames whose contact may hide it
+    """Counts for one offset, ramp or rotation: frames that contain it and the largest size; frames whose contact may hide it
     and the largest deviation.
     """
 

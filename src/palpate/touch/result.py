@@ -101,7 +101,7 @@ class Touch(Numbers):
         model does not explain the readings; NaN with too few degrees of freedom
         (`palpate.inverse.fit`).
     nuisance, nuisance_std : array (*batch, term) or None
-        Sizes of the nuisances (offsets, of groups of taxels too, rotation of an image), in the unit of each, and their standard deviations; 0 for frames without evidence of
+        Sizes of the nuisances (offsets, of groups of taxels too, ramps, rotation of an image), in the unit of each, and their standard deviations; 0 for frames without evidence of
         them. None where a linear method answered every frame, NaN in a batch for those that it answered: its notes say what it took out.
     nuisance_names : tuple of (str, str)
         Label and unit of each nuisance.

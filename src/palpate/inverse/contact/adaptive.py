@@ -245,14 +245,14 @@ class AdaptiveEstimator(ConstrainedEstimator):
         odds = weights_by_evidence({order: e.gain for order, e in evidence.items()})
         chosen = [order for order in evidence if order == 1 or odds[order] >= policy.prior.improbable]
         total = sum(odds[order] for order in chosen)
-        reaches = self._reaches(level)
+        widths = self._widths(level)
         even = 1.0
-        if reaches:
+        if widths:
             # The even penalty gets its prior weight, and half of the weight that the evidence gives to the second
             # derivative.
             smooth = sum(odds[order] for order in chosen[1:]) / total
             even = (1.0 - smooth) * policy.prior.even + smooth / 2.0 if policy.parts.even_model else 0.0
-        share = (1.0 - even) / max(len(reaches), 1)
+        share = (1.0 - even) / max(len(widths), 1)
 
         def solved(order: int) -> ContactModel:
             nonlocal data, start
@@ -270,19 +270,19 @@ class AdaptiveEstimator(ConstrainedEstimator):
         first: ContactModel | None = None
         for order in chosen:
             weight = odds[order] * even / total
-            if reaches and not weight > policy.prior.least_weight:
+            if widths and not weight > policy.prior.least_weight:
                 continue
             member = solved(order)
             member.weight = weight
             if order == 1:
                 first = member
             yield member
-        if not share > policy.prior.least_weight or not reaches:
+        if not share > policy.prior.least_weight or not widths:
             return
         # The caller may discard these models after the first one, so solve what only the others need last.
         first = first or solved(1)
-        energies = {variance: self._energies(first, variance) for _, variance in reaches}
-        for width, variance in reaches:
+        energies = {variance: self._energies(first, variance) for _, variance in widths}
+        for width, variance in widths:
             member = self._relearned(first, width, variance, y, energies[variance])
             member.weight = share
             yield member
@@ -347,7 +347,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         policy = self.policy
         return min(policy.extent.trim / max(float(np.abs(y).max()), 1e-300), policy.extent.faint)
 
-    def _reaches(self, level: Level) -> list[tuple[float, bool]]:
+    def _widths(self, level: Level) -> list[tuple[float, bool]]:
         """(width in cells, whether to include the posterior variance) of each distinct local mean on this grid. Weak
         shear needs the variance, or it would shrink to zero.
         """

@@ -45,7 +45,7 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     shifts = estimator.shifts[:, : estimator.usual]
     patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in shifts.T])
     found = estimator.start.evidence(linear, rows, None, patterns)
-    trace.decided("log evidence of contact over noise about offsets", found.gain, policy.detection.evidence + loud)
+    trace.decided("log evidence of contact over noise with offsets", found.gain, policy.detection.evidence + loud)
     if more_than_noise(found.gain, loud, policy):
         return None
     noise = 1.0 if estimator.noise_known else None

@@ -1,4 +1,4 @@
-"""Scores that compare explanations of a frame; all comparisons are in this file.
+"""Scores that compare explanations of a frame. What cannot win is dropped before it is scored, by the limits in `proposals`.
 
 | score | what it is | compares |
 |---|---|---|

@@ -1,9 +1,10 @@
 """Propose explanations of a frame: contact that pushes, pulls, or both; with or without offsets (of channels
 and groups of taxels) and ramps in the readings.
 
-Each file proposes one kind of explanation. ``propose(search)`` yields rough explanations; each is recorded before the
+Each file in `PROPOSALS` proposes one kind of explanation. ``propose(search)`` yields rough explanations; each is recorded before the
 next is requested, so that later proposals know the earlier ones. To add a kind, add a file and a line in `PROPOSALS`.
-Only `palpate.inverse.contact.score` compares them.
+They share `state.py` (what was tried, and what is worth trying), `levels.py` (first sizes of nuisances) and `nuisances.py` (contact
+solved together with them). `palpate.inverse.contact.score` compares what they yield.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import rough_fit
 from palpate.inverse.contact.score import best_of, coarser_of, rivals_of, worth_of
 from palpate.sensing.nuisance import Nuisance

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from palpate.inverse.contact.explanation import Explanation, Rough
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.score import gain_of
 
 __all__ = ["propose"]

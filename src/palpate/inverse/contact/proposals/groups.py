@@ -11,7 +11,7 @@ import numpy as np
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import steps_of
 from palpate.inverse.contact.score import worth_of
 

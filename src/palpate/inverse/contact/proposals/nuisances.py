@@ -11,7 +11,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import drift, trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.proposals.levels import in_range, reach
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import rough, wide_and_wrong
 from palpate.inverse.contact.score import least_to_beat
 from palpate.sensing.nuisance import Nuisance

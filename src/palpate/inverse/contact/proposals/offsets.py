@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.proposals.levels import lowest_levels
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.score import likelier_signs
 
 __all__ = ["propose"]

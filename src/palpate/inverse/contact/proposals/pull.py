@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.score import absorbs
 
 __all__ = ["propose"]

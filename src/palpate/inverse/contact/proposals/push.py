@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 
 __all__ = ["propose"]
 

@@ -10,7 +10,7 @@ from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.proposals.levels import edge_drift
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
-from palpate.inverse.contact.proposals.search import Search
+from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.score import likelier_signs
 from palpate.sensing.nuisance import AT_EDGE
 
