@@ -145,7 +145,7 @@ class PreparedContact(ABC):
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
             self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]
-            if not problem.zeroed and self.taxels <= self.policy.explanations.many_taxels:
+            if not problem.zeroed and not self.large:
                 self.terms += groups(operator.planes_of)
         shown = self.terms and (not self.removed or self.terms[0].of_image)
         windows = Windows(problem, self.columns, self.variances, kinds if shown else ())
