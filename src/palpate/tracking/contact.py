@@ -18,7 +18,6 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.discrepancy import degrees_of_share
 from palpate.inverse.contact.noise import MEDIAN
-from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 from palpate.tracking.background import Background
@@ -38,9 +37,6 @@ from palpate.tracking.search import TAKEN, Search
 from palpate.tracking.trial import residual_by_penalty
 
 __all__ = ["EVERY", "Contact"]
-
-#: Same value as in the contact method.
-FAINT = Policy().extent.faint
 
 #: Longest number of frames between two checks for new contacts and bad taxels; a check costs about as much as a frame.
 EVERY = 8
@@ -298,9 +294,7 @@ class Contact:
         if self.pushing:
             self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
         elif self.fits:
-            self._errors.refresh_pulling(
-                self._pulling, y, self.noise, unused, self._parameter, self._background, self._offsets
-            )
+            self._errors.refresh(self._pulling, y, self.noise, unused, self._background, self._offsets)
         else:
             self._errors.clear()  # what no traction explains has no numbers
         self._bars, self.drag = self._errors.errors, None
@@ -322,14 +316,14 @@ class Contact:
             self._unjudged = self._push_residual(frame)  # that a frame is not explained is no news of the next
         if self._unjudged is not None:
             self.fit, self._unjudged = self._fit(self._unjudged, frame), None
-        observed = self._errors.observed
+        observed, contact = self._errors.observed, (self._solution if self.pushing else self._pulling).contact
         self.observes = converged
-        if observed is None or not self.fits:
+        if observed is None or contact is None or not self.fits:
             return
         if not np.array_equal(observed.unused, unused):
             self._errors.age()
             return
-        cells, traction = self._firm()
+        cells, traction = contact
         innovation = observed.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
         self._offsets.update(observed.counts, innovation, self.noise)
 
@@ -347,15 +341,6 @@ class Contact:
             known=self._learning.noise_known,
             ordered=self._learning.discrepancy.least * float(np.sqrt(np.mean(frame.actual[used] ** 2))),
         )
-
-    def _firm(self) -> tuple[Index, Floats]:
-        """Cells and traction of the certain contact. Elsewhere non-negative pressure fits noise, and its sum would be subtracted from the zero in every frame."""
-        region = self._solution.region
-        if not self.pushing or region is None:
-            return (np.zeros(0, dtype=np.intp) if self.cells is None else self.cells), self.traction
-        pressure = self._solution.pressure
-        strong = pressure > FAINT * float(pressure.max(initial=0.0))
-        return region.cells[strong], self._solution.traction[:, strong]
 
     @property
     def _parameter(self) -> float:
@@ -504,14 +489,14 @@ class Contact:
             if self._marginal is None or not residual.fits or pulls:
                 break
             before = offsets.value()
-            sums = self._marginal.sums - solution.shared(FAINT)
+            sums = self._marginal.sums - solution.shared(contact=True)
             offsets.update(0.5 * offsets.counts(self._check.unused), 0.5 * sums, frame.noise)
             frame = frame._replace(actual=frame.actual - (offsets.value() - before))
             self._push(frame)
         else:
-            pressure = solution.pressure
-            covered = int((pressure > FAINT * float(pressure.max(initial=0.0))).sum())
-            if offsets.plausible(state[0]) and covered < COMPACT * math.prod(self._estimator.operator.surface.shape):
+            if offsets.plausible(state[0]) and solution.pressing.sum() < COMPACT * math.prod(
+                self._estimator.operator.surface.shape
+            ):
                 return residual, converged
         offsets.restore(state)
         solution.clear()
@@ -647,7 +632,7 @@ class Contact:
 
     def _enough(self, region: Region) -> Index:
         """The cells that a region needs, if fewer than it has."""
-        needed = self._search.needed(region, self._solution.pressure)
+        needed = self._search.needed(self._solution)
         fewer = 0 < len(needed) < len(region.cells) and np.isin(needed, region.cells).all()
         return needed if fewer else region.cells
 
@@ -671,7 +656,7 @@ class Contact:
                 # Penalty and readings may have changed in the meantime.
                 self._moved(matrix if self._serves(matrix) else self._making(matrix.cells)())
         else:
-            cells = self._search.next(region, self._solution.pressure)
+            cells = self._search.next(self._solution)
             if cells is None:
                 return
             making = self._making(cells)

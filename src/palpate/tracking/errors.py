@@ -15,7 +15,6 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.factors import Dense, cholesky
 from palpate.inverse.constrained.model import ContactModel, Later, Normal
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import state
 from palpate.inverse.estimate import Errors, Stated
@@ -29,9 +28,6 @@ from palpate.tracking.region import NormalEquations
 
 __all__ = ["ErrorBars", "open_above", "unbounded"]
 
-#: Same value as in the contact method.
-FAINT = Policy().extent.faint
-
 Shrink = Callable[[Floats], Floats]
 #: Errors, errors due to the pad, information about offsets, and degrees of freedom used.
 Made = tuple[Errors | None, Stated | None, Observed | None, float]
@@ -41,8 +37,6 @@ Made = tuple[Errors | None, Stated | None, Observed | None, float]
 REFRESH, CHANGED = 200, 0.25
 #: Number of frames for which a contact counts as unchanged, when its information about offsets is added up.
 SAME = 100.0
-#: Name of the background work on error bars of a pull.
-PULLING = "errors of a pull"
 #: Ratio of successive sizes of unknown noise for which the errors without contact are computed.
 SIZES = 1.2
 #: Frames after which error bars are recomputed if the set of readings changed, which may change back.
@@ -70,7 +64,7 @@ class ErrorBars:
 
     def serves(self, solution: Iteration) -> bool:
         """Whether the present errors were computed for a similar contact."""
-        count = int((solution.pressure > FAINT * float(solution.pressure.max(initial=0.0))).sum())
+        count = int(solution.pressing.sum())
         return abs(count - self._cells) <= CHANGED * max(self._cells, 1)
 
     def age(self) -> None:
@@ -100,7 +94,7 @@ class ErrorBars:
 
     def refresh(
         self,
-        solution: Iteration,
+        solution: Iteration | Pulling,
         y: Floats,
         noise: float,
         unused: Flags,
@@ -108,21 +102,34 @@ class ErrorBars:
         offsets: Offsets,
     ) -> None:
         """Recompute the errors if they are old or if the contact has changed."""
-        region, estimator = solution.region, self._estimator
-        if self._pulls:
-            background.drop(PULLING)
+        estimator, contact, pulls = self._estimator, solution.contact, isinstance(solution, Pulling)
+        if self._pulls != pulls:
+            background.drop("errors")
             self.clear()
-        if region is None:
+            self._pulls = pulls
+        if contact is None or not len(contact[0]):
             return
-        pressure = solution.pressure
-        contact = pressure > FAINT * float(pressure.max(initial=0.0))
-        count = int(contact.sum())
-        if count == 0 or (not self._due(count) and "errors" not in background):
+        cells, traction = contact
+        if not (self._due(len(cells)) or "errors" in background):
             return
-        cells = region.cells[contact]
-        start = solution.traction[:, contact]
-        weight = region.parameter / noise**2 if noise > 0 else 0.0
+        weight = solution.parameter / noise**2 if noise > 0 else 0.0
         cov = offsets.cov.copy()
+
+        def made() -> Made:
+            frame = self._prepared(cells, y, noise, unused, offsets.columns)
+            known, shrink = frame.marginalised(cov)
+            give_way()
+            if isinstance(solution, Pulling):
+                model = solution.model(known, weight, traction)
+            else:
+                precisions = estimator.precisions(known.level, 1, weight)
+                model = estimator.model(known, precisions, traction, keep_face=True)
+                model.weight = 1.0
+            self._owe(model, shrink, y, frame.std, unused)
+            observed = self._observed(frame, model.penalty.dense(), unused)
+            summary = Summary([model], estimator.posterior)
+            give_way()
+            return summary.errors(), summary.stated(), observed, _taken(model)
 
         def work() -> tuple[Made, int]:
             try:
@@ -130,60 +137,8 @@ class ErrorBars:
             except np.linalg.LinAlgError:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
 
-        def made() -> Made:
-            frame = self._prepared(cells, y, noise, unused, offsets.columns)
-            known, shrink = frame.marginalised(cov)
-            precisions = estimator.precisions(frame.data.level, 1, weight)
-            give_way()
-            model = estimator.model(known, precisions, start, keep_face=True)
-            model.weight = 1.0
-            self._owe(model, shrink, y, frame.std, unused)
-            observed = self._observed(frame, model.penalty.dense(), unused)
-            summary = Summary([model], estimator.posterior)
-            give_way()
-            return summary.errors(), summary.stated(), observed, _taken(model)
-
-        found = background.result("errors", work)
-        if found is not None:
-            (self.errors, self.stated, self.observed, self.taken), self._cells = found
-            self._age = 0
-
-    def refresh_pulling(
-        self,
-        pulling: Pulling,
-        y: Floats,
-        noise: float,
-        unused: Flags,
-        parameter: float,
-        background: Background,
-        offsets: Offsets,
-    ) -> None:
-        """As `refresh`, for traction of either sign."""
-        estimator, cells = self._estimator, pulling.cells
-        if not self._pulls:
-            background.drop("errors")
-            self.clear()
-            self._pulls = True
-        if cells is None or not (self._due(len(cells)) or PULLING in background):
-            return
-        traction, cov = pulling.traction, offsets.cov.copy()
-
-        def work() -> tuple[Made, int]:
-            try:
-                frame = self._prepared(cells, y, noise, unused, offsets.columns)
-                weight = parameter / noise**2 if noise > 0 else 0.0
-                known, shrink = frame.marginalised(cov)
-                either = pulling.model(known, weight, traction)
-                self._owe(either, shrink, y, frame.std, unused)
-                summary = Summary([either], estimator.posterior)
-                errors, stated = summary.errors(), summary.stated()
-                observed = self._observed(frame, either.penalty.dense(), unused)
-            except np.linalg.LinAlgError:
-                return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
-            return (errors, stated, observed, _taken(either)), len(cells)
-
-        # A result needs error bars, so the first are computed at once.
-        found = work() if self.errors is None else background.result(PULLING, work)
+        # A pull needs error bars to be told from contact, so its first are computed at once.
+        found = work() if pulls and self.errors is None else background.result("errors", work)
         if found is not None:
             (self.errors, self.stated, self.observed, self.taken), self._cells = found
             self._age = 0

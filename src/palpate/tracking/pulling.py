@@ -49,7 +49,8 @@ class Pulling:
     def clear(self) -> None:
         self.cells: Index | None = None
         self.traction: Floats = np.zeros((len(self._estimator.columns), 0))
-        self._kept: tuple[float, Flags, Floats, Floats] | None = None
+        self.parameter = 0.0  # penalty
+        self._kept: tuple[Flags, Floats, Floats] | None = None  # unused readings, factor, and A'B
 
     def solve(self, y: Floats, noise: float, unused: Flags, parameter: float, marginal: Marginal) -> None:
         """Solve for the traction of a frame."""
@@ -86,20 +87,20 @@ class Pulling:
         if (
             kept is not None
             and self.cells is not None
-            and kept[0] == parameter
-            and np.array_equal(kept[1], unused)
+            and self.parameter == parameter
+            and np.array_equal(kept[0], unused)
             and np.array_equal(self.cells, cells)
         ):
             return
-        self.cells = cells
+        self.cells, self.parameter = cells, parameter
         shared = self._equations.shared(unused)[:, :, cells].reshape(-1, len(self._estimator.columns) * len(cells))
         factor = cholesky(firm(self._equations.penalised(cells, parameter, unused)))
-        self._kept = parameter, unused.copy(), factor, shared
+        self._kept = unused.copy(), factor, shared
 
     def _solve(self, slope: Floats, gain: Floats) -> None:
         if self._kept is None or self.cells is None:
             raise RuntimeError("there are no cells")
-        factor, shared = self._kept[2:]
+        factor, shared = self._kept[1:]
 
         def inverse(b: Floats) -> Floats:
             return np.asarray(scipy.linalg.cho_solve((factor, True), b, check_finite=False))
@@ -112,11 +113,16 @@ class Pulling:
             raise np.linalg.LinAlgError("traction of either sign has no finite result")
         self.traction = x.reshape(len(slope), len(self.cells))
 
+    @property
+    def contact(self) -> tuple[Index, Floats] | None:
+        """The cells, and their traction (component, cell) [Pa]; None without any."""
+        return None if self.cells is None else (self.cells, self.traction)
+
     def shared(self) -> Floats:
         """B'A t: contribution of the solution to the sums of each channel."""
         if self._kept is None:
             raise RuntimeError("there are no cells")
-        return np.asarray(self._kept[3] @ self.traction.ravel())
+        return np.asarray(self._kept[2] @ self.traction.ravel())
 
     def explained(self) -> Floats:
         """The whitened readings predicted by the traction."""
