@@ -118,7 +118,7 @@ class Contact:
         self._marginal: Marginal | None = None
         self._energy = self._objective = 0.0
         self._fresh = True
-        self._bars: Errors | None = None
+        self.errors: Errors | None = None
         self._behind = 0  # frames in a row that were not finished, or found no contact that pushes
         self._at_once = not self._background.threaded  # whether all is done in this frame
         self._since_learned = self._holed = 0
@@ -128,15 +128,18 @@ class Contact:
     # -- results --------------------------------------------------------------------------------------------------------
 
     @property
+    def _present(self) -> Iteration | Pulling:
+        return self._solution if self.pushing else self._pulling
+
+    @property
     def cells(self) -> Index | None:
         """Flat indices of the surface cells for which `traction` is given; None without contact."""
-        region = self._solution.region
-        return self._pulling.cells if not self.pushing else None if region is None else region.cells
+        return self._present.cells
 
     @property
     def traction(self) -> Floats:
         """Traction (component, cell) [Pa]."""
-        return self._solution.traction if self.pushing else self._pulling.traction
+        return self._present.traction
 
     @property
     def exhausted(self) -> bool:
@@ -157,10 +160,6 @@ class Contact:
     def _net_pull(self) -> bool:
         """Whether traction of either sign pulls in total."""
         return float(self._pulling.traction[-1].sum()) < 0.0
-
-    @property
-    def errors(self) -> Errors | None:
-        return self._bars
 
     @property
     def stated(self) -> Stated | None:
@@ -291,13 +290,11 @@ class Contact:
             self._level(self._push_residual(frame), frame.noise)
         if self.fits:
             self._offsets.seen(y, frame.noise)
-        if self.pushing:
-            self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
-        elif self.fits:
-            self._errors.refresh(self._pulling, y, self.noise, unused, self._background, self._offsets)
+        if self.pushing or self.fits:
+            self._errors.refresh(self._present, y, self.noise, unused, self._background, self._offsets)
         else:
             self._errors.clear()  # what no traction explains has no numbers
-        self._bars, self.drag = self._errors.errors, None
+        self.errors, self.drag = self._errors.errors, None
         if self.pushing:
             self.drag = self._dragging.found(
                 self._solution,
@@ -308,15 +305,15 @@ class Contact:
                 self.noise * frame.noisier,
                 float(np.abs(y).max(initial=0.0)),
             )
-            bars = self._bars
+            bars = self.errors
             if bars is None or not self._errors.serves(self._solution):
                 bars = wider(bars, interim(self._estimator, self._solution, self.noise))
-            self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
+            self.errors = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
         if self._unjudged is None and self.fit < POOR_FIT and self.pushing:
             self._unjudged = self._push_residual(frame)  # that a frame is not explained is no news of the next
         if self._unjudged is not None:
             self.fit, self._unjudged = self._fit(self._unjudged, frame), None
-        observed, contact = self._errors.observed, (self._solution if self.pushing else self._pulling).contact
+        observed, contact = self._errors.observed, self._present.contact
         self.observes = converged
         if observed is None or contact is None or not self.fits:
             return
@@ -351,16 +348,10 @@ class Contact:
         unused, clipped = self._check.unused, self._check.clipped
         if not unused.any():
             return frame.actual
-        explained = self._explained()
+        explained = self._equations.explained(self.cells, self.traction)
         lower_bound = np.where(clipped, frame.actual, 0.0)
         saturated = np.where(lower_bound < 0.0, np.minimum(explained, lower_bound), np.maximum(explained, lower_bound))
         return np.where(unused, np.where(clipped, saturated, explained), frame.actual)
-
-    def _explained(self) -> Floats:
-        """The readings predicted by the present solution, in units of their standard deviations."""
-        if not self.pushing:
-            return self._pulling.explained()
-        return self._equations.explained(self._solution.region, self._solution.traction)
 
     # -- alternatives ---------------------------------------------------------------------------------------------------
 
@@ -402,7 +393,9 @@ class Contact:
         y, unused, marginal = self._prepared(frame)
         self._pulling.solve(y, frame.noise, unused, self._parameter, marginal)
         self._marginal = marginal
-        return self._residual_of(frame, self._pulling.explained(), self._pulling.shared())
+        return self._residual_of(
+            frame, self._equations.explained(self._pulling.cells, self._pulling.traction), self._pulling.shared()
+        )
 
     def _beyond(self, noise: float, tolerated: float) -> bool:
         """Whether the misfit exceeds the noise plus a fraction ``tolerated`` of the readings' energy."""
@@ -426,7 +419,7 @@ class Contact:
     def _push_residual(self, frame: Frame) -> Residual:
         """Residual of the present pushing contact in this frame."""
         solution = self._solution
-        explained = self._equations.explained(solution.region, solution.traction, single=True)
+        explained = self._equations.explained(solution.cells, solution.traction, single=True)
         return self._residual_of(frame, explained, solution.shared())
 
     def _wrong(self, frame: Frame, residual: Residual) -> tuple[Flags, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from palpate.tracking.offsets import Observed, Offsets
 from palpate.tracking.pulling import Pulling, firm
 from palpate.tracking.region import NormalEquations
 
-__all__ = ["ErrorBars", "open_above", "unbounded"]
+__all__ = ["ErrorBars"]
 
 Shrink = Callable[[Floats], Floats]
 #: Errors, errors due to the pad, information about offsets, and degrees of freedom used.
@@ -137,7 +137,7 @@ class ErrorBars:
             except np.linalg.LinAlgError:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
 
-        # A pull needs error bars to be told from contact, so its first are computed at once.
+        # A pull has no interim errors, so its first are computed at once.
         found = work() if pulls and self.errors is None else background.result("errors", work)
         if found is not None:
             (self.errors, self.stated, self.observed, self.taken), self._cells = found
@@ -266,13 +266,3 @@ def _taken(model: ContactModel) -> float:
         return 0.0
     gram = face.restrict(model.data.gram)
     return factor.trace(gram) if isinstance(factor, Dense) else float(np.trace(factor.inverse(gram)))
-
-
-def open_above(errors: Errors) -> Errors:
-    """Errors of a load known only from below: the interval of its force has no upper bound."""
-    return replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))
-
-
-def unbounded(names: Sequence[str]) -> Floats:
-    """Bounds of a net force (component, 2) of which nothing is known."""
-    return np.tile([-math.inf, math.inf], (len(names), 1))

@@ -73,6 +73,11 @@ class Iteration:
         return self.z[-1]
 
     @property
+    def cells(self) -> Index | None:
+        """The region's cells; None without one."""
+        return None if self.region is None else self.region.cells
+
+    @property
     def pressing(self) -> Flags:
         """Mask of the region's cells that are in contact."""
         return pressing(self.pressure)

@@ -30,7 +30,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.whitening import Readings
+from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.sensing.arrays import Array
 from palpate.sensing.nuisance import nuisances
 from palpate.touch import Touch
@@ -113,12 +113,9 @@ class Observed(NamedTuple):
 class Offsets:
     """Mean and covariance of the channels' offsets, in units of the readings' standard deviations."""
 
-    def __init__(self, readings: Readings) -> None:
-        self._readings = readings
-        parts = [n for a, n in zip(readings.arrays, readings.sizes) for _ in a.channels]
-        index = np.repeat(np.arange(len(parts)), parts)
-        self.index = index
-        self.columns = np.asarray(index[:, None] == np.arange(len(parts))[None, :], dtype=np.float64)
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        self._readings, self.index = estimator.readings, estimator.noise.index
+        self.columns: Floats = np.eye(estimator.noise.count)[self.index]
         self._unused: bytes | None = None
         self.reset()
 

@@ -7,8 +7,6 @@ The same penalty without constraints, on the cells where the readings indicate t
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import scipy.linalg
 
@@ -16,13 +14,13 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Solution
 from palpate.inverse.constrained.faces import Face
 from palpate.inverse.constrained.factors import Dense, cholesky
-from palpate.inverse.constrained.model import ContactModel, Normal, dilated
+from palpate.inverse.constrained.model import ContactModel, Normal
 from palpate.inverse.constrained.quadratic import Formed, Penalty
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.tracking.health import Flags, Index
 from palpate.tracking.offsets import Marginal
 from palpate.tracking.region import SMALLEST, NormalEquations
-from palpate.tracking.search import LOST, TAKEN
+from palpate.tracking.search import LOST, TAKEN, around
 
 __all__ = ["Pulling", "firm"]
 
@@ -43,7 +41,6 @@ class Pulling:
 
     def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
         self._estimator, self._equations = estimator, equations
-        self._grid = estimator.operator.surface
         self.clear()
 
     def clear(self) -> None:
@@ -60,7 +57,7 @@ class Pulling:
         score = np.abs(equations.score(slope.astype(np.float32))) / noise
         likely = score > max(LOST, LIKELY * float(score.max()))
         likely[int(np.argmax(score))] = True  # with noise alone no cell may be likely
-        wanted = self._around(likely)
+        wanted = around(self._estimator, likely)
         if self.cells is not None and np.isin(np.flatnonzero(likely), self.cells).all():
             kept = np.zeros(len(score), dtype=bool)
             kept[self.cells] = True
@@ -69,18 +66,12 @@ class Pulling:
         for _ in range(ROUNDS):
             self._on(np.flatnonzero(wanted), parameter, unused)
             self._solve(slope, marginal.gain)
-            whole = np.zeros((len(self.traction), len(score)))
-            whole[:, self.cells] = self.traction
-            rest = np.where(unused, 0.0, y - self._estimator.explained_by(whole) / self._estimator.readings.std)
+            rest = np.where(unused, 0.0, y - equations.explained(self.cells, self.traction))
             left = np.abs(equations.score(equations.adjoint(rest, unused))) / noise
             missing = (left > max(TAKEN, 0.1 * float(score.max()))) & ~wanted
             if not missing.any():
                 break
-            wanted = wanted | self._around(missing)
-
-    def _around(self, cells: Flags) -> Flags:
-        depth = math.ceil(self._estimator.depth / min(self._grid.spacings)) + 1
-        return dilated(cells.reshape(self._grid.shape), depth).ravel()
+            wanted = wanted | around(self._estimator, missing)
 
     def _on(self, cells: Index, parameter: float, unused: Flags) -> None:
         kept = self._kept
@@ -123,13 +114,6 @@ class Pulling:
         if self._kept is None:
             raise RuntimeError("there are no cells")
         return np.asarray(self._kept[2] @ self.traction.ravel())
-
-    def explained(self) -> Floats:
-        """The whitened readings predicted by the traction."""
-        whole = np.zeros((len(self.traction), math.prod(self._grid.shape)))
-        if self.cells is not None:
-            whole[:, self.cells] = self.traction
-        return self._estimator.explained_by(whole) / self._estimator.readings.std
 
     def model(self, data: Normal, parameter: float, traction: Floats) -> ContactModel:
         """``traction`` as a model in which every cell is free; ``data`` in units of the noise, penalty to match."""

@@ -161,12 +161,12 @@ class NormalEquations:
         """Pressure of each cell alone, in standard deviations under unit noise."""
         return np.asarray(adjoint[-1] / self._norm)
 
-    def explained(self, region: Region | None, traction: Floats, *, single: bool = False) -> Floats:
-        """Whitened readings that a traction (component, cell) on a region predicts; ``single`` takes half the time."""
-        if region is None:
+    def explained(self, cells: Index | None, traction: Floats, *, single: bool = False) -> Floats:
+        """Whitened readings that a traction (component, cell) on some cells predicts; ``single`` takes half the time."""
+        if cells is None:
             return np.zeros(len(self._std))
         whole = np.zeros((len(self.estimator.columns), self._cells), dtype=np.float32 if single else np.float64)
-        whole[:, region.cells] = traction
+        whole[:, cells] = traction
         return self.estimator.explained_by(whole) / self._std
 
     def region(self, cells: Index, parameter: float, unused: Flags) -> Region:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.sensing.zero import FRAMES_FOR_NOISE
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.search import TAKEN
-from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["Rest"]
 

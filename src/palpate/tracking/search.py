@@ -15,7 +15,7 @@ from palpate.tracking.health import Flags, Index
 from palpate.tracking.iteration import FAINT, Iteration, pressing
 from palpate.tracking.region import NormalEquations
 
-__all__ = ["LOST", "TAKEN", "Search", "only_reading"]
+__all__ = ["LOST", "TAKEN", "Search", "around", "only_reading"]
 
 #: Same value as in the contact method.
 MARGIN = Policy().extent.margin
@@ -48,11 +48,18 @@ def only_reading(equations: NormalEquations, y: Floats, level: Floats, unused: F
     return None if float((np.abs(score) / level).max()) > TAKEN else largest
 
 
+def around(estimator: ConstrainedEstimator, cells: Flags) -> Flags:
+    """Mask of the cells, and of all around them as far as the taxels are deep."""
+    grid = estimator.operator.surface
+    depth = math.ceil(estimator.depth / min(grid.spacings)) + 1
+    return dilated(cells.reshape(grid.shape), depth).ravel()
+
+
 class Search:
     """Decides which cells the region should have."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
-        self._estimator, self._grid, self._depth = estimator, estimator.operator.surface, estimator.depth
+        self._estimator, self._grid = estimator, estimator.operator.surface
         self.clear()
 
     def clear(self) -> None:
@@ -67,13 +74,14 @@ class Search:
         if not self.many(len(by_score)):
             return by_score
         pressed = pressing(self.rough(y, noise, unused, parameter)[0])
-        by_solution = np.flatnonzero(self._around(pressed))
+        by_solution = np.flatnonzero(around(self._estimator, pressed))
         return by_solution if pressed.any() and len(by_solution) < len(by_score) else by_score
 
     def scored(self, score: Floats) -> Index:
         """The cells with the highest scores, and those around them."""
         peak = float(score.max())  # negative if the whole surface is pulled
-        return np.flatnonzero(self._around(score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)))
+        likely = score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)
+        return np.flatnonzero(around(self._estimator, likely))
 
     def many(self, cells: int) -> bool:
         """Whether so many cells are too many to invert their matrix without need."""
@@ -89,11 +97,6 @@ class Search:
         weight = parameter / noise**2
         traction, explained, _ = solved(estimator, linear.traction, y / noise, noise * std, ~unused, weight)
         return traction[-1], explained / std
-
-    def _around(self, cells: Flags) -> Flags:
-        """The cells, and all around them as far as the taxels are deep."""
-        depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
-        return dilated(cells.reshape(self._grid.shape), depth).ravel()
 
     def next(self, solution: Iteration) -> Index | None:
         """Cells of the region to move to, which contains the contact and a margin; None if it stays."""

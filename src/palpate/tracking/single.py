@@ -19,9 +19,9 @@ from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.again import Models, keeping
 from palpate.inverse.contact.no_contact import WIDE
+from palpate.sensing.zero import FRAMES_FOR_NOISE
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["BEGUN", "Alone", "Answer", "Compared", "Comparison", "Single", "SingleSolve"]
 

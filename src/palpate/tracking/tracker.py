@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,7 +18,6 @@ import numpy as np
 from palpate._arrays import from_numpy
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
-from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Stated
@@ -34,7 +34,6 @@ from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
 from palpate.tracking.discrepancy import bounds_of, widened, without_numbers
-from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import ENOUGH, Flags, Health, ReadingCheck
 from palpate.tracking.held import Held, own_traction
@@ -105,7 +104,7 @@ class Tracker:
         layout: Layout,
         *,
         notes: tuple[str, ...] = (),
-        creep: Callable[[], list[CreepFilter | None]] | None = None,
+        prony: Any = None,
         case: Case | None = None,
         alone: Alone | None = None,
         baseline: Any = 0,
@@ -119,11 +118,11 @@ class Tracker:
         self.estimator, self.names = estimator, names
         self.notes = (*notes, MISREAD) if estimator.ambiguous and "z" in names else notes
         self.tolerance, self.budget, self.drift_time, self.rate = tolerance, budget, rezero, rate
-        self._make_creep, self._case = creep, case
+        self._prony, self._case = prony, case
         self._layout, self._limits, self._label = layout, layout.limits(), label
         self._std = estimator.readings.std
         self._zero_frames, self._given_zero = self._check_baseline(baseline)
-        self._offsets = Offsets(estimator.readings)
+        self._offsets = Offsets(estimator)
         self._equations = NormalEquations(estimator, self._offsets.columns, beside=budget is not None)
         # of its linear algebra: few are no work for several threads
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
@@ -183,7 +182,7 @@ class Tracker:
         self._frame: Frame | None = None
         self._steady, self._restarted = Steady(), 0
         self._said: list[str] = []
-        self._creep = None if self._make_creep is None else Creep(self._make_creep(), self._layout, estimator.readings)
+        self._creep = None if self._prony is None else Creep(self._prony, self._layout, estimator.readings)
         self._residual = self._fit = math.nan
         self._quiet: Floats | None = None  # readings of the last frame without contact
 
@@ -645,7 +644,7 @@ class Tracker:
                 traction, errors, pad_std = held.traction, held.errors, held.stated
                 share = held.discrepancy
             if status is Status.OVERLOAD and errors is not None and contact.pushing:
-                errors = open_above(errors)
+                errors = replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))  # no upper end
             values = traction.reshape(values.shape)
             load = float(grid.integral(np.sqrt((traction**2).sum(axis=0))))
             apart = self._held.apart * load if held is None else held.apart

@@ -9,15 +9,12 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.zero import far_frames, moved
+from palpate.sensing.zero import FRAMES_FOR_NOISE, far_frames, moved
 from palpate.tracking.health import Flags
 from palpate.tracking.search import TAKEN
 
-__all__ = ["FRAMES_FOR_NOISE", "Zero", "checked_zero"]
+__all__ = ["Zero", "checked_zero"]
 
-#: Smallest number of frames of the zero from which the noise is estimated: with 5, and some hundred readings that share
-#: it, it is known to a few per cent.
-FRAMES_FOR_NOISE = 5
 #: Largest fraction of the time constant that one frame counts for, however long the pause before it: ten frames must
 #: agree on a new zero.
 ONE_FRAME = 0.1
