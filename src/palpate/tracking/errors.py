@@ -12,8 +12,9 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.factors import Dense, cholesky
+from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Later, Normal
+from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import state
@@ -129,7 +130,7 @@ class ErrorBars:
             observed = self._observed(frame, model.penalty.dense(), unused)
             summary = Summary([model], estimator.posterior)
             give_way()
-            return summary.errors(), summary.stated(), observed, _taken(model)
+            return summary.errors(), summary.stated(), observed, taken_by(model)
 
         def work() -> tuple[Made, int]:
             try:
@@ -257,12 +258,3 @@ class _Prepared(NamedTuple):
         gram = data.gram - (crossed @ gain) @ crossed.T
         later = Later(lambda: shrink(data.matrix), len(self.white))
         return Normal(data.level, data.cells, later, linear, gram), shrink
-
-
-def _taken(model: ContactModel) -> float:
-    """Degrees of freedom used: trace of A (A'A + penalty)^-1 A' over the face."""
-    face, factor = model.solution.face, model.solution.factor
-    if face is None or factor is None or not len(face.index):
-        return 0.0
-    gram = face.restrict(model.data.gram)
-    return factor.trace(gram) if isinstance(factor, Dense) else float(np.trace(factor.inverse(gram)))
