@@ -104,14 +104,15 @@ class ErrorBars:
     ) -> None:
         """Recompute the errors if they are old or if the contact has changed."""
         estimator, contact, pulls = self._estimator, solution.contact, isinstance(solution, Pulling)
+        name, other = ("errors of a pull", "errors") if pulls else ("errors", "errors of a pull")
         if self._pulls != pulls:
-            background.drop("errors")
+            background.drop(other)
             self.clear()
             self._pulls = pulls
         if contact is None or not len(contact[0]):
             return
         cells, traction = contact
-        if not (self._due(len(cells)) or "errors" in background):
+        if not (self._due(len(cells)) or name in background):
             return
         weight = solution.parameter / noise**2 if noise > 0 else 0.0
         cov = offsets.cov.copy()
@@ -139,7 +140,7 @@ class ErrorBars:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
 
         # A pull has no interim errors, so its first are computed at once.
-        found = work() if pulls and self.errors is None else background.result("errors", work)
+        found = work() if pulls and self.errors is None else background.result(name, work)
         if found is not None:
             (self.errors, self.stated, self.observed, self.taken), self._cells = found
             self._age = 0
