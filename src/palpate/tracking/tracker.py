@@ -392,7 +392,8 @@ class Tracker:
             unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
             self._said.append(comparison.words(compared.answer, reference, unit))
             if not beside.threaded:
-                touch = rebuild(*self._in_contact(frame, 0.0, regular=True, restarted=False))
+                again = frame._replace(actual=frame.actual - self._offsets.value())
+                touch = rebuild(*self._in_contact(again, 0.0, regular=True, restarted=False))
                 compared = compared._replace(answer=Answer.of(touch), own=self._own_force())
                 comparison.settle(compared.answer, reference)
                 self._held.hold(single, compared, reference)
