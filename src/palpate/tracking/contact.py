@@ -2,8 +2,7 @@
 
 The contact pushes and is solved from all readings except outliers, or its traction has either sign. A frame that fits
 like the ones before costs one solution. If the misfit is unusual, and at regular intervals, the tracker checks whether
-something else explains that frame better: pressure on more cells, wrong readings, a zero that has jumped, or traction
-that pulls.
+something else explains that frame better: pressure on more cells, wrong readings, or traction that pulls.
 """
 
 from __future__ import annotations
@@ -48,8 +47,6 @@ WORST, TURNS = 0.6, 8
 TURNS_OF_MANY = 3
 #: If at most FEW of the readings (or FEWEST of them) are bad, accept the contact. Above that, compare it with pull. Above MOST, the contact is judged wrong, not the readings.
 FEW, FEWEST, MOST = 0.02, 3, 0.2
-#: Rounds in which a jumped zero is estimated: non-negative pressure fits part of it in each.
-JUMPS = 4
 #: A frame fits if its residual is at most this many times the noise, plus the fraction of the signal that the batch method allows. A root mean square of 1.5 over a hundred readings is seven of its
 #: standard deviations.
 EXCESS = 1.5
@@ -64,8 +61,6 @@ HOLED = 3
 MOVING = ("learn", "move")
 #: How many times one frame waits for such work, if there is time.
 ROUNDS_OF_WAITING = 5
-#: A jumped zero can be told from contact only if the contact covers at most this fraction of the surface.
-COMPACT = 0.4
 #: Check at once if the misfit exceeds the noise by UNUSUAL of its standard deviations and exceeds ENERGY of the readings' energy (a dead taxel under a contact causes per cents), or TOLERATED times
 #: what was accepted before.
 UNUSUAL, ENERGY, TOLERATED = 6.0, 5e-4, 1.5
@@ -172,12 +167,12 @@ class Contact:
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
-    def solve(self, frame: Frame, *, regular: bool, restarted: bool) -> bool:
+    def solve(self, frame: Frame, *, regular: bool) -> bool:
         """Solve for the contact in a frame; False if the iteration did not converge.
 
-        ``regular``: check alternatives even if the misfit is normal; ``restarted``: the sensor restarted, so its zero may have jumped.
+        ``regular``: check alternatives even if the misfit is normal.
         """
-        regular = regular or self._fresh or restarted
+        regular = regular or self._fresh
         late = self._behind >= PATIENCE
         self._at_once = late or not self._background.threaded
         if late:
@@ -198,7 +193,7 @@ class Contact:
             if (
                 regular or pull_ended or (self.fits and not residual.fits)
             ):  # what nothing explains is looked at now and then
-                converged = self._weigh(frame, restarted)
+                converged = self._weigh(frame)
             else:
                 self._take(residual, noise)
         else:
@@ -218,7 +213,7 @@ class Contact:
             if regular or unusual:
                 moving = any(name in self._background for name in MOVING)
                 if late or ((converged or self._at_once) and not moving):
-                    converged = self._weigh(frame, restarted)
+                    converged = self._weigh(frame)
                 elif unusual:
                     converged = False  # on its way: the cells are about to move
         unused = self._check.unused
@@ -233,7 +228,7 @@ class Contact:
             self._push(frame)
             if self._learn(frame) or (self._background.wait(("learn",), self._under_way()) and self._learn(frame)):
                 self._push(frame)
-                converged = self._weigh(frame, restarted)
+                converged = self._weigh(frame)
         self._fresh = False
         behind = self._background.threaded and not (converged and self.pushing)
         self._behind = self._behind + 1 if behind and not late else 0
@@ -437,14 +432,10 @@ class Contact:
         """Readings to be judged: present and not saturated."""
         return np.isfinite(frame.actual) & ~self._check.clipped
 
-    def _weigh(self, frame: Frame, restarted: bool) -> bool:
+    def _weigh(self, frame: Frame) -> bool:
         """Compare the alternatives and take the best."""
         check = self._check
         before = check.suspects.copy()
-        if restarted and self._offsets.may_have_jumped(frame.actual):
-            jumped, converged = self._jumped(frame)
-            if jumped is not None:
-                return self._accept_push(frame, jumped, converged)
         pushed, converged, pulls = self._pushed(frame)
         count = int(check.suspects.sum())
         suspects = check.suspects.copy()
@@ -471,29 +462,6 @@ class Contact:
             converged = self._push(frame)
             pushed = self._push_residual(frame)
         return self._accept_push(frame, pushed, converged)
-
-    def _jumped(self, frame: Frame) -> tuple[Residual | None, bool]:
-        """Pushing contact with a zero that has jumped; None if that does not fit the frame."""
-        offsets, solution = self._offsets, self._solution
-        state = offsets.state()
-        for _ in range(JUMPS):
-            offsets.jump()
-            residual, converged, pulls = self._pushed(frame)
-            if self._marginal is None or not residual.fits or pulls:
-                break
-            before = offsets.value()
-            sums = self._marginal.sums - solution.shared(contact=True)
-            offsets.update(0.5 * offsets.counts(self._check.unused), 0.5 * sums, frame.noise)
-            frame = frame._replace(actual=frame.actual - (offsets.value() - before))
-            self._push(frame)
-        else:
-            if offsets.plausible(state[0]) and solution.pressing.sum() < COMPACT * math.prod(
-                self._estimator.operator.surface.shape
-            ):
-                return residual, converged
-        offsets.restore(state)
-        solution.clear()
-        return None, True
 
     def _accept_push(self, frame: Frame, pushed: Residual, converged: bool) -> bool:
         self.pushing = True

@@ -52,12 +52,11 @@ class Iteration:
         self.exhausted = False  # whether the last frame ended by its number of steps, not by its time
         self.product = 0.0  # t'A'y of the last frame
 
-    def shared(self, *, contact: bool = False) -> Floats:
-        """B'A t: contribution of the solution to the sums of each channel; that of the cells in ``contact`` only."""
+    def shared(self) -> Floats:
+        """B'A t: contribution of the solution to the sums of each channel."""
         if self.region is None:
             raise RuntimeError("there is no contact")
-        z = np.where(self.pressing, self.z, 0.0) if contact else self.z
-        return np.asarray(self.region.shared @ z.ravel().astype(np.float64))
+        return np.asarray(self.region.shared @ self.z.ravel().astype(np.float64))
 
     def move(self, region: Region) -> None:
         """Move solution and multipliers to another region."""

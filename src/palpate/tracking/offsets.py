@@ -63,8 +63,8 @@ AGREE = 0.003
 MODEL, ANOTHER = 0.01, 0.1
 #: Largest change of an offset in one frame, in its standard deviations: more is not drift.
 SURPRISE = 3.0
-#: Standard deviation of offsets after a restart of the sensor, as a fraction of the largest reading.
-JUMP = 0.5
+#: Largest standard deviation of an offset, as a fraction of the largest reading.
+MOST = 0.5
 #: Marginalise offsets only if one is less certain than this fraction of the largest reading. Otherwise just subtract
 #: them and add their variance to the error bars: marginalising weakens the common part of the contact, which the
 #: penalty then shrinks (1 N dragged to a slip of 0.6 read 0.55).
@@ -152,14 +152,6 @@ class Offsets:
         k = len(self.mean)
         return self._both[:k, :k]
 
-    def state(self) -> tuple[Floats, ...]:
-        """Mean of c, mean of d, the covariance of both and the rate of drift, for `restore`."""
-        return self.mean, self._model, self._both, self.rate
-
-    def restore(self, state: tuple[Floats, ...]) -> None:
-        """Set offsets, model error, covariance and rate back to ``state``, a value that `state` returned earlier."""
-        self.mean, self._model, self._both, self.rate = state
-
     def scale(self, noise: float | None, y: Floats) -> float:
         """Expected largest reading; until the noise is known, from the frame itself."""
         if self._largest > 0:
@@ -195,8 +187,8 @@ class Offsets:
         both = self._both.copy()
         both[:k, :k] += step**2 * np.eye(k)
         most = float(np.diagonal(both).max())
-        if most > (JUMP * scale) ** 2:
-            both = both * ((JUMP * scale) ** 2 / most)
+        if most > (MOST * scale) ** 2:
+            both = both * ((MOST * scale) ** 2 / most)
         self._both = both
 
     def go_on(self, elapsed: float) -> None:
@@ -212,13 +204,6 @@ class Offsets:
             most = FASTEST * self._scale
             since = max(self._elapsed, self._unobserved)
             self.rate = np.clip(self.rate + share / (2.0 - share) * by / since, -most, most)
-
-    def jump(self) -> None:
-        """Make the offsets unknown: the sensor restarted."""
-        k = len(self.mean)
-        self._both = np.zeros((2 * k, 2 * k))
-        self._both[:k, :k] = (JUMP * self._scale) ** 2 * np.eye(k)
-        self._model, self.rate = np.zeros(k), np.zeros(k)
 
     def take(self, alone: Touch, planes: Sequence[Array], std: Floats) -> None:
         """Take the offsets, and their errors, that a single solve of readings with the units ``std`` (reading,) found, if
@@ -243,15 +228,6 @@ class Offsets:
     def beyond(self, noise: float | None) -> bool:
         """Whether an offset exceeds the noise."""
         return float(np.abs(self.mean).max(initial=0.0)) > (noise or 0.0)
-
-    def may_have_jumped(self, actual: Floats) -> bool:
-        """Whether the readings (NaN if missing) are small enough for a contact on a zero that jumped."""
-        largest = float(np.abs(actual[np.isfinite(actual)]).max(initial=0.0))
-        return self._largest == 0 or largest <= (1.0 + 2.0 * JUMP) * self._largest
-
-    def plausible(self, before: Floats) -> bool:
-        """Whether each offset changed since ``before`` by less than the assumed size of a jump, `JUMP` of the largest reading."""
-        return bool((np.abs(self.mean - before) < JUMP * self._scale).all())
 
     def value(self) -> Floats:
         """The offset to subtract from each reading (reading,)."""

@@ -48,7 +48,7 @@ from palpate.tracking.settings import MISREAD, check_settings, chosen_channels
 from palpate.tracking.single import Alone, Answer, Compared, Comparison
 from palpate.tracking.slow import SlowPress
 from palpate.tracking.standing import Standing, Steady
-from palpate.tracking.times import AFTER_RESTART, FrameTime, FrameTimes
+from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.words import at_their_end, drifted, one_taxel, restarted, unfinished
 from palpate.tracking.zero import Zero, checked_zero
 from palpate.uncertainty import Case
@@ -180,7 +180,7 @@ class Tracker:
         self._beside.forget()
         self._compared: Compared | None = None  # the frame that is solved by itself beside the stream
         self._frame: Frame | None = None
-        self._steady, self._restarted = Steady(), 0
+        self._steady = Steady()
         self._said: list[str] = []
         self._creep = None if self._prony is None else Creep(self._prony, self._layout, estimator.readings)
         self._residual = self._fit = math.nan
@@ -393,7 +393,7 @@ class Tracker:
             self._said.append(comparison.words(compared.answer, reference, unit))
             if not beside.threaded:
                 again = frame._replace(actual=frame.actual - self._offsets.value())
-                touch = rebuild(*self._in_contact(again, 0.0, regular=True, restarted=False))
+                touch = rebuild(*self._in_contact(again, 0.0, regular=True))
                 compared = compared._replace(answer=Answer.of(touch), own=self._own_force())
                 comparison.settle(compared.answer, reference)
                 self._held.hold(single, compared, reference)
@@ -424,7 +424,6 @@ class Tracker:
         if not frame.restarted:
             return None
         self.health.restarts += 1
-        self._restarted = AFTER_RESTART
         self._release()
         return restarted(frame, creeps=self._creep is not None)
 
@@ -432,7 +431,6 @@ class Tracker:
         """Process a frame; return its status, and whether its iteration converged."""
         health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
         health.frames += 1
-        self._restarted = max(self._restarted - 1, 0)
         scaled = check.present(self._scaled(flat, check.usable(flat)))
         if not check.enough(np.isfinite(scaled)):
             return Status.MISSING, False
@@ -519,13 +517,12 @@ class Tracker:
             self._frame._replace(actual=actual),
             elapsed,
             regular=health.frames % EVERY == 0,
-            restarted=follows and self._restarted > 0,
         )
 
-    def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool, restarted: bool) -> tuple[Status, bool]:
+    def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool) -> tuple[Status, bool]:
         """Solve a frame in contact (readings minus zero and offsets)."""
         contact = self._contact
-        converged = contact.solve(frame, regular=regular, restarted=restarted)
+        converged = contact.solve(frame, regular=regular)
         self._residual, self._fit = contact.residual, contact.fit
         self._answer_by_held()
         self._say(elapsed)
