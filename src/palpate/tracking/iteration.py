@@ -48,7 +48,6 @@ class Iteration:
         self.missing: Floats | None = (
             None  # remaining change of traction [Pa] (component, cell), if the iteration did not converge
         )
-        self._corrected: tuple[Region, Floats, Single, Single] | None = None
         self.exhausted = False  # whether the last frame ended by its number of steps, not by its time
         self.product = 0.0  # t'A'y of the last frame
 
@@ -114,11 +113,7 @@ class Iteration:
         z, u = self.z, self.u
         shape = z.shape
         converged = False
-        left = right = None
-        if gain is not None:
-            if self._corrected is None or self._corrected[0] is not region or self._corrected[1] is not gain:
-                self._corrected = region, gain, *region.correction(gain)
-            left, right = self._corrected[2:]
+        left, right = (None, None) if gain is None else region.correction(gain)
 
         def solved(b: Single) -> Single:
             x = inverse @ b.ravel()

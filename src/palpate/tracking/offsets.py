@@ -69,8 +69,6 @@ MOST = 0.5
 #: them and add their variance to the error bars: marginalising weakens the common part of the contact, which the
 #: penalty then shrinks (1 N dragged to a slip of 0.6 read 0.55).
 UNSURE = 0.02
-#: Recompute K if noise or variances have changed by this fraction.
-ALIKE = 0.05
 #: Report an offset beyond this fraction of the largest reading.
 NOTABLE = 0.02
 
@@ -82,13 +80,6 @@ class Marginal(NamedTuple):
 
     gain: Floats
     sums: Floats
-
-
-class _Gain(NamedTuple):
-    gain: Floats
-    noise: float
-    counts: Floats
-    cov: Floats
 
 
 class Observed(NamedTuple):
@@ -135,7 +126,6 @@ class Offsets:
         self._both: Floats = np.zeros((2 * k, 2 * k))  # covariance of c and d
         self._reference: Floats | None = None  # readings for which d was estimated
         self._unobserved = 0.0  # time without information about the offsets [s]
-        self._gain: _Gain | None = None
         self._unused = None
 
     def forget(self) -> None:
@@ -250,24 +240,13 @@ class Offsets:
     def marginal(self, y: Floats, unused: Flags, noise: float) -> Marginal:
         """Marginal of a frame minus the mean offsets."""
         counts = self.counts(unused)
-        if self._readings.independent:
-            sums = np.asarray(self._white.T @ np.where(unused, 0.0, y))
-        else:
-            used = ~unused
-            sums = np.asarray(self._white[used].T @ self._readings.white(y[used], used))
-        kept, variance = self._gain, np.diagonal(self.cov)
-        if variance.max() < (UNSURE * max(self._largest, self._scale)) ** 2:
+        used = ~unused
+        sums = np.asarray(self._white[used].T @ self._readings.white(y[used], used))
+        if np.diagonal(self.cov).max() < (UNSURE * max(self._largest, self._scale)) ** 2:
             return Marginal(np.zeros_like(counts), sums)
-        if (
-            kept is None
-            or not abs(noise - kept.noise) <= ALIKE * noise
-            or kept.counts is not counts
-            or not (np.abs(variance - np.diagonal(kept.cov)) <= ALIKE * variance.max()).all()
-        ):
-            # K = V (s^2 + N V)^-1
-            gain = np.linalg.solve((self._level(noise) ** 2 * np.eye(len(counts)) + counts @ self.cov).T, self.cov.T).T
-            kept = self._gain = _Gain(0.5 * (gain + gain.T), noise, counts, self.cov)
-        return Marginal(kept.gain, sums)
+        # K = V (s^2 + N V)^-1
+        gain = np.linalg.solve((self._level(noise) ** 2 * np.eye(len(counts)) + counts @ self.cov).T, self.cov.T).T
+        return Marginal(0.5 * (gain + gain.T), sums)
 
     def update(self, counts: Floats, innovation: Floats, noise: float) -> None:
         """Kalman update with a frame's information B'W (channel, channel) and innovation W'(y - A t)."""
