@@ -420,13 +420,17 @@ class Contact:
     def _wrong(self, frame: Frame, residual: Residual) -> tuple[Flags, float]:
         """Mask of readings with the largest residuals, and the limit beyond which a residual counts as wrong."""
         used, values = ~residual.unused, residual.values
-        typical = max(frame.noise, float(np.median(np.abs(values[used]))) / MEDIAN)
+        typical = self._typical(frame, residual)
         largest = float(np.abs(np.where(used, frame.actual, 0.0)).max())
         limit = max(UNEXPLAINED * typical, GROSS * largest)
         size = np.where(self._judged(frame), np.abs(values), 0.0)
         unsuspected = np.where(self._check.suspects, 0.0, size)
         worst = unsuspected > max(limit, WORST * float(unsuspected.max()))
         return worst | (self._check.suspects & (size > limit)), limit
+
+    def _typical(self, frame: Frame, residual: Residual) -> float:
+        """Typical size of the residual of a reading, at least the noise."""
+        return max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / MEDIAN)
 
     def _judged(self, frame: Frame) -> Flags:
         """Readings to be judged: present and not saturated."""
@@ -528,7 +532,7 @@ class Contact:
             wrong = wrong & plausible & ~check.health.left_out
             changed = not np.array_equal(wrong, check.suspects)
             unexplained = np.where(residual.unused | wrong, 0.0, residual.values)
-            typical = max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / MEDIAN)
+            typical = self._typical(frame, residual)
             score = equations.score(equations.adjoint(unexplained, residual.unused)) / typical
             highest = float(
                 equations.score(equations.adjoint(np.where(residual.unused, 0.0, frame.actual), residual.unused)).max()

@@ -25,7 +25,7 @@ from palpate.tracking.health import Flags, Index
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.offsets import Observed, Offsets
 from palpate.tracking.pulling import Pulling, firm
-from palpate.tracking.region import NormalEquations
+from palpate.tracking.region import NormalEquations, on_surface
 
 __all__ = ["ErrorBars"]
 
@@ -172,10 +172,8 @@ class ErrorBars:
         problem = estimator.problem
         if not problem.doubts.any:
             return
-        grid = estimator.operator.surface
-        full = np.zeros((len(grid.components), math.prod(grid.shape)))
-        full[np.asarray(estimator.columns)[:, None], model.cells[None, :]] = model.solution.traction
-        columns, prior = problem.doubtful(problem.doubts, full.reshape(-1, *grid.shape), wide=estimator.wide)
+        traction = on_surface(estimator, model.cells, model.solution.traction)
+        columns, prior = problem.doubtful(problem.doubts, traction, wide=estimator.wide)
         columns = estimator.readings.white((columns / (estimator.readings.std * std)[:, None])[used], used)
         state(model, shrink(columns), prior, problem.doubts.gain * np.abs(y[used] / std))
 

@@ -24,7 +24,7 @@ from palpate.tracking.inverting import inverse as inverted
 from palpate.tracking.inverting import inverse_beside
 from palpate.tracking.pieces import lower_factor
 
-__all__ = ["SMALLEST", "Making", "NormalEquations", "Region"]
+__all__ = ["SMALLEST", "Making", "NormalEquations", "Region", "on_surface"]
 
 #: Largest number of entries of a cached normal matrix of the whole surface: 160 MB in double precision.
 LARGEST = 20_000_000
@@ -266,8 +266,6 @@ def _rho(matrix: Floats) -> float:
     """sqrt(smallest * largest eigenvalue), with which the iteration converges fastest."""
     import scipy.linalg.lapack as lapack
 
-    if not len(matrix):  # no cells
-        return 1.0
     largest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x)
     # Without noise there is almost no penalty, and rounding determines the smallest eigenvalue.
     smallest = 0.0
@@ -300,6 +298,14 @@ def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> floa
         betas.append(beta)
         before, x = x, w / beta
     return float(scipy.linalg.eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
+
+
+def on_surface(estimator: ConstrainedEstimator, cells: Index, values: Floats) -> Floats:
+    """Values (component sought, cell) of some cells as a field (component, *surface), 0 elsewhere."""
+    grid = estimator.operator.surface
+    out = np.zeros((len(grid.components), math.prod(grid.shape)))
+    out[np.asarray(estimator.columns)[:, None], cells[None, :]] = values
+    return out.reshape(-1, *grid.shape)
 
 
 class Making(NamedTuple):

@@ -136,8 +136,6 @@ class Search:
         """Request cells outside the region where pressure is missing, and their neighbours; the other arguments are
         those of `rough`.
         """
-        if not cells.any():
-            return
         wanted = dilated(cells.reshape(self._grid.shape), 1).ravel()
         if (
             self.many(int(wanted.sum()))
