@@ -63,8 +63,6 @@ AGREE = 0.003
 MODEL, ANOTHER = 0.01, 0.1
 #: Largest change of an offset in one frame, in its standard deviations: more is not drift.
 SURPRISE = 3.0
-#: Largest standard deviation of an offset, as a fraction of the largest reading.
-MOST = 0.5
 #: Marginalise offsets only if one is less certain than this fraction of the largest reading. Otherwise just subtract
 #: them and add their variance to the error bars: marginalising weakens the common part of the contact, which the
 #: penalty then shrinks (1 N dragged to a slip of 0.6 read 0.55).
@@ -176,9 +174,6 @@ class Offsets:
         k = len(self.mean)
         both = self._both.copy()
         both[:k, :k] += step**2 * np.eye(k)
-        most = float(np.diagonal(both).max())
-        if most > (MOST * scale) ** 2:
-            both = both * ((MOST * scale) ** 2 / most)
         self._both = both
 
     def go_on(self, elapsed: float) -> None:
