@@ -183,8 +183,7 @@ class Contact:
         filling = self.pushing and self.cells is not None and bool(used.any())
         converged = self._push(frame) if filling else True
         learned = self._learn(frame)
-        learned_noise = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
-        noise = frame.noise if learned_noise is None else learned_noise
+        noise = self._noise(frame, np.isfinite(frame.actual) & ~used)
         frame = frame._replace(noise=noise)
         if not self.pushing:
             pulled = self._net_pull
@@ -234,6 +233,11 @@ class Contact:
         self._behind = self._behind + 1 if behind and not late else 0
         self._finish(frame, converged)
         return converged
+
+    def _noise(self, frame: Frame, used: Flags) -> float:
+        """Noise of a frame in contact, as far as it is learned."""
+        learned = self._learning.in_contact(frame.actual[used])
+        return frame.noise if learned is None else learned
 
     def _learn_again(self, frame: Frame, unused: Flags) -> None:
         """Discard a penalty that was learned from readings that are now excluded."""
@@ -322,12 +326,11 @@ class Contact:
     def _fit(self, residual: Residual, frame: Frame) -> float:
         """Misfit probability of the residual."""
         used = ~residual.unused
-        noise = self._learning.in_contact(frame.actual[used])
         return probability_of(
             self._estimator,
             residual.values,
             used,
-            (frame.noise if noise is None else noise) * frame.noisier,
+            self._noise(frame, used) * frame.noisier,
             largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
             taken=min(self._taken(int(used.sum())) + self._offsets.columns.shape[1], used.sum() - 1.0),
             known=self._learning.noise_known,
@@ -423,7 +426,7 @@ class Contact:
         typical = self._typical(frame, residual)
         largest = float(np.abs(np.where(used, frame.actual, 0.0)).max())
         limit = max(UNEXPLAINED * typical, GROSS * largest)
-        size = np.where(self._judged(frame), np.abs(values), 0.0)
+        size = np.where(np.isfinite(frame.actual) & ~self._check.clipped, np.abs(values), 0.0)
         unsuspected = np.where(self._check.suspects, 0.0, size)
         worst = unsuspected > max(limit, WORST * float(unsuspected.max()))
         return worst | (self._check.suspects & (size > limit)), limit
@@ -431,10 +434,6 @@ class Contact:
     def _typical(self, frame: Frame, residual: Residual) -> float:
         """Typical size of the residual of a reading, at least the noise."""
         return max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / MEDIAN)
-
-    def _judged(self, frame: Frame) -> Flags:
-        """Readings to be judged: present and not saturated."""
-        return np.isfinite(frame.actual) & ~self._check.clipped
 
     def _weigh(self, frame: Frame) -> bool:
         """Compare the alternatives and take the best."""

@@ -137,7 +137,6 @@ class Answer:
     high: Floats
     explained: bool
     load: float
-    discrepancy: float = 0.0
     decided: bool = True
 
     @classmethod
@@ -149,7 +148,6 @@ class Answer:
         if status.known and touch.has_intervals:
             low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in touch.interval(0.95, "force"))
         size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=0))
-        share = getattr(touch, "discrepancy", None)
         decided = bool(np.isfinite(force).all())
         if not decided:
             with np.errstate(invalid="ignore"):  # NaN if neither end is known
@@ -160,7 +158,6 @@ class Answer:
             high,
             status.known and status is not Status.UNEXPLAINED and bool(np.isfinite(force).all()),
             float(touch.surface.integral(size)) if decided else 0.0,
-            0.0 if share is None else float(np.nan_to_num(share)),
             decided,
         )
 
