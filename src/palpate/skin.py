@@ -35,7 +35,6 @@ from palpate.sensing.readings import (
     Layout,
     as_sensed,
     checked_traction,
-    creeping,
     frame_times,
     with_creep,
 )
@@ -46,7 +45,6 @@ from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
 from palpate.tracking.calibrated import CalibratedTracker
-from palpate.tracking.creep import creep_filters
 from palpate.tracking.settings import check_settings, check_sought, on_coarser_cells
 from palpate.tracking.single import SingleSolve
 from palpate.tracking.tracker import Tracker
@@ -666,9 +664,7 @@ class Skin(SkinProperties):
         check_sought(names, skin.boundary)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
         solver = skin._prepared(method, names)
-        filters = None
-        if isinstance(skin._pad, Viscoelastic):
-            filters = partial(creep_filters, skin._pad.prony, [bool(creeping(a).any()) for a in skin._planes])
+        prony = skin._pad.prony if isinstance(skin._pad, Viscoelastic) else None
         made = Tracker if known is None else partial(CalibratedTracker, calibration=known)
         return made(
             solver,
@@ -676,8 +672,8 @@ class Skin(SkinProperties):
             skin._layout,
             notes=(*notes(skin._problem.seeking(names), skin.components, method, solver), *remarks),
             case=skin.case(names),
-            creep=filters,
-            alone=SingleSolve(skin.without_creep() if filters is not None else skin, names, friction),
+            prony=prony,
+            alone=SingleSolve(skin if prony is None else skin.without_creep(), names, friction),
             baseline=baseline if rest is None else rest.zero,
             tolerance=tolerance,
             budget=budget,

@@ -17,6 +17,7 @@ from palpate.sensing.labels import is_labelled, labelled_readings
 
 __all__ = [
     "FRAMES",
+    "FRAMES_FOR_NOISE",
     "MOVED",
     "OFFSETS",
     "STANDS",

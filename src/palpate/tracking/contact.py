@@ -2,8 +2,7 @@
 
 The contact pushes and is solved from all readings except outliers, or its traction has either sign. A frame that fits
 like the ones before costs one solution. If the misfit is unusual, and at regular intervals, the tracker checks whether
-something else explains that frame better: pressure on more cells, wrong readings, a zero that has jumped, or traction
-that pulls.
+something else explains that frame better: pressure on more cells, wrong readings, or traction that pulls.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.discrepancy import degrees_of_share
 from palpate.inverse.contact.noise import MEDIAN
-from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import DISCREPANCY, POOR_FIT
 from palpate.tracking.background import Background
@@ -39,9 +37,6 @@ from palpate.tracking.trial import residual_by_penalty
 
 __all__ = ["EVERY", "Contact"]
 
-#: Same value as in the contact method.
-FAINT = Policy().extent.faint
-
 #: Longest number of frames between two checks for new contacts and bad taxels; a check costs about as much as a frame.
 EVERY = 8
 #: A reading is bad if its residual exceeds this many standard deviations and this fraction of the largest reading; the model of a pad may be wrong by some per cent of the largest reading.
@@ -52,8 +47,6 @@ WORST, TURNS = 0.6, 8
 TURNS_OF_MANY = 3
 #: If at most FEW of the readings (or FEWEST of them) are bad, accept the contact. Above that, compare it with pull. Above MOST, the contact is judged wrong, not the readings.
 FEW, FEWEST, MOST = 0.02, 3, 0.2
-#: Rounds in which a jumped zero is estimated: non-negative pressure fits part of it in each.
-JUMPS = 4
 #: A frame fits if its residual is at most this many times the noise, plus the fraction of the signal that the batch method allows. A root mean square of 1.5 over a hundred readings is seven of its
 #: standard deviations.
 EXCESS = 1.5
@@ -68,8 +61,6 @@ HOLED = 3
 MOVING = ("learn", "move")
 #: How many times one frame waits for such work, if there is time.
 ROUNDS_OF_WAITING = 5
-#: A jumped zero can be told from contact only if the contact covers at most this fraction of the surface.
-COMPACT = 0.4
 #: Check at once if the misfit exceeds the noise by UNUSUAL of its standard deviations and exceeds ENERGY of the readings' energy (a dead taxel under a contact causes per cents), or TOLERATED times
 #: what was accepted before.
 UNUSUAL, ENERGY, TOLERATED = 6.0, 5e-4, 1.5
@@ -122,7 +113,7 @@ class Contact:
         self._marginal: Marginal | None = None
         self._energy = self._objective = 0.0
         self._fresh = True
-        self._bars: Errors | None = None
+        self.errors: Errors | None = None
         self._behind = 0  # frames in a row that were not finished, or found no contact that pushes
         self._at_once = not self._background.threaded  # whether all is done in this frame
         self._since_learned = self._holed = 0
@@ -132,15 +123,18 @@ class Contact:
     # -- results --------------------------------------------------------------------------------------------------------
 
     @property
+    def _present(self) -> Iteration | Pulling:
+        return self._solution if self.pushing else self._pulling
+
+    @property
     def cells(self) -> Index | None:
         """Flat indices of the surface cells for which `traction` is given; None without contact."""
-        region = self._solution.region
-        return self._pulling.cells if not self.pushing else None if region is None else region.cells
+        return self._present.cells
 
     @property
     def traction(self) -> Floats:
         """Traction (component, cell) [Pa]."""
-        return self._solution.traction if self.pushing else self._pulling.traction
+        return self._present.traction
 
     @property
     def exhausted(self) -> bool:
@@ -163,10 +157,6 @@ class Contact:
         return float(self._pulling.traction[-1].sum()) < 0.0
 
     @property
-    def errors(self) -> Errors | None:
-        return self._bars
-
-    @property
     def stated(self) -> Stated | None:
         """Errors due to pad properties that are not known exactly."""
         return self._errors.stated
@@ -177,12 +167,12 @@ class Contact:
 
     # -- one frame -----------------------------------------------------------------------------------------------------
 
-    def solve(self, frame: Frame, *, regular: bool, restarted: bool) -> bool:
+    def solve(self, frame: Frame, *, regular: bool) -> bool:
         """Solve for the contact in a frame; False if the iteration did not converge.
 
-        ``regular``: check alternatives even if the misfit is normal; ``restarted``: the sensor restarted, so its zero may have jumped.
+        ``regular``: check alternatives even if the misfit is normal.
         """
-        regular = regular or self._fresh or restarted
+        regular = regular or self._fresh
         late = self._behind >= PATIENCE
         self._at_once = late or not self._background.threaded
         if late:
@@ -193,8 +183,7 @@ class Contact:
         filling = self.pushing and self.cells is not None and bool(used.any())
         converged = self._push(frame) if filling else True
         learned = self._learn(frame)
-        learned_noise = self._learning.in_contact(frame.actual[np.isfinite(frame.actual) & ~used])
-        noise = frame.noise if learned_noise is None else learned_noise
+        noise = self._noise(frame, np.isfinite(frame.actual) & ~used)
         frame = frame._replace(noise=noise)
         if not self.pushing:
             pulled = self._net_pull
@@ -203,7 +192,7 @@ class Contact:
             if (
                 regular or pull_ended or (self.fits and not residual.fits)
             ):  # what nothing explains is looked at now and then
-                converged = self._weigh(frame, restarted)
+                converged = self._weigh(frame)
             else:
                 self._take(residual, noise)
         else:
@@ -223,7 +212,7 @@ class Contact:
             if regular or unusual:
                 moving = any(name in self._background for name in MOVING)
                 if late or ((converged or self._at_once) and not moving):
-                    converged = self._weigh(frame, restarted)
+                    converged = self._weigh(frame)
                 elif unusual:
                     converged = False  # on its way: the cells are about to move
         unused = self._check.unused
@@ -238,12 +227,17 @@ class Contact:
             self._push(frame)
             if self._learn(frame) or (self._background.wait(("learn",), self._under_way()) and self._learn(frame)):
                 self._push(frame)
-                converged = self._weigh(frame, restarted)
+                converged = self._weigh(frame)
         self._fresh = False
         behind = self._background.threaded and not (converged and self.pushing)
         self._behind = self._behind + 1 if behind and not late else 0
         self._finish(frame, converged)
         return converged
+
+    def _noise(self, frame: Frame, used: Flags) -> float:
+        """Noise of a frame in contact, as far as it is learned."""
+        learned = self._learning.in_contact(frame.actual[used])
+        return frame.noise if learned is None else learned
 
     def _learn_again(self, frame: Frame, unused: Flags) -> None:
         """Discard a penalty that was learned from readings that are now excluded."""
@@ -295,15 +289,11 @@ class Contact:
             self._level(self._push_residual(frame), frame.noise)
         if self.fits:
             self._offsets.seen(y, frame.noise)
-        if self.pushing:
-            self._errors.refresh(self._solution, y, self.noise, unused, self._background, self._offsets)
-        elif self.fits:
-            self._errors.refresh_pulling(
-                self._pulling, y, self.noise, unused, self._parameter, self._background, self._offsets
-            )
+        if self.pushing or self.fits:
+            self._errors.refresh(self._present, y, self.noise, unused, self._background, self._offsets)
         else:
             self._errors.clear()  # what no traction explains has no numbers
-        self._bars, self.drag = self._errors.errors, None
+        self.errors, self.drag = self._errors.errors, None
         if self.pushing:
             self.drag = self._dragging.found(
                 self._solution,
@@ -314,48 +304,38 @@ class Contact:
                 self.noise * frame.noisier,
                 float(np.abs(y).max(initial=0.0)),
             )
-            bars = self._bars
+            bars = self.errors
             if bars is None or not self._errors.serves(self._solution):
                 bars = wider(bars, interim(self._estimator, self._solution, self.noise))
-            self._bars = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
+            self.errors = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
         if self._unjudged is None and self.fit < POOR_FIT and self.pushing:
             self._unjudged = self._push_residual(frame)  # that a frame is not explained is no news of the next
         if self._unjudged is not None:
             self.fit, self._unjudged = self._fit(self._unjudged, frame), None
-        observed = self._errors.observed
+        observed, contact = self._errors.observed, self._present.contact
         self.observes = converged
-        if observed is None or not self.fits:
+        if observed is None or contact is None or not self.fits:
             return
         if not np.array_equal(observed.unused, unused):
             self._errors.age()
             return
-        cells, traction = self._firm()
+        cells, traction = contact
         innovation = observed.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
         self._offsets.update(observed.counts, innovation, self.noise)
 
     def _fit(self, residual: Residual, frame: Frame) -> float:
         """Misfit probability of the residual."""
         used = ~residual.unused
-        noise = self._learning.in_contact(frame.actual[used])
         return probability_of(
             self._estimator,
             residual.values,
             used,
-            (frame.noise if noise is None else noise) * frame.noisier,
+            self._noise(frame, used) * frame.noisier,
             largest=float(np.abs(frame.actual[used]).max(initial=0.0)),
             taken=min(self._taken(int(used.sum())) + self._offsets.columns.shape[1], used.sum() - 1.0),
             known=self._learning.noise_known,
             ordered=self._learning.discrepancy.least * float(np.sqrt(np.mean(frame.actual[used] ** 2))),
         )
-
-    def _firm(self) -> tuple[Index, Floats]:
-        """Cells and traction of the certain contact. Elsewhere non-negative pressure fits noise, and its sum would be subtracted from the zero in every frame."""
-        region = self._solution.region
-        if not self.pushing or region is None:
-            return (np.zeros(0, dtype=np.intp) if self.cells is None else self.cells), self.traction
-        pressure = self._solution.pressure
-        strong = pressure > FAINT * float(pressure.max(initial=0.0))
-        return region.cells[strong], self._solution.traction[:, strong]
 
     @property
     def _parameter(self) -> float:
@@ -366,16 +346,10 @@ class Contact:
         unused, clipped = self._check.unused, self._check.clipped
         if not unused.any():
             return frame.actual
-        explained = self._explained()
+        explained = self._equations.explained(self.cells, self.traction)
         lower_bound = np.where(clipped, frame.actual, 0.0)
         saturated = np.where(lower_bound < 0.0, np.minimum(explained, lower_bound), np.maximum(explained, lower_bound))
         return np.where(unused, np.where(clipped, saturated, explained), frame.actual)
-
-    def _explained(self) -> Floats:
-        """The readings predicted by the present solution, in units of their standard deviations."""
-        if not self.pushing:
-            return self._pulling.explained()
-        return self._equations.explained(self._solution.region, self._solution.traction)
 
     # -- alternatives ---------------------------------------------------------------------------------------------------
 
@@ -417,7 +391,9 @@ class Contact:
         y, unused, marginal = self._prepared(frame)
         self._pulling.solve(y, frame.noise, unused, self._parameter, marginal)
         self._marginal = marginal
-        return self._residual_of(frame, self._pulling.explained(), self._pulling.shared())
+        return self._residual_of(
+            frame, self._equations.explained(self._pulling.cells, self._pulling.traction), self._pulling.shared()
+        )
 
     def _beyond(self, noise: float, tolerated: float) -> bool:
         """Whether the misfit exceeds the noise plus a fraction ``tolerated`` of the readings' energy."""
@@ -441,32 +417,28 @@ class Contact:
     def _push_residual(self, frame: Frame) -> Residual:
         """Residual of the present pushing contact in this frame."""
         solution = self._solution
-        explained = self._equations.explained(solution.region, solution.traction, single=True)
+        explained = self._equations.explained(solution.cells, solution.traction, single=True)
         return self._residual_of(frame, explained, solution.shared())
 
     def _wrong(self, frame: Frame, residual: Residual) -> tuple[Flags, float]:
         """Mask of readings with the largest residuals, and the limit beyond which a residual counts as wrong."""
         used, values = ~residual.unused, residual.values
-        typical = max(frame.noise, float(np.median(np.abs(values[used]))) / MEDIAN)
+        typical = self._typical(frame, residual)
         largest = float(np.abs(np.where(used, frame.actual, 0.0)).max())
         limit = max(UNEXPLAINED * typical, GROSS * largest)
-        size = np.where(self._judged(frame), np.abs(values), 0.0)
+        size = np.where(np.isfinite(frame.actual) & ~self._check.clipped, np.abs(values), 0.0)
         unsuspected = np.where(self._check.suspects, 0.0, size)
         worst = unsuspected > max(limit, WORST * float(unsuspected.max()))
         return worst | (self._check.suspects & (size > limit)), limit
 
-    def _judged(self, frame: Frame) -> Flags:
-        """Readings to be judged: present and not saturated."""
-        return np.isfinite(frame.actual) & ~self._check.clipped
+    def _typical(self, frame: Frame, residual: Residual) -> float:
+        """Typical size of the residual of a reading, at least the noise."""
+        return max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / MEDIAN)
 
-    def _weigh(self, frame: Frame, restarted: bool) -> bool:
+    def _weigh(self, frame: Frame) -> bool:
         """Compare the alternatives and take the best."""
         check = self._check
         before = check.suspects.copy()
-        if restarted and self._offsets.may_have_jumped(frame.actual):
-            jumped, converged = self._jumped(frame)
-            if jumped is not None:
-                return self._accept_push(frame, jumped, converged)
         pushed, converged, pulls = self._pushed(frame)
         count = int(check.suspects.sum())
         suspects = check.suspects.copy()
@@ -493,29 +465,6 @@ class Contact:
             converged = self._push(frame)
             pushed = self._push_residual(frame)
         return self._accept_push(frame, pushed, converged)
-
-    def _jumped(self, frame: Frame) -> tuple[Residual | None, bool]:
-        """Pushing contact with a zero that has jumped; None if that does not fit the frame."""
-        offsets, solution = self._offsets, self._solution
-        state = offsets.state()
-        for _ in range(JUMPS):
-            offsets.jump()
-            residual, converged, pulls = self._pushed(frame)
-            if self._marginal is None or not residual.fits or pulls:
-                break
-            before = offsets.value()
-            sums = self._marginal.sums - solution.shared(FAINT)
-            offsets.update(0.5 * offsets.counts(self._check.unused), 0.5 * sums, frame.noise)
-            frame = frame._replace(actual=frame.actual - (offsets.value() - before))
-            self._push(frame)
-        else:
-            pressure = solution.pressure
-            covered = int((pressure > FAINT * float(pressure.max(initial=0.0))).sum())
-            if offsets.plausible(state[0]) and covered < COMPACT * math.prod(self._estimator.operator.surface.shape):
-                return residual, converged
-        offsets.restore(state)
-        solution.clear()
-        return None, True
 
     def _accept_push(self, frame: Frame, pushed: Residual, converged: bool) -> bool:
         self.pushing = True
@@ -582,7 +531,7 @@ class Contact:
             wrong = wrong & plausible & ~check.health.left_out
             changed = not np.array_equal(wrong, check.suspects)
             unexplained = np.where(residual.unused | wrong, 0.0, residual.values)
-            typical = max(frame.noise, float(np.median(np.abs(residual.values[~residual.unused]))) / MEDIAN)
+            typical = self._typical(frame, residual)
             score = equations.score(equations.adjoint(unexplained, residual.unused)) / typical
             highest = float(
                 equations.score(equations.adjoint(np.where(residual.unused, 0.0, frame.actual), residual.unused)).max()
@@ -647,7 +596,7 @@ class Contact:
 
     def _enough(self, region: Region) -> Index:
         """The cells that a region needs, if fewer than it has."""
-        needed = self._search.needed(region, self._solution.pressure)
+        needed = self._search.needed(self._solution)
         fewer = 0 < len(needed) < len(region.cells) and np.isin(needed, region.cells).all()
         return needed if fewer else region.cells
 
@@ -671,7 +620,7 @@ class Contact:
                 # Penalty and readings may have changed in the meantime.
                 self._moved(matrix if self._serves(matrix) else self._making(matrix.cells)())
         else:
-            cells = self._search.next(region, self._solution.pressure)
+            cells = self._search.next(self._solution)
             if cells is None:
                 return
             making = self._making(cells)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,22 +10,21 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.elastic.viscoelastic import CreepFilter
 from palpate.inverse.linear.whitening import Readings
-from palpate.sensing.readings import Layout
+from palpate.sensing.readings import Layout, creeping
 from palpate.tracking.health import Flags
 
-__all__ = ["Creep", "creep_filters"]
-
-
-def creep_filters(prony: Any, creeps: Sequence[bool]) -> list[CreepFilter | None]:
-    """One creep filter per plane; None for a plane that does not creep."""
-    return [CreepFilter(prony) if c else None for c in creeps]
+__all__ = ["Creep"]
 
 
 class Creep:
-    """Removes creep frame by frame. A missing reading counts as unchanged in the memory of its creep."""
+    """Removes creep frame by frame. A missing reading counts as unchanged in the memory of its creep.
 
-    def __init__(self, filters: list[CreepFilter | None], layout: Layout, readings: Readings) -> None:
-        self._filters, self._readings, self._creeping = filters, readings, layout.creeping()
+    ``prony`` are the terms of a `Viscoelastic` pad.
+    """
+
+    def __init__(self, prony: Any, layout: Layout, readings: Readings) -> None:
+        self._readings, self._creeping = readings, layout.creeping()
+        self._filters = [CreepFilter(prony) if creeping(a).any() else None for a in layout.planes]
         self._last_good = np.zeros(len(readings.std))
 
     def removed(self, flat: Floats, usable: Flags, time: float) -> Floats:

@@ -24,7 +24,6 @@ from palpate.sensing.grids import Grid
 from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
-from palpate.tracking.errors import unbounded
 
 __all__ = ["LARGEST", "Discrepancy", "bounds_of", "share_of", "widened", "without_numbers"]
 
@@ -121,7 +120,7 @@ def bounds_of(status: Status, estimator: ConstrainedEstimator, y: Floats | None,
     ``y`` (reading,) are the readings of a frame without contact if the noise is not known: contact may explain them all.
     """
     if status is Status.OVERLOAD and not pushing:
-        return unbounded(estimator.surface.components)
+        return np.tile([-math.inf, math.inf], (len(estimator.surface.components), 1))
     return hidden(estimator, y * estimator.readings.std) if status is Status.UNDECIDED and y is not None else None
 
 

@@ -20,7 +20,6 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.policy import Policy
 from palpate.inverse.drag import STICK, sheared
 from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.iteration import Iteration
@@ -28,9 +27,6 @@ from palpate.tracking.offsets import MODEL, Offsets
 from palpate.tracking.region import SMALLEST, NormalEquations, Region
 
 __all__ = ["Drag", "Dragging"]
-
-#: Same value as in the contact method.
-FAINT = Policy().extent.faint
 
 #: Templates are rebuilt after this many frames.
 AGAIN = 8
@@ -108,16 +104,15 @@ class Dragging:
         largest: float,
     ) -> Drag | None:
         """The ratio from A'y (component, cell) and B'y of readings minus their offsets; None if shear is not sought."""
-        region = solution.region
-        if not self._possible or region is None or not noise > 0:
+        region, contact = solution.region, solution.contact
+        if not self._possible or region is None or contact is None or not noise > 0:
             return None
-        peak = float(solution.pressure.max(initial=0.0))
-        strong = region.cells[solution.pressure > FAINT * peak]
-        if not peak > 0 or len(strong) < FEWEST:
+        strong, traction = contact
+        if len(strong) < FEWEST:
             return None
         kept = self._known(strong, region, unused)
-        t = np.zeros((len(solution.z), len(kept.cells)))
-        t[:, np.searchsorted(kept.cells, strong)] = solution.traction[:, solution.pressure > FAINT * peak]
+        t = np.zeros((len(traction), len(kept.cells)))
+        t[:, np.searchsorted(kept.cells, strong)] = traction
         self._age += 1
         if self._templates is None or self._age > AGAIN:
             counts = offsets.counts(unused) + (noise / max(MODEL * largest, noise)) ** 2 * np.eye(len(sums))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -12,10 +12,10 @@ import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.factors import Dense, cholesky
+from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Later, Normal
+from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import state
 from palpate.inverse.estimate import Errors, Stated
@@ -25,12 +25,9 @@ from palpate.tracking.health import Flags, Index
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.offsets import Observed, Offsets
 from palpate.tracking.pulling import Pulling, firm
-from palpate.tracking.region import NormalEquations
+from palpate.tracking.region import NormalEquations, on_surface
 
-__all__ = ["ErrorBars", "open_above", "unbounded"]
-
-#: Same value as in the contact method.
-FAINT = Policy().extent.faint
+__all__ = ["ErrorBars"]
 
 Shrink = Callable[[Floats], Floats]
 #: Errors, errors due to the pad, information about offsets, and degrees of freedom used.
@@ -41,8 +38,6 @@ Made = tuple[Errors | None, Stated | None, Observed | None, float]
 REFRESH, CHANGED = 200, 0.25
 #: Number of frames for which a contact counts as unchanged, when its information about offsets is added up.
 SAME = 100.0
-#: Name of the background work on error bars of a pull.
-PULLING = "errors of a pull"
 #: Ratio of successive sizes of unknown noise for which the errors without contact are computed.
 SIZES = 1.2
 #: Frames after which error bars are recomputed if the set of readings changed, which may change back.
@@ -70,7 +65,7 @@ class ErrorBars:
 
     def serves(self, solution: Iteration) -> bool:
         """Whether the present errors were computed for a similar contact."""
-        count = int((solution.pressure > FAINT * float(solution.pressure.max(initial=0.0))).sum())
+        count = int(solution.pressing.sum())
         return abs(count - self._cells) <= CHANGED * max(self._cells, 1)
 
     def age(self) -> None:
@@ -100,7 +95,7 @@ class ErrorBars:
 
     def refresh(
         self,
-        solution: Iteration,
+        solution: Iteration | Pulling,
         y: Floats,
         noise: float,
         unused: Flags,
@@ -108,21 +103,35 @@ class ErrorBars:
         offsets: Offsets,
     ) -> None:
         """Recompute the errors if they are old or if the contact has changed."""
-        region, estimator = solution.region, self._estimator
-        if self._pulls:
-            background.drop(PULLING)
+        estimator, contact, pulls = self._estimator, solution.contact, isinstance(solution, Pulling)
+        name, other = ("errors of a pull", "errors") if pulls else ("errors", "errors of a pull")
+        if self._pulls != pulls:
+            background.drop(other)
             self.clear()
-        if region is None:
+            self._pulls = pulls
+        if contact is None or not len(contact[0]):
             return
-        pressure = solution.pressure
-        contact = pressure > FAINT * float(pressure.max(initial=0.0))
-        count = int(contact.sum())
-        if count == 0 or (not self._due(count) and "errors" not in background):
+        cells, traction = contact
+        if not (self._due(len(cells)) or name in background):
             return
-        cells = region.cells[contact]
-        start = solution.traction[:, contact]
-        weight = region.parameter / noise**2 if noise > 0 else 0.0
+        weight = solution.parameter / noise**2 if noise > 0 else 0.0
         cov = offsets.cov.copy()
+
+        def made() -> Made:
+            frame = self._prepared(cells, y, noise, unused, offsets.columns)
+            known, shrink = frame.marginalised(cov)
+            give_way()
+            if isinstance(solution, Pulling):
+                model = solution.model(known, weight, traction)
+            else:
+                precisions = estimator.precisions(known.level, 1, weight)
+                model = estimator.model(known, precisions, traction, keep_face=True)
+                model.weight = 1.0
+            self._owe(model, shrink, y, frame.std, unused)
+            observed = self._observed(frame, model.penalty.dense(), unused)
+            summary = Summary([model], estimator.posterior)
+            give_way()
+            return summary.errors(), summary.stated(), observed, taken_by(model)
 
         def work() -> tuple[Made, int]:
             try:
@@ -130,60 +139,8 @@ class ErrorBars:
             except np.linalg.LinAlgError:
                 return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
 
-        def made() -> Made:
-            frame = self._prepared(cells, y, noise, unused, offsets.columns)
-            known, shrink = frame.marginalised(cov)
-            precisions = estimator.precisions(frame.data.level, 1, weight)
-            give_way()
-            model = estimator.model(known, precisions, start, keep_face=True)
-            model.weight = 1.0
-            self._owe(model, shrink, y, frame.std, unused)
-            observed = self._observed(frame, model.penalty.dense(), unused)
-            summary = Summary([model], estimator.posterior)
-            give_way()
-            return summary.errors(), summary.stated(), observed, _taken(model)
-
-        found = background.result("errors", work)
-        if found is not None:
-            (self.errors, self.stated, self.observed, self.taken), self._cells = found
-            self._age = 0
-
-    def refresh_pulling(
-        self,
-        pulling: Pulling,
-        y: Floats,
-        noise: float,
-        unused: Flags,
-        parameter: float,
-        background: Background,
-        offsets: Offsets,
-    ) -> None:
-        """As `refresh`, for traction of either sign."""
-        estimator, cells = self._estimator, pulling.cells
-        if not self._pulls:
-            background.drop("errors")
-            self.clear()
-            self._pulls = True
-        if cells is None or not (self._due(len(cells)) or PULLING in background):
-            return
-        traction, cov = pulling.traction, offsets.cov.copy()
-
-        def work() -> tuple[Made, int]:
-            try:
-                frame = self._prepared(cells, y, noise, unused, offsets.columns)
-                weight = parameter / noise**2 if noise > 0 else 0.0
-                known, shrink = frame.marginalised(cov)
-                either = pulling.model(known, weight, traction)
-                self._owe(either, shrink, y, frame.std, unused)
-                summary = Summary([either], estimator.posterior)
-                errors, stated = summary.errors(), summary.stated()
-                observed = self._observed(frame, either.penalty.dense(), unused)
-            except np.linalg.LinAlgError:
-                return (None, None, None, math.nan), len(cells)  # no error bars rather than no answer
-            return (errors, stated, observed, _taken(either)), len(cells)
-
-        # A result needs error bars, so the first are computed at once.
-        found = work() if self.errors is None else background.result(PULLING, work)
+        # A pull has no interim errors, so its first are computed at once.
+        found = work() if pulls and self.errors is None else background.result(name, work)
         if found is not None:
             (self.errors, self.stated, self.observed, self.taken), self._cells = found
             self._age = 0
@@ -215,10 +172,8 @@ class ErrorBars:
         problem = estimator.problem
         if not problem.doubts.any:
             return
-        grid = estimator.operator.surface
-        full = np.zeros((len(grid.components), math.prod(grid.shape)))
-        full[np.asarray(estimator.columns)[:, None], model.cells[None, :]] = model.solution.traction
-        columns, prior = problem.doubtful(problem.doubts, full.reshape(-1, *grid.shape), wide=estimator.wide)
+        traction = on_surface(estimator, model.cells, model.solution.traction)
+        columns, prior = problem.doubtful(problem.doubts, traction, wide=estimator.wide)
         columns = estimator.readings.white((columns / (estimator.readings.std * std)[:, None])[used], used)
         state(model, shrink(columns), prior, problem.doubts.gain * np.abs(y[used] / std))
 
@@ -302,22 +257,3 @@ class _Prepared(NamedTuple):
         gram = data.gram - (crossed @ gain) @ crossed.T
         later = Later(lambda: shrink(data.matrix), len(self.white))
         return Normal(data.level, data.cells, later, linear, gram), shrink
-
-
-def _taken(model: ContactModel) -> float:
-    """Degrees of freedom used: trace of A (A'A + penalty)^-1 A' over the face."""
-    face, factor = model.solution.face, model.solution.factor
-    if face is None or factor is None or not len(face.index):
-        return 0.0
-    gram = face.restrict(model.data.gram)
-    return factor.trace(gram) if isinstance(factor, Dense) else float(np.trace(factor.inverse(gram)))
-
-
-def open_above(errors: Errors) -> Errors:
-    """Errors of a load known only from below: the interval of its force has no upper bound."""
-    return replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))
-
-
-def unbounded(names: Sequence[str]) -> Floats:
-    """Bounds of a net force (component, 2) of which nothing is known."""
-    return np.tile([-math.inf, math.inf], (len(names), 1))

@@ -28,7 +28,7 @@ from palpate.tracking.contact import Contact
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import Flags
 from palpate.tracking.offsets import Offsets
-from palpate.tracking.region import NormalEquations
+from palpate.tracking.region import NormalEquations, on_surface
 from palpate.tracking.single import Answer, Compared, Single
 
 __all__ = ["Held", "HeldAnswer", "own_traction"]
@@ -187,8 +187,5 @@ class Held:
 
 def own_traction(estimator: ConstrainedEstimator, contact: Contact) -> Floats:
     """Traction (component, *surface) by the tracker's own model."""
-    grid = estimator.operator.surface
-    out = np.zeros((len(grid.components), math.prod(grid.shape)))
-    if contact.cells is not None:
-        out[np.asarray(estimator.columns)[:, None], contact.cells[None, :]] = contact.traction
-    return out.reshape(-1, *grid.shape)
+    cells = np.zeros(0, dtype=np.intp) if contact.cells is None else contact.cells
+    return on_surface(estimator, cells, contact.traction)

@@ -18,6 +18,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors
 from palpate.tracking.iteration import Iteration
+from palpate.tracking.region import on_surface
 
 __all__ = ["interim", "unconverged", "wider"]
 
@@ -41,20 +42,17 @@ def interim(estimator: ConstrainedEstimator, solution: Iteration, noise: float) 
     each = (
         noise * np.sqrt(np.maximum(np.diagonal(region.inverse).reshape(c, n).astype(np.float64), 0.0)) * scales[:, None]
     )
-    shape = (len(grid.components), *grid.shape)
-    cells, traction = np.zeros((2, len(grid.components), math.prod(grid.shape)))
-    cells[np.asarray(columns)[:, None], region.cells[None, :]] = each
-    traction[np.asarray(columns)[:, None], region.cells[None, :]] = solution.traction
+    traction = on_surface(estimator, region.cells, solution.traction)
     force = np.zeros(len(grid.components))
     force[columns] = std[:c]
     return Errors(
-        traction=cells.reshape(shape),
+        traction=on_surface(estimator, region.cells, each),
         force=force,
         moment=std[c : len(rows) - center],
         center=std[len(rows) - center :],
         peak=np.asarray(each[-1, top]),
-        variance_reduction=np.full(shape, math.nan),
-        **estimator.posterior.outside_parts(traction.reshape(shape)),
+        variance_reduction=np.full_like(traction, math.nan),
+        **estimator.posterior.outside_parts(traction),
     )
 
 

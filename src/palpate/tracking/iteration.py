@@ -14,15 +14,23 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
-from palpate.tracking.health import Single
+from palpate.inverse.contact.policy import Policy
+from palpate.tracking.health import Flags, Index, Single
 from palpate.tracking.region import Region
 
-__all__ = ["Iteration"]
+__all__ = ["Iteration", "pressing"]
 
+#: Same value as in the contact method.
+FAINT = Policy().extent.faint
 #: Largest number of iterations in one frame.
 ITERATIONS = 300
 #: Over-relaxation: Boyd et al., section 3.4.3, recommend 1.5 to 1.8.
 RELAXATION = 1.6
+
+
+def pressing(pressure: Floats | Single) -> Flags:
+    """Mask of the cells in contact. Elsewhere non-negative pressure fits noise."""
+    return np.asarray(pressure > FAINT * float(pressure.max(initial=0.0)))
 
 
 class Iteration:
@@ -40,17 +48,14 @@ class Iteration:
         self.missing: Floats | None = (
             None  # remaining change of traction [Pa] (component, cell), if the iteration did not converge
         )
-        self._corrected: tuple[Region, Floats, Single, Single] | None = None
         self.exhausted = False  # whether the last frame ended by its number of steps, not by its time
         self.product = 0.0  # t'A'y of the last frame
 
-    def shared(self, faint: float = 0.0) -> Floats:
-        """B'A t: contribution of the solution to the sums of each channel; cells below ``faint`` peaks left out."""
+    def shared(self) -> Floats:
+        """B'A t: contribution of the solution to the sums of each channel."""
         if self.region is None:
             raise RuntimeError("there is no contact")
-        pressure = self.pressure
-        z = self.z if faint == 0.0 else np.where(pressure > faint * float(pressure.max(initial=0.0)), self.z, 0.0)
-        return np.asarray(self.region.shared @ z.ravel().astype(np.float64))
+        return np.asarray(self.region.shared @ self.z.ravel().astype(np.float64))
 
     def move(self, region: Region) -> None:
         """Move solution and multipliers to another region."""
@@ -64,6 +69,29 @@ class Iteration:
     @property
     def pressure(self) -> Single:
         return self.z[-1]
+
+    @property
+    def cells(self) -> Index | None:
+        """The region's cells; None without one."""
+        return None if self.region is None else self.region.cells
+
+    @property
+    def pressing(self) -> Flags:
+        """Mask of the region's cells that are in contact."""
+        return pressing(self.pressure)
+
+    @property
+    def parameter(self) -> float:
+        """The penalty; 0 without a region."""
+        return 0.0 if self.region is None else self.region.parameter
+
+    @property
+    def contact(self) -> tuple[Index, Floats] | None:
+        """The cells in contact, and their traction (component, cell) [Pa]; None without a region."""
+        if self.region is None:
+            return None
+        pressing = self.pressing
+        return self.region.cells[pressing], self.traction[:, pressing]
 
     @property
     def traction(self) -> Floats:
@@ -85,11 +113,7 @@ class Iteration:
         z, u = self.z, self.u
         shape = z.shape
         converged = False
-        left = right = None
-        if gain is not None:
-            if self._corrected is None or self._corrected[0] is not region or self._corrected[1] is not gain:
-                self._corrected = region, gain, *region.correction(gain)
-            left, right = self._corrected[2:]
+        left, right = (None, None) if gain is None else region.correction(gain)
 
         def solved(b: Single) -> Single:
             x = inverse @ b.ravel()

@@ -30,7 +30,7 @@ import numpy as np
 
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.whitening import Readings
+from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.sensing.arrays import Array
 from palpate.sensing.nuisance import nuisances
 from palpate.touch import Touch
@@ -63,14 +63,10 @@ AGREE = 0.003
 MODEL, ANOTHER = 0.01, 0.1
 #: Largest change of an offset in one frame, in its standard deviations: more is not drift.
 SURPRISE = 3.0
-#: Standard deviation of offsets after a restart of the sensor, as a fraction of the largest reading.
-JUMP = 0.5
 #: Marginalise offsets only if one is less certain than this fraction of the largest reading. Otherwise just subtract
 #: them and add their variance to the error bars: marginalising weakens the common part of the contact, which the
 #: penalty then shrinks (1 N dragged to a slip of 0.6 read 0.55).
 UNSURE = 0.02
-#: Recompute K if noise or variances have changed by this fraction.
-ALIKE = 0.05
 #: Report an offset beyond this fraction of the largest reading.
 NOTABLE = 0.02
 
@@ -82,13 +78,6 @@ class Marginal(NamedTuple):
 
     gain: Floats
     sums: Floats
-
-
-class _Gain(NamedTuple):
-    gain: Floats
-    noise: float
-    counts: Floats
-    cov: Floats
 
 
 class Observed(NamedTuple):
@@ -113,12 +102,9 @@ class Observed(NamedTuple):
 class Offsets:
     """Mean and covariance of the channels' offsets, in units of the readings' standard deviations."""
 
-    def __init__(self, readings: Readings) -> None:
-        self._readings = readings
-        parts = [n for a, n in zip(readings.arrays, readings.sizes) for _ in a.channels]
-        index = np.repeat(np.arange(len(parts)), parts)
-        self.index = index
-        self.columns = np.asarray(index[:, None] == np.arange(len(parts))[None, :], dtype=np.float64)
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        self._readings, self.index = estimator.readings, estimator.noise.index
+        self.columns: Floats = np.eye(estimator.noise.count)[self.index]
         self._unused: bytes | None = None
         self.reset()
 
@@ -138,7 +124,6 @@ class Offsets:
         self._both: Floats = np.zeros((2 * k, 2 * k))  # covariance of c and d
         self._reference: Floats | None = None  # readings for which d was estimated
         self._unobserved = 0.0  # time without information about the offsets [s]
-        self._gain: _Gain | None = None
         self._unused = None
 
     def forget(self) -> None:
@@ -154,14 +139,6 @@ class Offsets:
         """Covariance V of the offsets (channel, channel)."""
         k = len(self.mean)
         return self._both[:k, :k]
-
-    def state(self) -> tuple[Floats, ...]:
-        """Mean of c, mean of d, the covariance of both and the rate of drift, for `restore`."""
-        return self.mean, self._model, self._both, self.rate
-
-    def restore(self, state: tuple[Floats, ...]) -> None:
-        """Set offsets, model error, covariance and rate back to ``state``, a value that `state` returned earlier."""
-        self.mean, self._model, self._both, self.rate = state
 
     def scale(self, noise: float | None, y: Floats) -> float:
         """Expected largest reading; until the noise is known, from the frame itself."""
@@ -197,9 +174,6 @@ class Offsets:
         k = len(self.mean)
         both = self._both.copy()
         both[:k, :k] += step**2 * np.eye(k)
-        most = float(np.diagonal(both).max())
-        if most > (JUMP * scale) ** 2:
-            both = both * ((JUMP * scale) ** 2 / most)
         self._both = both
 
     def go_on(self, elapsed: float) -> None:
@@ -215,13 +189,6 @@ class Offsets:
             most = FASTEST * self._scale
             since = max(self._elapsed, self._unobserved)
             self.rate = np.clip(self.rate + share / (2.0 - share) * by / since, -most, most)
-
-    def jump(self) -> None:
-        """Make the offsets unknown: the sensor restarted."""
-        k = len(self.mean)
-        self._both = np.zeros((2 * k, 2 * k))
-        self._both[:k, :k] = (JUMP * self._scale) ** 2 * np.eye(k)
-        self._model, self.rate = np.zeros(k), np.zeros(k)
 
     def take(self, alone: Touch, planes: Sequence[Array], std: Floats) -> None:
         """Take the offsets, and their errors, that a single solve of readings with the units ``std`` (reading,) found, if
@@ -247,15 +214,6 @@ class Offsets:
         """Whether an offset exceeds the noise."""
         return float(np.abs(self.mean).max(initial=0.0)) > (noise or 0.0)
 
-    def may_have_jumped(self, actual: Floats) -> bool:
-        """Whether the readings (NaN if missing) are small enough for a contact on a zero that jumped."""
-        largest = float(np.abs(actual[np.isfinite(actual)]).max(initial=0.0))
-        return self._largest == 0 or largest <= (1.0 + 2.0 * JUMP) * self._largest
-
-    def plausible(self, before: Floats) -> bool:
-        """Whether each offset changed since ``before`` by less than the assumed size of a jump, `JUMP` of the largest reading."""
-        return bool((np.abs(self.mean - before) < JUMP * self._scale).all())
-
     def value(self) -> Floats:
         """The offset to subtract from each reading (reading,)."""
         return np.asarray(self.mean[self.index])
@@ -277,24 +235,13 @@ class Offsets:
     def marginal(self, y: Floats, unused: Flags, noise: float) -> Marginal:
         """Marginal of a frame minus the mean offsets."""
         counts = self.counts(unused)
-        if self._readings.independent:
-            sums = np.asarray(self._white.T @ np.where(unused, 0.0, y))
-        else:
-            used = ~unused
-            sums = np.asarray(self._white[used].T @ self._readings.white(y[used], used))
-        kept, variance = self._gain, np.diagonal(self.cov)
-        if variance.max() < (UNSURE * max(self._largest, self._scale)) ** 2:
+        used = ~unused
+        sums = np.asarray(self._white[used].T @ self._readings.white(y[used], used))
+        if np.diagonal(self.cov).max() < (UNSURE * max(self._largest, self._scale)) ** 2:
             return Marginal(np.zeros_like(counts), sums)
-        if (
-            kept is None
-            or not abs(noise - kept.noise) <= ALIKE * noise
-            or kept.counts is not counts
-            or not (np.abs(variance - np.diagonal(kept.cov)) <= ALIKE * variance.max()).all()
-        ):
-            # K = V (s^2 + N V)^-1
-            gain = np.linalg.solve((self._level(noise) ** 2 * np.eye(len(counts)) + counts @ self.cov).T, self.cov.T).T
-            kept = self._gain = _Gain(0.5 * (gain + gain.T), noise, counts, self.cov)
-        return Marginal(kept.gain, sums)
+        # K = V (s^2 + N V)^-1
+        gain = np.linalg.solve((self._level(noise) ** 2 * np.eye(len(counts)) + counts @ self.cov).T, self.cov.T).T
+        return Marginal(0.5 * (gain + gain.T), sums)
 
     def update(self, counts: Floats, innovation: Floats, noise: float) -> None:
         """Kalman update with a frame's information B'W (channel, channel) and innovation W'(y - A t)."""

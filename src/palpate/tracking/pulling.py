@@ -7,8 +7,6 @@ The same penalty without constraints, on the cells where the readings indicate t
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import scipy.linalg
 
@@ -16,13 +14,13 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Solution
 from palpate.inverse.constrained.faces import Face
 from palpate.inverse.constrained.factors import Dense, cholesky
-from palpate.inverse.constrained.model import ContactModel, Normal, dilated
+from palpate.inverse.constrained.model import ContactModel, Normal
 from palpate.inverse.constrained.quadratic import Formed, Penalty
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.tracking.health import Flags, Index
 from palpate.tracking.offsets import Marginal
 from palpate.tracking.region import SMALLEST, NormalEquations
-from palpate.tracking.search import LOST, TAKEN
+from palpate.tracking.search import LOST, TAKEN, around
 
 __all__ = ["Pulling", "firm"]
 
@@ -43,13 +41,13 @@ class Pulling:
 
     def __init__(self, estimator: ConstrainedEstimator, equations: NormalEquations) -> None:
         self._estimator, self._equations = estimator, equations
-        self._grid = estimator.operator.surface
         self.clear()
 
     def clear(self) -> None:
         self.cells: Index | None = None
         self.traction: Floats = np.zeros((len(self._estimator.columns), 0))
-        self._kept: tuple[float, Flags, Floats, Floats] | None = None
+        self.parameter = 0.0  # penalty
+        self._kept: tuple[Flags, Floats, Floats] | None = None  # unused readings, factor, and A'B
 
     def solve(self, y: Floats, noise: float, unused: Flags, parameter: float, marginal: Marginal) -> None:
         """Solve for the traction of a frame."""
@@ -59,7 +57,7 @@ class Pulling:
         score = np.abs(equations.score(slope.astype(np.float32))) / noise
         likely = score > max(LOST, LIKELY * float(score.max()))
         likely[int(np.argmax(score))] = True  # with noise alone no cell may be likely
-        wanted = self._around(likely)
+        wanted = around(self._estimator, likely)
         if self.cells is not None and np.isin(np.flatnonzero(likely), self.cells).all():
             kept = np.zeros(len(score), dtype=bool)
             kept[self.cells] = True
@@ -68,38 +66,32 @@ class Pulling:
         for _ in range(ROUNDS):
             self._on(np.flatnonzero(wanted), parameter, unused)
             self._solve(slope, marginal.gain)
-            whole = np.zeros((len(self.traction), len(score)))
-            whole[:, self.cells] = self.traction
-            rest = np.where(unused, 0.0, y - self._estimator.explained_by(whole) / self._estimator.readings.std)
+            rest = np.where(unused, 0.0, y - equations.explained(self.cells, self.traction))
             left = np.abs(equations.score(equations.adjoint(rest, unused))) / noise
             missing = (left > max(TAKEN, 0.1 * float(score.max()))) & ~wanted
             if not missing.any():
                 break
-            wanted = wanted | self._around(missing)
-
-    def _around(self, cells: Flags) -> Flags:
-        depth = math.ceil(self._estimator.depth / min(self._grid.spacings)) + 1
-        return dilated(cells.reshape(self._grid.shape), depth).ravel()
+            wanted = wanted | around(self._estimator, missing)
 
     def _on(self, cells: Index, parameter: float, unused: Flags) -> None:
         kept = self._kept
         if (
             kept is not None
             and self.cells is not None
-            and kept[0] == parameter
-            and np.array_equal(kept[1], unused)
+            and self.parameter == parameter
+            and np.array_equal(kept[0], unused)
             and np.array_equal(self.cells, cells)
         ):
             return
-        self.cells = cells
+        self.cells, self.parameter = cells, parameter
         shared = self._equations.shared(unused)[:, :, cells].reshape(-1, len(self._estimator.columns) * len(cells))
         factor = cholesky(firm(self._equations.penalised(cells, parameter, unused)))
-        self._kept = parameter, unused.copy(), factor, shared
+        self._kept = unused.copy(), factor, shared
 
     def _solve(self, slope: Floats, gain: Floats) -> None:
         if self._kept is None or self.cells is None:
             raise RuntimeError("there are no cells")
-        factor, shared = self._kept[2:]
+        factor, shared = self._kept[1:]
 
         def inverse(b: Floats) -> Floats:
             return np.asarray(scipy.linalg.cho_solve((factor, True), b, check_finite=False))
@@ -112,18 +104,16 @@ class Pulling:
             raise np.linalg.LinAlgError("traction of either sign has no finite result")
         self.traction = x.reshape(len(slope), len(self.cells))
 
+    @property
+    def contact(self) -> tuple[Index, Floats] | None:
+        """The cells, and their traction (component, cell) [Pa]; None without any."""
+        return None if self.cells is None else (self.cells, self.traction)
+
     def shared(self) -> Floats:
         """B'A t: contribution of the solution to the sums of each channel."""
         if self._kept is None:
             raise RuntimeError("there are no cells")
-        return np.asarray(self._kept[3] @ self.traction.ravel())
-
-    def explained(self) -> Floats:
-        """The whitened readings predicted by the traction."""
-        whole = np.zeros((len(self.traction), math.prod(self._grid.shape)))
-        if self.cells is not None:
-            whole[:, self.cells] = self.traction
-        return self._estimator.explained_by(whole) / self._estimator.readings.std
+        return np.asarray(self._kept[2] @ self.traction.ravel())
 
     def model(self, data: Normal, parameter: float, traction: Floats) -> ContactModel:
         """``traction`` as a model in which every cell is free; ``data`` in units of the noise, penalty to match."""

@@ -24,7 +24,7 @@ from palpate.tracking.inverting import inverse as inverted
 from palpate.tracking.inverting import inverse_beside
 from palpate.tracking.pieces import lower_factor
 
-__all__ = ["SMALLEST", "Making", "NormalEquations", "Region"]
+__all__ = ["SMALLEST", "Making", "NormalEquations", "Region", "on_surface"]
 
 #: Largest number of entries of a cached normal matrix of the whole surface: 160 MB in double precision.
 LARGEST = 20_000_000
@@ -161,12 +161,12 @@ class NormalEquations:
         """Pressure of each cell alone, in standard deviations under unit noise."""
         return np.asarray(adjoint[-1] / self._norm)
 
-    def explained(self, region: Region | None, traction: Floats, *, single: bool = False) -> Floats:
-        """Whitened readings that a traction (component, cell) on a region predicts; ``single`` takes half the time."""
-        if region is None:
+    def explained(self, cells: Index | None, traction: Floats, *, single: bool = False) -> Floats:
+        """Whitened readings that a traction (component, cell) on some cells predicts; ``single`` takes half the time."""
+        if cells is None:
             return np.zeros(len(self._std))
         whole = np.zeros((len(self.estimator.columns), self._cells), dtype=np.float32 if single else np.float64)
-        whole[:, region.cells] = traction
+        whole[:, cells] = traction
         return self.estimator.explained_by(whole) / self._std
 
     def region(self, cells: Index, parameter: float, unused: Flags) -> Region:
@@ -266,8 +266,6 @@ def _rho(matrix: Floats) -> float:
     """sqrt(smallest * largest eigenvalue), with which the iteration converges fastest."""
     import scipy.linalg.lapack as lapack
 
-    if not len(matrix):  # no cells
-        return 1.0
     largest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x)
     # Without noise there is almost no penalty, and rounding determines the smallest eigenvalue.
     smallest = 0.0
@@ -300,6 +298,14 @@ def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> floa
         betas.append(beta)
         before, x = x, w / beta
     return float(scipy.linalg.eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
+
+
+def on_surface(estimator: ConstrainedEstimator, cells: Index, values: Floats) -> Floats:
+    """Values (component sought, cell) of some cells as a field (component, *surface), 0 elsewhere."""
+    grid = estimator.operator.surface
+    out = np.zeros((len(grid.components), math.prod(grid.shape)))
+    out[np.asarray(estimator.columns)[:, None], cells[None, :]] = values
+    return out.reshape(-1, *grid.shape)
 
 
 class Making(NamedTuple):

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from palpate.elastic.pad import Floats
+from palpate.sensing.zero import FRAMES_FOR_NOISE
 from palpate.tracking.region import NormalEquations
 from palpate.tracking.search import TAKEN
-from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["Rest"]
 
@@ -60,17 +60,13 @@ class Rest:
         if last is not None:
             change = 0.5 * np.minimum(np.abs(score - last), largest) ** 2
             self._steps = change if self._steps is None else self._steps + (change - self._steps) / self._count
-        if self._steps is not None and self._count > FRAMES_FOR_NOISE and self._stands_out(score):
+        if self._steps is not None and self._count > FRAMES_FOR_NOISE and (score**2 > TAKEN**2 * self._steps).any():
             return
         if len(self.frames) < KEPT and np.isfinite(y).all():
             self.frames.append(y)
         square = np.minimum(np.abs(score), largest) ** 2
         self._count = min(self._count + 1, COUNTED)
         self._square = square if self._square is None else self._square + (square - self._square) / self._count
-
-    def _stands_out(self, score: Floats) -> bool:
-        """Whether a score is large beside its changes from frame to frame."""
-        return self._steps is not None and bool((score**2 > TAKEN**2 * self._steps).any())
 
     def level(self, noise: float) -> Floats:
         """Standard deviation of each cell's score at rest, at least the ``noise``; of shape () before the first frame."""

@@ -11,13 +11,14 @@ from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
-from palpate.tracking.health import Flags, Index, Single
-from palpate.tracking.region import NormalEquations, Region
+from palpate.tracking.health import Flags, Index
+from palpate.tracking.iteration import FAINT, Iteration, pressing
+from palpate.tracking.region import NormalEquations
 
-__all__ = ["LOST", "TAKEN", "Search", "only_reading"]
+__all__ = ["LOST", "TAKEN", "Search", "around", "only_reading"]
 
-#: Same values as in the contact method.
-FAINT, MARGIN = Policy().extent.faint, Policy().extent.margin
+#: Same value as in the contact method.
+MARGIN = Policy().extent.margin
 
 #: Scores, in standard deviations, at which a contact begins and ends. Noise alone exceeds 5.5 on one cell in 5e7, so on
 #: one of 1000 cells in one frame of 50 000 (four minutes at 200 Hz); 4 gives hysteresis.
@@ -47,11 +48,18 @@ def only_reading(equations: NormalEquations, y: Floats, level: Floats, unused: F
     return None if float((np.abs(score) / level).max()) > TAKEN else largest
 
 
+def around(estimator: ConstrainedEstimator, cells: Flags) -> Flags:
+    """Mask of the cells, and of all around them as far as the taxels are deep."""
+    grid = estimator.operator.surface
+    depth = math.ceil(estimator.depth / min(grid.spacings)) + 1
+    return dilated(cells.reshape(grid.shape), depth).ravel()
+
+
 class Search:
     """Decides which cells the region should have."""
 
     def __init__(self, estimator: ConstrainedEstimator) -> None:
-        self._estimator, self._grid, self._depth = estimator, estimator.operator.surface, estimator.depth
+        self._estimator, self._grid = estimator, estimator.operator.surface
         self.clear()
 
     def clear(self) -> None:
@@ -65,14 +73,15 @@ class Search:
         by_score = self.scored(score)
         if not self.many(len(by_score)):
             return by_score
-        pressed = self._pressing(y, noise, unused, parameter)
-        by_solution = np.flatnonzero(self._around(pressed))
+        pressed = pressing(self.rough(y, noise, unused, parameter)[0])
+        by_solution = np.flatnonzero(around(self._estimator, pressed))
         return by_solution if pressed.any() and len(by_solution) < len(by_score) else by_score
 
     def scored(self, score: Floats) -> Index:
         """The cells with the highest scores, and those around them."""
         peak = float(score.max())  # negative if the whole surface is pulled
-        return np.flatnonzero(self._around(score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)))
+        likely = score >= (max(min(LOST, peak), LIKELY * peak) if peak > 0 else peak)
+        return np.flatnonzero(around(self._estimator, likely))
 
     def many(self, cells: int) -> bool:
         """Whether so many cells are too many to invert their matrix without need."""
@@ -89,43 +98,34 @@ class Search:
         traction, explained, _ = even_contact(estimator, linear.traction, y / noise, noise * std, ~unused, weight)
         return traction[-1], explained / std
 
-    def _pressing(self, y: Floats, noise: float, unused: Flags, parameter: float) -> Flags:
-        """Cells that press in a rough solution."""
-        pressure = self.rough(y, noise, unused, parameter)[0]
-        return np.asarray(pressure > FAINT * float(pressure.max(initial=0.0)))
-
-    def _around(self, cells: Flags) -> Flags:
-        """The cells, and all around them as far as the taxels are deep."""
-        depth = math.ceil(self._depth / min(self._grid.spacings)) + 1
-        return dilated(cells.reshape(self._grid.shape), depth).ravel()
-
-    def next(self, region: Region, pressure: Single) -> Index | None:
+    def next(self, solution: Iteration) -> Index | None:
         """Cells of the region to move to, which contains the contact and a margin; None if it stays."""
-        peak = float(pressure.max(initial=0.0))
-        active = pressure > FAINT * peak
-        self._pressed = self._pressed + 1 if (active & region.border).any() else 0
-        surely = bool((pressure[region.border] > SURELY_PRESSED * FAINT * peak).any())
+        region, pressure, wanted = solution.region, solution.pressure, self._contact(solution)
+        if region is None:
+            return None
+        self._pressed = self._pressed + 1 if wanted[region.cells[region.border]].any() else 0
+        surely = bool((pressure[region.border] > SURELY_PRESSED * FAINT * float(pressure.max(initial=0.0))).any())
         if not (surely or self._pressed >= PRESSED or self._missing.any()):
             self._frames = (self._frames + 1) % SHRINK_EVERY
-            if self._frames or len(region.cells) <= TOO_LARGE * max(int(active.sum()), FEWEST):
+            if self._frames or len(region.cells) <= TOO_LARGE * max(int(wanted.sum()), FEWEST):
                 return None
-            wanted = self._active(region, active)
             kept = int(dilated(wanted.reshape(self._grid.shape), MARGIN + 1).sum())
             if len(region.cells) <= TOO_LARGE * max(kept, FEWEST):
                 return None
-        wanted = self._active(region, active) | self._missing
+        wanted = wanted | self._missing
         self._missing[:] = False
         cells = np.flatnonzero(dilated(wanted.reshape(self._grid.shape), MARGIN))
         return None if not len(cells) or np.array_equal(cells, region.cells) else cells
 
-    def needed(self, region: Region, pressure: Single) -> Index:
+    def needed(self, solution: Iteration) -> Index:
         """Cells of the contact and a margin."""
-        wanted = self._active(region, pressure > FAINT * float(pressure.max(initial=0.0)))
-        return np.flatnonzero(dilated(wanted.reshape(self._grid.shape), MARGIN))
+        return np.flatnonzero(dilated(self._contact(solution).reshape(self._grid.shape), MARGIN))
 
-    def _active(self, region: Region, active: Flags) -> Flags:
+    def _contact(self, solution: Iteration) -> Flags:
+        """Mask of the surface's cells (cell,) that are in contact."""
         whole = np.zeros(math.prod(self._grid.shape), dtype=bool)
-        whole[region.cells[active]] = True
+        if solution.contact is not None:
+            whole[solution.contact[0]] = True
         return whole
 
     def moved(self) -> None:
@@ -136,9 +136,10 @@ class Search:
         """Request cells outside the region where pressure is missing, and their neighbours; the other arguments are
         those of `rough`.
         """
-        if not cells.any():
-            return
         wanted = dilated(cells.reshape(self._grid.shape), 1).ravel()
-        if self.many(int(wanted.sum())) and (pressed := wanted & self._pressing(y, noise, unused, parameter)).any():
+        if (
+            self.many(int(wanted.sum()))
+            and (pressed := wanted & pressing(self.rough(y, noise, unused, parameter)[0])).any()
+        ):
             wanted = pressed
         self._missing |= wanted

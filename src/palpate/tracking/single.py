@@ -19,9 +19,9 @@ from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.again import Models, keeping
 from palpate.inverse.contact.no_contact import WIDE
+from palpate.sensing.zero import FRAMES_FOR_NOISE
 from palpate.status import Status
 from palpate.touch import Touch
-from palpate.tracking.zero import FRAMES_FOR_NOISE
 
 __all__ = ["BEGUN", "Alone", "Answer", "Compared", "Comparison", "Single", "SingleSolve"]
 
@@ -137,7 +137,6 @@ class Answer:
     high: Floats
     explained: bool
     load: float
-    discrepancy: float = 0.0
     decided: bool = True
 
     @classmethod
@@ -149,7 +148,6 @@ class Answer:
         if status.known and touch.has_intervals:
             low, high = (np.asarray(to_numpy(end), dtype=np.float64) for end in touch.interval(0.95, "force"))
         size = np.sqrt((to_numpy(touch.values).astype(np.float64) ** 2).sum(axis=0))
-        share = getattr(touch, "discrepancy", None)
         decided = bool(np.isfinite(force).all())
         if not decided:
             with np.errstate(invalid="ignore"):  # NaN if neither end is known
@@ -160,7 +158,6 @@ class Answer:
             high,
             status.known and status is not Status.UNEXPLAINED and bool(np.isfinite(force).all()),
             float(touch.surface.integral(size)) if decided else 0.0,
-            0.0 if share is None else float(np.nan_to_num(share)),
             decided,
         )
 

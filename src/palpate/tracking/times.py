@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["AFTER_RESTART", "FrameTime", "FrameTimes"]
+__all__ = ["FrameTime", "FrameTimes"]
 
-#: Frames after a clock went back in which the zero may have jumped as well.
-AFTER_RESTART = 10
 #: Smallest time between two frames, as a fraction of the usual one: the creep filter needs increasing time, and a pad
 #: does not change in so short a time.
 LEAST_STEP = 1e-6

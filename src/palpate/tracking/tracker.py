@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,7 +18,6 @@ import numpy as np
 from palpate._arrays import from_numpy
 from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
-from palpate.elastic.viscoelastic import CreepFilter
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors, Stated
@@ -34,7 +34,6 @@ from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
 from palpate.tracking.discrepancy import bounds_of, widened, without_numbers
-from palpate.tracking.errors import open_above
 from palpate.tracking.frames import Frame
 from palpate.tracking.health import ENOUGH, Flags, Health, ReadingCheck
 from palpate.tracking.held import Held, own_traction
@@ -49,7 +48,7 @@ from palpate.tracking.settings import MISREAD, check_settings, chosen_channels
 from palpate.tracking.single import Alone, Answer, Compared, Comparison
 from palpate.tracking.slow import SlowPress
 from palpate.tracking.standing import Standing, Steady
-from palpate.tracking.times import AFTER_RESTART, FrameTime, FrameTimes
+from palpate.tracking.times import FrameTime, FrameTimes
 from palpate.tracking.words import at_their_end, drifted, one_taxel, restarted, unfinished
 from palpate.tracking.zero import Zero, checked_zero
 from palpate.uncertainty import Case
@@ -105,7 +104,7 @@ class Tracker:
         layout: Layout,
         *,
         notes: tuple[str, ...] = (),
-        creep: Callable[[], list[CreepFilter | None]] | None = None,
+        prony: Any = None,
         case: Case | None = None,
         alone: Alone | None = None,
         baseline: Any = 0,
@@ -119,11 +118,11 @@ class Tracker:
         self.estimator, self.names = estimator, names
         self.notes = (*notes, MISREAD) if estimator.ambiguous and "z" in names else notes
         self.tolerance, self.budget, self.drift_time, self.rate = tolerance, budget, rezero, rate
-        self._make_creep, self._case = creep, case
+        self._prony, self._case = prony, case
         self._layout, self._limits, self._label = layout, layout.limits(), label
         self._std = estimator.readings.std
         self._zero_frames, self._given_zero = self._check_baseline(baseline)
-        self._offsets = Offsets(estimator.readings)
+        self._offsets = Offsets(estimator)
         self._equations = NormalEquations(estimator, self._offsets.columns, beside=budget is not None)
         # of its linear algebra: few are no work for several threads
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
@@ -181,9 +180,9 @@ class Tracker:
         self._beside.forget()
         self._compared: Compared | None = None  # the frame that is solved by itself beside the stream
         self._frame: Frame | None = None
-        self._steady, self._restarted = Steady(), 0
+        self._steady = Steady()
         self._said: list[str] = []
-        self._creep = None if self._make_creep is None else Creep(self._make_creep(), self._layout, estimator.readings)
+        self._creep = None if self._prony is None else Creep(self._prony, self._layout, estimator.readings)
         self._residual = self._fit = math.nan
         self._quiet: Floats | None = None  # readings of the last frame without contact
 
@@ -393,7 +392,8 @@ class Tracker:
             unit = "N/m" if self.estimator.operator.surface.dimensions == 1 else "N"
             self._said.append(comparison.words(compared.answer, reference, unit))
             if not beside.threaded:
-                touch = rebuild(*self._in_contact(frame, 0.0, regular=True, restarted=False))
+                again = frame._replace(actual=frame.actual - self._offsets.value())
+                touch = rebuild(*self._in_contact(again, 0.0, regular=True))
                 compared = compared._replace(answer=Answer.of(touch), own=self._own_force())
                 comparison.settle(compared.answer, reference)
                 self._held.hold(single, compared, reference)
@@ -424,7 +424,6 @@ class Tracker:
         if not frame.restarted:
             return None
         self.health.restarts += 1
-        self._restarted = AFTER_RESTART
         self._release()
         return restarted(frame, creeps=self._creep is not None)
 
@@ -432,7 +431,6 @@ class Tracker:
         """Process a frame; return its status, and whether its iteration converged."""
         health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
         health.frames += 1
-        self._restarted = max(self._restarted - 1, 0)
         scaled = check.present(self._scaled(flat, check.usable(flat)))
         if not check.enough(np.isfinite(scaled)):
             return Status.MISSING, False
@@ -519,13 +517,12 @@ class Tracker:
             self._frame._replace(actual=actual),
             elapsed,
             regular=health.frames % EVERY == 0,
-            restarted=follows and self._restarted > 0,
         )
 
-    def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool, restarted: bool) -> tuple[Status, bool]:
+    def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool) -> tuple[Status, bool]:
         """Solve a frame in contact (readings minus zero and offsets)."""
         contact = self._contact
-        converged = contact.solve(frame, regular=regular, restarted=restarted)
+        converged = contact.solve(frame, regular=regular)
         self._residual, self._fit = contact.residual, contact.fit
         self._answer_by_held()
         self._say(elapsed)
@@ -645,7 +642,7 @@ class Tracker:
                 traction, errors, pad_std = held.traction, held.errors, held.stated
                 share = held.discrepancy
             if status is Status.OVERLOAD and errors is not None and contact.pushing:
-                errors = open_above(errors)
+                errors = replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))  # no upper end
             values = traction.reshape(values.shape)
             load = float(grid.integral(np.sqrt((traction**2).sum(axis=0))))
             apart = self._held.apart * load if held is None else held.apart

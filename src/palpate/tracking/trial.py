@@ -45,7 +45,7 @@ def residual_by_penalty(
         trial.move(Making(equations, here, parameter, nothing)())
         give_way()
         trial.solve(slope, tolerance=tolerance, deadline=math.inf)
-        return trial.pressure, equations.explained(trial.region, trial.traction)
+        return trial.pressure, equations.explained(here, trial.traction)
 
     def residual_rms(parameter: float) -> float:
         pressure, explained = pushed(parameter)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.zero import far_frames, moved
-from palpate.tracking.health import Flags
+from palpate.sensing.zero import FRAMES_FOR_NOISE, far_frames, moved
+from palpate.tracking.health import Flags, Index
 from palpate.tracking.search import TAKEN
 
-__all__ = ["FRAMES_FOR_NOISE", "Zero", "checked_zero"]
+__all__ = ["Zero", "checked_zero"]
 
-#: Smallest number of frames of the zero from which the noise is estimated: with 5, and some hundred readings that share
-#: it, it is known to a few per cent.
-FRAMES_FOR_NOISE = 5
 #: Largest fraction of the time constant that one frame counts for, however long the pause before it: ten frames must
 #: agree on a new zero.
 ONE_FRAME = 0.1
@@ -43,7 +39,7 @@ class Zero:
     whether the readings moved while the zero was taken, until drift has replaced that zero.
     """
 
-    def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None, index: Any = None) -> None:
+    def __init__(self, baseline: Floats | None, frames: int, time_constant: float | None, index: Index) -> None:
         self.baseline = None if baseline is None else baseline.copy()
         self._taken = None if baseline is None else baseline.copy()
         self.time_constant = time_constant
@@ -89,9 +85,8 @@ class Zero:
         with np.errstate(invalid="ignore"):
             good = np.isfinite(frames)
             far = far_frames(np.where(good, frames, math.nan))
-            index = np.zeros(frames.shape[1]) if self._index is None else self._index
             sought = slice(None) if self._only is None else self._only
-            self.moved, self._left = moved(frames[:, sought], index[sought]), 1.0
+            self.moved, self._left = moved(frames[:, sought], self._index[sought]), 1.0
             good &= ~far[:, None]
             count = np.maximum(good.sum(axis=0), 1)
             mean = np.where(good, frames, 0.0).sum(axis=0) / count

@@ -407,12 +407,13 @@ class Normal:
         """The normal matrix with a penalty."""
         if isinstance(self.given, Applied):
             return Products(self.given, penalty)
-        if self.known is not None and not self._readings:  # blocks of cells have only a normal matrix
+        if self.known is not None and not self.readings:  # blocks of cells have only a normal matrix
             return Formed(penalty.added(self.known.copy()))
-        return formed_or_not(lambda: self.matrix.T, self._readings, lambda: self.gram, penalty)
+        return formed_or_not(lambda: self.matrix.T, self.readings, lambda: self.gram, penalty)
 
     @property
-    def _readings(self) -> int:
+    def readings(self) -> int:
+        """Number of readings."""
         if isinstance(self.given, Picked | Later):
             return self.given.readings
         return len(self.matrix)

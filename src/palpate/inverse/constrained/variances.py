@@ -126,7 +126,7 @@ def taken_by(model: ContactModel) -> float:
     face, factor = face_of(model.solution)
     if model.taken is None or model.taken[0] is not factor:
         # The inverse takes 2/3 n^3 and serves the variances too; columns of all readings take n^2 each.
-        if isinstance(factor, Dense) and 3 * len(model.data.matrix) > 2 * len(factor.lower):
+        if isinstance(factor, Dense) and 3 * model.data.readings > 2 * len(factor.lower):
             found = factor.trace(face.restrict(Formed(model.data.gram).scaled(face.scales).matrix))
         else:
             found = float(taken_of_each(model).sum())
