@@ -238,6 +238,9 @@ class Screening:
     at_end_rounded: int = number(4, "the same for rounded readings, whose peaks may have equal values")
     steps: int = number(4096, "readings count as rounded if the largest is at most this many steps: 12 bits")
     dead: float = number(0.1, "a zero reading is dead if its neighbours' mean is above this fraction of the largest")
+    dead_neighbours: float = number(
+        0.25, "and at most this fraction of them is zero: beside a dead band half of them are"
+    )
     neighbours: int = number(3, "this many adjacent outliers that exceed the prediction in one direction are contact")
     candidates: int = number(4, "residuals examined in each round, largest first; the largest reading is examined too")
     fewest: int = number(6, "do not look for broken readings, or for symmetry, among fewer readings than this")

@@ -124,11 +124,16 @@ def silent(
         return out
     largest = np.zeros(int(index[-1]) + 1)
     np.maximum.at(largest, index, np.abs(data))
-    total, count = np.zeros(len(data)), np.zeros(len(data))
+    total, count, alike = np.zeros(len(data)), np.zeros(len(data)), np.zeros(len(data))
     for i, j in (pairs, pairs[::-1]):
         np.add.at(total, i, data[j])
         np.add.at(count, i, 1.0)
-    out[zero] = (np.abs(total) > policy.screening.dead * count * largest[index])[zero] & (count > 0)[zero]
+        np.add.at(alike, i, zero[j])
+    out[zero] = (
+        (np.abs(total) > policy.screening.dead * count * largest[index])[zero]
+        & (alike <= policy.screening.dead_neighbours * count)[zero]
+        & (count > 0)[zero]
+    )
     # A channel in which most readings are zero has a dead band, not dead taxels.
     often = np.bincount(index, zero) > 0.5 * np.bincount(index)
     return out & ~often[index]
