@@ -218,6 +218,27 @@ def pressed_tracker(skin: pp.Skin, load: float = 1.0) -> tuple[Any, Any]:
     return tracker, lambda: load * full + size * rng.standard_normal(full.shape)
 
 
+@pytest.mark.parametrize(
+    ("contact", "words"),
+    [
+        (solutions.hertz_point(contact_radius=2e-3, force=1.0).shifted(5.5e-3, 0.0), "contact across the edge"),
+        (solutions.hertz_point(contact_radius=1e-3, force=0.3).shifted(5.5e-3, 0.0), "small contact"),
+    ],
+)
+def test_notes_of_a_single_solve_stay_while_its_models_answer(contact: Any, words: str) -> None:
+    """Only the single solve of a frame had them, and a stream said nothing of what its readings do not determine."""
+    skin, rng = pp.Skin(GEL, TAXELS), np.random.default_rng(0)
+    full = np.asarray(skin.sense(contact))
+    size = 0.003 * float(np.abs(full).max())
+    tracker = skin.track(baseline=REST)
+    for i in range(REST):
+        tracker.step(size * rng.standard_normal(full.shape), 0.01 * i)
+    touches = [tracker.step(full + size * rng.standard_normal(full.shape), 0.01 * (REST + i)) for i in range(8)]
+    held = [t for t in touches if t.method == "adaptive"]
+    assert len(held) > 4
+    assert all(any(note.startswith(words) for note in t.notes) for t in held)
+
+
 @pytest.mark.long
 def test_a_tracker_that_a_single_solve_contradicts_begins_anew_and_its_interval_meets_the_other() -> None:
     """Said once, and only there."""

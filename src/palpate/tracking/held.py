@@ -48,7 +48,7 @@ class HeldAnswer(NamedTuple):
     """Traction (component, *surface) of a frame by the models of a single solve, its errors, the discrepancy, the single
     solve and the root mean square of the residual in units of the noise. ``proven``: the residual shows that they hold;
     ``pushes``: no cell may pull; ``apart``: how far the force lies from that with other offsets; ``unused`` (reading,):
-    readings that were left out.
+    readings that were left out; ``notes`` about the contact.
     """
 
     traction: Floats
@@ -61,6 +61,7 @@ class HeldAnswer(NamedTuple):
     pushes: bool
     apart: float
     unused: Flags
+    notes: tuple[str, ...]
 
 
 @dataclass
@@ -77,6 +78,7 @@ class _Kept:
     score: float
     free: float
     pushes: bool
+    notes: tuple[str, ...]
     seconds: float = 0.0  # that the last frame took
 
 
@@ -120,7 +122,9 @@ class Held:
             traction, residual = again.solve(self._planes(compared.readings), ~again.observed)
             left, score = self._left(again, residual, ~again.observed)
             if (size := self._load(traction)) > 0.0:
-                self._kept = _Kept(again, touch, touch._errors, size, left, score / left, models.free, models.pushes)
+                self._kept = _Kept(
+                    again, touch, touch._errors, size, left, score / left, models.free, models.pushes, single.notes
+                )
 
     def follow(self, frame: Frame, offsets: Offsets, unused: Flags, *, pushing: bool) -> None:
         """Answer a frame (with its offsets) if the models explain it without the ``unused`` readings, and before its
@@ -166,6 +170,7 @@ class Held:
                 kept.pushes,
                 apart,
                 ~used,
+                kept.notes,
             )
 
     def _left(self, again: Again, residual: Floats, unused: Flags) -> tuple[float, float]:

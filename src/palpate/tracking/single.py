@@ -30,10 +30,13 @@ BEGUN = "tracked from frame to frame, this contact read"
 
 
 class Single(NamedTuple):
-    """A single solve: its touch, and the models that later frames of the contact can be solved with, if there are any."""
+    """A single solve: its touch, the models that later frames of the contact can be solved with, if there are any, and
+    the notes about the contact.
+    """
 
     touch: Touch
     models: Models | None
+    notes: tuple[str, ...] = ()
 
 
 class Compared(NamedTuple):
@@ -95,7 +98,7 @@ class SingleSolve:
             skin = self._alone(skin, [replace(a, limits=each) for a, each in zip(skin.planes, limits)])
         with keeping() as kept:
             touch = skin.reconstruct(one, components=self._components, **self._options)
-        return Single(touch, kept.models)
+        return Single(touch, kept.models, kept.notes)
 
     def _zeroed(self, noise: Floats, known: bool, noisier: float) -> Any:
         """The skin with this noise (channel of all planes,), or the given noise times ``noisier``; without saturation

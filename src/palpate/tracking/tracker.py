@@ -671,7 +671,7 @@ class Tracker:
             grid,
             self.names,
             "constrained" if held is None else held.single.method,
-            (*self.notes, *(() if note is None else (note,)), *self._said),
+            (*self.notes, *(() if note is None else (note,)), *self._said, *(() if held is None else held.notes)),
             None if learning.parameter is None else np.asarray(learning.parameter),
             None if noise is None else noise * np.concatenate(estimator.scales),
             np.asarray(self._residual if held is None else held.residual) if status.known else np.asarray(math.nan),

@@ -77,9 +77,12 @@ class Models:
 
 @dataclass
 class Kept:
-    """The models of the last frame that was solved inside `keeping`, None if it does not push."""
+    """The models of the last frame that was solved inside `keeping`, None if it does not push, and the notes about its
+    contact.
+    """
 
     models: Models | None = None
+    notes: tuple[str, ...] = ()
 
 
 _kept: ContextVar[Kept | None] = ContextVar("kept", default=None)
@@ -96,11 +99,11 @@ def keeping() -> Iterator[Kept]:
         _kept.reset(token)
 
 
-def keep(models: Models | None) -> None:
-    """Hand the models of a frame to whoever keeps them."""
+def keep(models: Models | None, notes: tuple[str, ...] = ()) -> None:
+    """Hand the models of a frame, and the notes about its contact, to whoever keeps them."""
     kept = _kept.get()
     if kept is not None:
-        kept.models = models
+        kept.models, kept.notes = models, notes
 
 
 class Again:

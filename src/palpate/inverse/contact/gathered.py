@@ -15,7 +15,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.again import keep
 from palpate.inverse.contact.deferred_errors import ContactErrors
 from palpate.inverse.contact.frame import Frame
-from palpate.inverse.contact.notes import notes_of
+from palpate.inverse.contact.notes import notes_of, notes_of_contact
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Estimate, Stated
@@ -43,7 +43,7 @@ def gathered(estimator: PreparedContact, frames: Sequence[Frame], batch: tuple[i
     if interpolated:
         within = [unresolved(f.traction, estimator.surface.shape) for f in frames]
         errors = replace(errors, traction=np.hypot(errors.traction, stacked(within)))
-    keep(frames[-1].models if frames[-1].contact else None)
+    keep(frames[-1].models if frames[-1].contact else None, notes_of_contact(frames[-1:], (), estimator.policy))
     values = np.stack([estimator.cut(f.traction) for f in frames])
     sampled = None
     if estimator.draws:

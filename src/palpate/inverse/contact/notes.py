@@ -17,7 +17,7 @@ from palpate.inverse.contact.policy import Policy
 from palpate.sensing.arrays import Array
 from palpate.sensing.grids import Grid
 
-__all__ = ["notes_of", "single_taxel_share", "smallness"]
+__all__ = ["notes_of", "notes_of_contact", "single_taxel_share", "smallness"]
 
 
 def smallness(members: Sequence[ContactModel], planes: Sequence[Array], run: Solved, policy: Policy) -> int:
@@ -68,9 +68,31 @@ def single_taxel_share(planes: Sequence[Array], run: Solved, pressure: Floats, g
 
 def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) -> tuple[str, ...]:
     """Notes about what the readings of these frames, of a ``batch`` of this shape, cannot determine."""
+    said = list(notes_of_contact(frames, batch, policy))
+    pressed = sum(f.unproven == 2 for f in frames)
+    short = sum(not f.converged for f in frames)
+    if short:
+        said.append(
+            f"the iteration did not reach its tolerance{_where(short, batch)}: the best traction found is given, and the error bars may be too narrow; "
+            'method="tikhonov" has no such iteration'
+        )
+    if pressed:
+        said.append(
+            f"nothing was found{_where(pressed, batch)}, but an even contact over all of these few taxels explains the readings as well as noise does, and the interval includes it: "
+            "noise= of the array, if it is known, decides"
+        )
+    return tuple(said)
+
+
+def _where(count: int, batch: tuple[int, ...]) -> str:
+    return f" in {count} of {math.prod(batch)} frames" if batch else ""
+
+
+def notes_of_contact(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) -> tuple[str, ...]:
+    """Those that hold as long as the contact stays where it is."""
 
     def where(count: int) -> str:
-        return f" in {count} of {math.prod(batch)} frames" if batch else ""
+        return _where(count, batch)
 
     small, alone = sum(f.small > 0 for f in frames), sum(f.small > 1 for f in frames)
     said = []
@@ -112,22 +134,10 @@ def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) ->
             f"one reading alone determines {100.0 * max(hanging):.0f} % of the normal force{where(len(hanging))}: no other shows whether it is right, or "
             "at the end of its range (limits= of the array states that end)"
         )
-    pressed = sum(f.unproven == 2 for f in frames)
-    short = sum(not f.converged for f in frames)
-    if short:
-        said.append(
-            f"the iteration did not reach its tolerance{where(short)}: the best traction found is given, and the error bars may be too narrow; "
-            'method="tikhonov" has no such iteration'
-        )
     drifting = sum(f.adrift for f in frames)
     if drifting:
         said.append(
             f"drift{where(drifting)}: the readings do not separate a shift or a tilt of the displacements from contact, so that it may be part of the force: "
             "the intervals allow for one of a tenth of the largest reading (standard deviation). If nothing drifts, pass Skin(..., nuisance=[])"
-        )
-    if pressed:
-        said.append(
-            f"nothing was found{where(pressed)}, but an even contact over all of these few taxels explains the readings as well as noise does, and the interval includes it: "
-            "noise= of the array, if it is known, decides"
         )
     return tuple(said)
