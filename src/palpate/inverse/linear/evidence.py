@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, refined, tikhonov
+from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, filtered_inverse, refined, tikhonov
 from palpate.inverse.linear.regularised import Decomposition
 
 __all__ = ["LinearEvidence", "Marginal", "linear_evidence", "log_evidence", "of_unit_size"]
@@ -114,8 +114,7 @@ def linear_evidence(
         gain = 0.5 * (count * math.log(everything / max(left, 1e-300)) - (logdet - base))
 
     def traction() -> Floats:
-        phi = tikhonov(values, np.array([best]))
-        filtered = free * np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        filtered = free * filtered_inverse(tikhonov, values, np.array([best]))[0]
         return np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
 
     return LinearEvidence(gain, best, scale, traction, logdet, left * unit**2, count, sizes * unit)

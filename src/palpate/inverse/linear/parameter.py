@@ -32,6 +32,7 @@ __all__ = [
     "check_rule",
     "choose",
     "choose_parameter",
+    "filtered_inverse",
     "mean_sizes",
     "minus_evidence",
     "pick",
@@ -111,6 +112,13 @@ def tikhonov(eigenvalues: Floats, parameter: Floats) -> Floats:
 def truncate(eigenvalues: Floats, parameter: Floats) -> Floats:
     """phi = 1 where s^2 > lambda."""
     return np.where(eigenvalues > parameter, 1.0, 0.0)
+
+
+def filtered_inverse(filter_factors: Filter, eigenvalues: Floats, parameter: Floats) -> Floats:
+    """phi/s (frame, n), by which coefficients are multiplied; 0 where s is 0."""
+    seen = eigenvalues > 0
+    phi = filter_factors(eigenvalues, parameter[:, None])
+    return np.where(seen, phi / np.sqrt(np.where(seen, eigenvalues, 1.0)), 0.0)
 
 
 def choose_parameter(
@@ -251,7 +259,7 @@ class Tried:
     def __init__(self, filter_factors: Filter, grid: Floats, eigenvalues: Floats, multiplicity: Floats) -> None:
         self.grid, self.count = grid, float(multiplicity.sum())
         self.values, self.multiplicity, self._filter = eigenvalues, multiplicity, filter_factors
-        self.left = 1.0 - self.phi  # (candidate, n)
+        self.left = 1.0 - filter_factors(eigenvalues, grid[:, None])  # (candidate, n)
         self.ends = _ends(eigenvalues)
 
     def shared(self, datum: Floats) -> Floats:
@@ -259,9 +267,9 @@ class Tried:
         return datum
 
     @property
-    def phi(self) -> Floats:
-        """Filter factors (candidate, n)."""
-        return self._filter(self.values[None, :], self.grid[:, None])
+    def filtered_inverse(self) -> Floats:
+        """phi/s (candidate, n)."""
+        return filtered_inverse(self._filter, self.values, self.grid)
 
     @cached_property
     def squares(self) -> Floats:
@@ -343,9 +351,7 @@ class SpectrumCurves:
 
     @cached_property
     def penalty(self) -> Floats:
-        values = self._tried.values
-        safe = np.where(values > 0, values, 1.0)
-        return np.asarray(self._datum @ np.where(values > 0, self._tried.phi**2 / safe, 0.0).T)
+        return np.asarray(self._datum @ (self._tried.filtered_inverse**2).T)
 
     @cached_property
     def explained(self) -> Floats:

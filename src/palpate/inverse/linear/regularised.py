@@ -17,9 +17,17 @@ from palpate.errors import Unsupported
 from palpate.inverse.estimate import Estimate, in_frames
 from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import check_spectrum, check_waves
-from palpate.inverse.linear.parameter import MODEL_ERROR, TINY, Filter, check_parameter, choose, tikhonov
+from palpate.inverse.linear.parameter import (
+    MODEL_ERROR,
+    TINY,
+    Filter,
+    check_parameter,
+    choose,
+    filtered_inverse,
+    tikhonov,
+)
 from palpate.inverse.linear.patterns import Patterns
-from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertainty, Variances, unexplained
+from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, SpectrumVariances, Uncertainty, unexplained
 from palpate.inverse.linear.priors import Prior
 from palpate.inverse.linear.spectrum import DataSpectrum, Shared, Spectrum, noise_scales
 from palpate.sensing.operator import Operator
@@ -46,9 +54,9 @@ class Decomposition:
     spectrum: Spectrum
 
     @cached_property
-    def variances(self) -> Variances:
+    def variances(self) -> SpectrumVariances:
         """Error bars of estimates."""
-        return Variances(self.spectrum, self.operator.surface, self.columns)
+        return SpectrumVariances(self.spectrum, self.columns)
 
     @property
     def nbytes(self) -> int:
@@ -158,7 +166,7 @@ class Regularised:
                     f"noise cannot be separated from traction{in_frames(blind, batch)}, which explains the readings at every wavelength: fine detail "
                     "of the map may be noise. Give the array its noise=..., and noise_correlation=... if neighbours share it, as windows that overlap do"
                 )
-        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0).reshape(*batch, -1)
+        gain = filtered_inverse(self.filter, values, chosen).reshape(*batch, -1)
         residual = np.sqrt((power * counts * (1.0 - phi) ** 2).sum(axis=1) / counts.sum())
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
         traction = self.spectrum.solve(coefficients * from_numpy(gain, real))
@@ -170,7 +178,7 @@ class Regularised:
             known = Uncertainty(chosen.reshape(batch), np.ones(batch), np.ones(batch), patterns=patterns)
         else:
             least = None if self.noise_known else floor.reshape(batch)
-            known = Uncertainty(chosen.reshape(batch), power=power.reshape(*batch, -1), floor=least, patterns=patterns)
+            known = Uncertainty(chosen.reshape(batch), data=power.reshape(*batch, -1), floor=least, patterns=patterns)
         return Estimate(
             traction,
             chosen.reshape(batch),
@@ -186,9 +194,7 @@ class Regularised:
         nuisances.
         """
         coefficients, values = self.spectrum.project(readings), self.spectrum.eigenvalues
-        phi = self.filter(values[None, :], parameter[:, None])
-        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
-        return np.asarray(self.spectrum.solve(coefficients * gain))
+        return np.asarray(self.spectrum.solve(coefficients * filtered_inverse(self.filter, values, parameter)))
 
     def _floor(self, readings: Sequence[Any], frames: int) -> Floats:
         """Lower bound of the noise variance of each frame (frame,), relative to the whitening."""

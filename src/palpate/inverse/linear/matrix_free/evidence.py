@@ -74,7 +74,7 @@ class _Solved:
 
     def solve(self, parameter: float, start: Floats | None) -> None:
         lam = np.array([parameter])
-        u = self.system.solve(
+        u = self.system.space.solve(
             self.row[None],
             lam,
             tolerance=TOLERANCE,

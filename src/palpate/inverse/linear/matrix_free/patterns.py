@@ -119,6 +119,6 @@ class SolvedPatterns(Patterns):
             if len(self._solved) >= CACHE_SIZE:
                 self._solved.pop(next(iter(self._solved)))
             lam = np.full(len(self.rows), self.grid[place])
-            found = self.system.solve(self.rows, lam, tolerance=TOLERANCE, most=MOST)
+            found = self.system.space.solve(self.rows, lam, tolerance=TOLERANCE, most=MOST)
             self._solved[place] = lam[:, None] * found.rows
         return self._solved[place]

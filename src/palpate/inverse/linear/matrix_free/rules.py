@@ -249,10 +249,10 @@ class Search:
             size = np.linalg.norm(rows[frames], axis=1)
             part = PART if start is None or not start.any() else ANEW
             goal = np.clip(part * np.array(noise) / np.where(size > 0, size, 1.0), LEAST, LOOSEST)
-        solved = self.system.solve(rows[frames], there, tolerance=goal, most=MOST, start=start, checked=False)
+        solved = self.system.space.solve(rows[frames], there, tolerance=goal, most=MOST, start=start, checked=False)
         again = None
         if self.rule in SECOND:
-            again = self.system.solve(
+            again = self.system.space.solve(
                 solved.rows, there, tolerance=AGAIN if corrected else TOLERANCE, most=MOST, checked=False
             )
         curves.add(frames, there, rows[frames], solved, again)

@@ -11,9 +11,9 @@ import numpy as np
 from palpate._arrays import from_numpy, is_numpy, to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.estimate import Estimate, in_frames
-from palpate.inverse.linear.matrix_free.errors import SampledSource
 from palpate.inverse.linear.matrix_free.memory import TOGETHER
 from palpate.inverse.linear.matrix_free.patterns import SolvedPatterns
+from palpate.inverse.linear.matrix_free.posterior import SampledVariances
 from palpate.inverse.linear.matrix_free.rules import Search
 from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.parameter import MODEL_ERROR, TINY, check_parameter, check_rule, tikhonov
@@ -82,9 +82,10 @@ class MatrixFree:
             ones,
             floor=None if self.noise_known else joined["floor"].reshape(batch),
             patterns=None if removed is None else removed.reshape(*batch, *removed.shape[1:]),
-            rows=None if self.absolute else joined["rows"].reshape(*batch, -1),
+            data=None if self.absolute else joined["rows"].reshape(*batch, -1),
         )
-        errors = LinearErrors.made_of(SampledSource(self.system.variances, tikhonov, traction, known))
+        variances = self.system.variances = self.system.variances or SampledVariances(self.system)
+        errors = LinearErrors.of(variances, tikhonov, traction, known)
         return Estimate(
             traction,
             chosen,
@@ -122,7 +123,7 @@ class MatrixFree:
             size = np.linalg.norm(rows, axis=1)
             noise = parameter * np.linalg.norm(start, axis=1) / np.where(size > 0, size, 1.0)
             goal = np.clip(LEARNED * noise, tolerance, max(tolerance, LARGEST))
-        solved, sought = system.estimate(rows, parameter, tolerance=goal, most=MAX_STEPS, start=start)
+        solved, sought = system.space.estimate(rows, parameter, tolerance=goal, most=MAX_STEPS, start=start)
         left = parameter**2 * (solved.rows**2).sum(axis=1)
         explained = parameter * (rows * solved.rows).sum(axis=1)
         variance = np.ones(len(rows))
@@ -162,8 +163,8 @@ class MatrixFree:
         for i in range(0, len(parameter), together):
             part = slice(i, i + together)
             rows = self.system.normal.rows([r[part] for r in readings])
-            solved = self.system.solve(rows, parameter[part], tolerance=SOLVED, most=MAX_STEPS)
-            out[part, list(self.system.columns)] = self.system.traction(solved)
+            solved = self.system.space.solve(rows, parameter[part], tolerance=SOLVED, most=MAX_STEPS)
+            out[part, list(self.system.columns)] = self.system.space.traction(solved)
         return out
 
     def _floor(self, readings: Sequence[Floats]) -> Floats:

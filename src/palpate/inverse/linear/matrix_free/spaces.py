@@ -65,8 +65,8 @@ class Space(Protocol):
         *,
         tolerance: float | Floats,
         most: int,
-        start: Floats | None,
-        checked: bool,
+        start: Floats | None = None,
+        checked: bool = True,
     ) -> Solved:
         """(M + lambda)^{-1} rows, see `palpate.inverse.linear.matrix_free.iteration.solve`."""
         ...
@@ -129,8 +129,8 @@ class OnArray:
         *,
         tolerance: float | Floats,
         most: int,
-        start: Floats | None,
-        checked: bool,
+        start: Floats | None = None,
+        checked: bool = True,
     ) -> Solved:
         """(M + lambda)^{-1} rows."""
         return solve(
@@ -270,8 +270,8 @@ class OnSurface:
         *,
         tolerance: float | Floats,
         most: int,
-        start: Floats | None,
-        checked: bool,
+        start: Floats | None = None,
+        checked: bool = True,
     ) -> Solved:
         """(M + lambda)^{-1} rows; ``start`` is ignored, because it would have to be far more accurate than it is."""
         found = self._inverse(self._back(rows), parameter, tolerance, most, checked=checked)
