@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,7 @@ __all__ = [
     "filtered_inverse",
     "mean_sizes",
     "minus_evidence",
+    "noise_variance",
     "pick",
     "refined",
     "tikhonov",
@@ -84,12 +85,14 @@ MODEL_ERROR = 2e-4
 
 
 class Choice(NamedTuple):
-    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, whether the rule fell
-    back to another one, and that rule's name.
+    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, sum of squares of the
+    residual and its degrees of freedom, whether the rule fell back to another one, and that rule's name.
     """
 
     parameter: Floats
     noise_variance: Floats
+    residual: Floats
+    free: Floats
     fell_back: npt.NDArray[np.bool_]
     fallback: str
 
@@ -137,7 +140,7 @@ def choose_parameter(
 
 
 def choose(
-    rule: str,
+    rule: str | float,
     filter_factors: Filter,
     eigenvalues: Floats,
     multiplicity: Floats,
@@ -147,12 +150,12 @@ def choose(
     floor: Floats | None = None,
     tried: Tried | None = None,
 ) -> Choice:
-    """The regularisation parameter of each frame by a rule.
+    """The regularisation parameter of each frame by a rule, and the noise for it.
 
     Parameters
     ----------
-    rule : str
-        "gcv": generalised cross-validation, min m sum r^2/(sum (1 - phi))^2 (Golub, Heath, Wahba 1979).
+    rule : str or float
+        The parameter itself, or a rule. "gcv": generalised cross-validation, min m sum r^2/(sum (1 - phi))^2 (Golub, Heath, Wahba 1979).
         "lcurve": the corner (largest curvature) of log residual against log penalty (Hansen 1992). Frames whose curve has none (a traction rough at
         every wavelength) use "evidence" ("gcv" for truncated spectra).
         "discrepancy": residual equal to the noise, sum r^2 = m; needs the noise (Morozov 1966).
@@ -176,43 +179,45 @@ def choose(
     Choice
         The noise variance is relative to the whitening (1 if it is known).
     """
-    check_rule(rule, filter_factors, noise_known=noise_known)
-    least = np.zeros(len(power)) if floor is None else floor
-    if tried is None:
-        if filter_factors is tikhonov:
-            tried = tried_on(eigenvalues, multiplicity)
-        else:
-            levels = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
-            tried = Tried(filter_factors, levels, eigenvalues, multiplicity)
-    grid = tried.grid
+    least = None if noise_known else np.zeros(len(power)) if floor is None else floor
     datum = multiplicity * power  # (frame, n)
-    curves = SpectrumCurves(tried, datum)
-    found = pick(rule, curves, None if noise_known else least)
-    parameter = found.parameter if filter_factors is tikhonov else grid[found.best].copy()
-    without, instead = found.without, ""
-    if without.any():
-        instead = "gcv" if filter_factors is truncate else "evidence"
-        other = choose(
-            instead,
-            filter_factors,
-            eigenvalues,
-            multiplicity,
-            power[without],
-            noise_known=noise_known,
-            floor=None if floor is None else floor[without],
-        )
-        parameter[without] = other.parameter
-    if noise_known:
-        return Choice(parameter, np.ones(len(parameter)), without, instead)
-    phi = filter_factors(eigenvalues[None, :], parameter[:, None])
-    if rule == "evidence":
-        variance = (datum * (1.0 - phi)).sum(axis=1) / float(multiplicity.sum())
+    instead = "gcv" if filter_factors is truncate else "evidence"
+    without, by_evidence = np.zeros((2, len(power)), dtype=bool)
+    if isinstance(rule, str):
+        check_rule(rule, filter_factors, noise_known=noise_known)
+        known = tried or tried_on(eigenvalues, multiplicity, filter_factors)
+
+        def picked(rule: str, some: Any) -> tuple[Floats, npt.NDArray[np.bool_]]:
+            found = pick(rule, SpectrumCurves(known, datum[some]), None if least is None else least[some])
+            return found.parameter if filter_factors is tikhonov else known.grid[found.best], found.without
+
+        parameter, without = picked(rule, slice(None))
+        if without.any():
+            parameter[without] = picked(instead, without)[0]
+        by_evidence = without & (instead == "evidence") | (rule == "evidence")
     else:
-        variance = (datum * (1.0 - phi) ** 2).sum(axis=1) / np.maximum((1.0 - phi) @ multiplicity, 1.0)
-    variance = np.maximum(variance, least)
-    if without.any():
-        variance[without] = other.noise_variance
-    return Choice(parameter, variance, without, instead)
+        parameter = np.full(len(power), float(rule))
+    left = 1.0 - filter_factors(eigenvalues, parameter[:, None])
+    residual, free = (datum * left**2).sum(axis=1), left @ multiplicity
+    explained, count = (datum * left).sum(axis=1), float(multiplicity.sum())
+    variance = noise_variance(explained, residual, free, count, by_evidence, least)
+    return Choice(parameter, variance, residual, free, without, instead)
+
+
+def noise_variance(
+    explained: Floats,
+    residual: Floats,
+    free: Floats,
+    count: float,
+    by_evidence: npt.NDArray[np.bool_],
+    floor: Floats | None,
+) -> Floats:
+    """Noise variance of each frame (frame,) from the sums in `Curves` at its parameter: 1 if the noise is known
+    (``floor`` None), else at least ``floor``. ``by_evidence``: the parameter is that of the largest evidence.
+    """
+    if floor is None:
+        return np.ones(len(residual))
+    return np.maximum(np.where(by_evidence, explained / count, residual / np.maximum(free, 1.0)), floor)
 
 
 def check_rule(rule: str, filter_factors: Filter, *, noise_known: bool) -> None:
@@ -293,12 +298,12 @@ class Tried:
         return self._weights
 
 
-def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
-    """Quantities of a spectrum for choosing Tikhonov's parameter; long spectra are binned."""
-    grid = candidates(eigenvalues)
-    if len(eigenvalues) < LONG:
-        return Tried(tikhonov, grid, eigenvalues, multiplicity)
-    return Binned(grid, eigenvalues, multiplicity)
+def tried_on(eigenvalues: Floats, multiplicity: Floats, filter_factors: Filter = tikhonov) -> Tried:
+    """Quantities of a spectrum for choosing the parameter; for Tikhonov's filter, long spectra are binned."""
+    grid = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
+    if filter_factors is tikhonov and len(eigenvalues) >= LONG:
+        return Binned(grid, eigenvalues, multiplicity)
+    return Tried(filter_factors, grid, eigenvalues, multiplicity)
 
 
 class Binned(Tried):
