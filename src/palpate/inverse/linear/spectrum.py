@@ -35,7 +35,7 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.maps import body_of
 from palpate.sensing.operator import Operator
 
-__all__ = ["DataSpectrum", "Shared", "Spectrum", "noise_scales"]
+__all__ = ["DataSpectrum", "Shared", "Spectrum", "in_components", "noise_scales", "recall_key"]
 
 #: Largest dense eigenproblem (readings in one symmetry block): five matrices of 134 MB; 64 x 64 x 3 by symmetry.
 LARGEST_BLOCK = 4096
@@ -123,25 +123,33 @@ def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Float
     ], False
 
 
-class _Fold:
-    """Change of basis of a regular grid into mirror-symmetric and antisymmetric halves."""
-
-    def __init__(self, shape: Sequence[int]) -> None:
-        self.halves = [{s: _half_basis(n, s) for s in (1, -1)} for n in shape]
-
-    def matrix(self, parities: Sequence[int]) -> list[Floats]:
-        return [halves[p] for halves, p in zip(self.halves, parities)]
+def recall_key(
+    what: str, operator: Operator, columns: Sequence[int], priors: Sequence[Prior], scales: Sequence[Floats]
+) -> str | None:
+    """The key of a computed value in `Recall`; None if a pad or a prior has no digest."""
+    kinds = [(type(p).__qualname__, p.key) for p in priors]
+    return digest(what, operator.pad, operator.planes_of, operator.surface, list(columns), kinds, list(scales))
 
 
-def _half_basis(n: int, sign: int) -> Floats:
-    """Rows: an orthonormal basis of the even (+1) or odd (-1) vectors of length n."""
-    pairs = n // 2
-    basis = np.zeros((pairs + (n % 2 if sign > 0 else 0), n))
-    for i in range(pairs):
-        basis[i, i], basis[i, n - 1 - i] = math.sqrt(0.5), sign * math.sqrt(0.5)
-    if n % 2 and sign > 0:
-        basis[pairs, pairs] = 1.0
-    return basis
+def in_components(images: Any, columns: Sequence[int], count: int, dimensions: int) -> Any:
+    """Images (..., component sought, *surface) among all ``count`` components; zero in those not sought."""
+    if list(columns) == list(range(count)):
+        return images
+    xp, tail = namespace(images), (slice(None),) * dimensions
+    zero = xp.zeros_like(images[(..., 0, *tail)])
+    each = {column: images[(..., i, *tail)] for i, column in enumerate(columns)}
+    return xp.stack([each.get(column, zero) for column in range(count)], axis=-1 - dimensions)
+
+
+def _halves(shape: Sequence[int], parities: Sequence[int]) -> list[Floats]:
+    """For each axis of ``shape``, an orthonormal basis (row, entry) of the even (parity 1) or odd (-1) vectors."""
+    bases = []
+    for n, sign in zip(shape, parities):
+        unit = np.eye(n)[: n // 2]
+        basis = math.sqrt(0.5) * (unit + sign * unit[:, ::-1])
+        middle = np.eye(n)[n // 2 : n // 2 + (n % 2 if sign > 0 else 0)]
+        bases.append(np.concatenate([basis, middle]))
+    return bases
 
 
 @dataclass
@@ -193,15 +201,7 @@ class DataSpectrum:
             else inverse_root(a.points[a.valid.ravel()], a.noise_correlation)
             for a in operator.planes_of
         ]
-        self.key = digest(
-            "spectrum",
-            operator.pad,
-            operator.planes_of,
-            operator.surface,
-            self.columns,
-            [(type(p).__qualname__, p.key) for p in priors],
-            list(scales),
-        )
+        self.key = recall_key("spectrum", operator, self.columns, priors, scales)
         self.blocks = self._recalled(symmetric) or (self._symmetric_blocks() if symmetric else [self._whole()])
         self.eigenvalues = np.concatenate([b.eigenvalues for b in self.blocks])
         self.multiplicity = np.ones(len(self.eigenvalues))
@@ -254,10 +254,10 @@ class DataSpectrum:
         axes = "x" if len(signs) == 1 else "yx"
         out: list[list[list[Floats]]] = []
         for array in self.operator.planes_of:
-            fold, roots = _Fold(array.shape), axis_roots(array)
+            roots = axis_roots(array)
             out.append([])
             for channel in array.channels:
-                basis = fold.matrix([s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
+                basis = _halves(array.shape, [s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
                 out[-1].append(basis if roots is None else [b @ r for b, r in zip(basis, roots)])
         return out
 
@@ -316,7 +316,6 @@ class DataSpectrum:
         surface, names = self.operator.surface, self.operator.surface.components
         d = surface.dimensions
         axes = "x" if d == 1 else "yx"
-        cell_fold = _Fold(surface.shape)
         every = self.columns == list(range(len(names)))
         dense = [p.dense() for p in self.operator.planes]
         for signs in itertools.product((1, -1), repeat=d):
@@ -331,7 +330,7 @@ class DataSpectrum:
             folded = []
             for i, column in enumerate(self.columns):
                 # Both images are symmetric: half of each axis contains everything.
-                halves = cell_fold.matrix([s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
+                halves = _halves(surface.shape, [s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
                 weighted = self.priors[i].covariance(stacked[:, i])
                 folded.append((_folded(stacked[:, i], halves), _folded(weighted, halves), halves))
             yield bases, folded
@@ -368,24 +367,16 @@ class DataSpectrum:
 
     def solve(self, weights: Any) -> Any:
         """V weights: traction (..., component, *surface), zero in components not sought."""
-        xp = namespace(weights)
+        xp, surface = namespace(weights), self.operator.surface
         if self._modes is None:
             # Small singular values are divided by before the operator multiplies by them again, which float32 cannot
             # represent.
             wide = xp.astype(weights, xp.float64)
-            out = self._adjoint(wide * from_numpy(self._inverse_root(), wide))
-            return xp.astype(out, weights.dtype)
-        surface = self.operator.surface
-        modes = self._prepared(weights)[5]
-        batch = weights.shape[:-1]
-        images = xp.reshape(xp.matmul(weights, modes), (*batch, len(self.columns), *surface.shape))
-        tail = (slice(None),) * surface.dimensions
-        zero = xp.zeros_like(images[(..., 0, *tail)])
-        parts = [
-            images[(..., self.columns.index(i), *tail)] if i in self.columns else zero
-            for i in range(len(surface.components))
-        ]
-        return xp.stack(parts, axis=-1 - surface.dimensions)
+            images = xp.astype(self._adjoint(wide * from_numpy(self._inverse_root(), wide)), weights.dtype)
+        else:
+            images = xp.matmul(weights, self._prepared(weights)[5])
+            images = xp.reshape(images, (*weights.shape[:-1], len(self.columns), *surface.shape))
+        return in_components(images, self.columns, len(surface.components), surface.dimensions)
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface)."""
@@ -435,10 +426,10 @@ class DataSpectrum:
         root = self._inverse_root()
         unit = np.zeros((here.stop - here.start, len(root)))
         unit[np.arange(len(unit)), np.arange(here.start, here.stop)] = root[here]
-        return np.asarray(self._adjoint(unit)[:, self.columns].reshape(len(unit), -1))
+        return np.asarray(self._adjoint(unit).reshape(len(unit), -1))
 
     def _adjoint(self, weights: Any) -> Any:
-        """W A^T N^{-1/2} U weights."""
+        """W A^T N^{-1/2} U weights: (..., component sought, *surface)."""
         xp = namespace(weights)
         bases, vectors, scales, picks, roots, _ = self._prepared(weights)
         planes = self.operator.planes_of
@@ -476,18 +467,10 @@ class DataSpectrum:
                         )
                     image = xp.stack(images, axis=-1 - d)
                 totals[plane] = image if totals[plane] is None else totals[plane] + image
-        adjoint = self.operator.adjoint([t / s for t, s in zip(totals, scales)])
-        return self._select(xp, adjoint)
-
-    def _select(self, xp: Any, adjoint: Any) -> Any:
-        d = self.operator.surface.dimensions
-        tail = (slice(None),) * d
-        out = []
-        for column in range(len(self.operator.surface.components)):
-            part = adjoint[(..., column, *tail)]
-            sought = column in self.columns
-            out.append(self.priors[self.columns.index(column)].covariance(part) if sought else xp.zeros_like(part))
-        return xp.stack(out, axis=-1 - d)
+        seen = self.operator.adjoint([t / s for t, s in zip(totals, scales)], self.columns)
+        tail = (slice(None),) * self.operator.surface.dimensions
+        parts = [prior.covariance(seen[(..., i, *tail)]) for i, prior in enumerate(self.priors)]
+        return xp.stack(parts, axis=-1 - len(tail))
 
     def _prepared(self, like: Any) -> Any:
         xp = namespace(like)

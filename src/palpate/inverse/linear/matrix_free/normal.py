@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -77,17 +78,13 @@ class Normal:
         array = self.operator.planes_of[plane]
         if not array.noise_correlation or isinstance(array, ScatteredArray):
             return None
-        out: Floats = np.ones(1)
-        for axis, (count, n, pitch) in enumerate(zip(waves, size, array.grid.spacings)):
+        spectra = []
+        for count, n, pitch in zip(waves, size, array.grid.spacings):
             # The inverse of exp(-|x|/length) on a lattice is tridiagonal.
             part = math.exp(-pitch / array.noise_correlation)
-            wave = (1.0 + part**2 - 2.0 * part * np.cos(2 * np.pi * np.arange(count) / n)) / (1.0 - part**2)
-            out = out * wave.reshape([-1 if i == axis else 1 for i in range(len(size))])
-        return out
-
-    def working(self, plane: int) -> int:
-        """Working taxels of a plane."""
-        return int(self.operator.planes_of[plane].valid.sum())
+            wave = 2.0 * part * np.cos(2 * np.pi * np.arange(count) / n)
+            spectra.append((1.0 + part**2 - wave) / (1.0 - part**2))
+        return np.asarray(reduce(np.multiply.outer, spectra))
 
     def joined(self, planes: Sequence[Floats]) -> Floats:
         """Rows (frame, n) from one array (frame, channel, *array) per plane, missing taxels zero."""

@@ -20,6 +20,7 @@ from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.parameter import check_rule, noise_variance, tikhonov
 from palpate.inverse.linear.posterior import Variances
 from palpate.inverse.linear.solution import LinearMethod, Solution, joined
+from palpate.inverse.linear.spectrum import in_components
 
 __all__ = ["MatrixFree"]
 
@@ -143,6 +144,4 @@ class MatrixFree(LinearMethod):
 
     def _everywhere(self, sought: Floats) -> Floats:
         """Traction (frame, component, *surface) from that of the components sought."""
-        out = np.zeros((len(sought), len(self.grid.components), *self.grid.shape))
-        out[:, list(self.system.columns)] = sought
-        return out
+        return in_components(sought, self.system.columns, len(self.grid.components), self.grid.dimensions)

@@ -345,7 +345,7 @@ class OnSurface:
 
     def _whitened(self, rows: Any) -> Any:
         """C^T w (row, n)."""
-        parts = [p.whitened(rows[:, i]).reshape(len(rows), -1) for i, p in enumerate(self._priors)]
+        parts = [p.root(rows[:, i]).reshape(len(rows), -1) for i, p in enumerate(self._priors)]
         return np.concatenate(parts, axis=1)
 
     def _back(self, rows: Any) -> Any:
@@ -372,7 +372,7 @@ class OnSurface:
                 waves = _sines(kernel[c][normal.columns], grid.shape)
                 out = out + density * waves / normal.scale(p, c) ** 2
         self._covered = float(np.mean(covered))
-        return np.asarray(out * np.stack([prior.white() for prior in self._priors]))
+        return np.asarray(out * np.stack([prior.in_sines for prior in self._priors]))
 
 
 def _safe(eigenvalues: Floats, counts: Floats, largest: float, readings: int) -> float:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from palpate._recall import digest
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.freedom import Freedom
 from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.spaces import space
 from palpate.inverse.linear.posterior import Variances
 from palpate.inverse.linear.priors import Prior
-from palpate.inverse.linear.spectrum import noise_scales
+from palpate.inverse.linear.spectrum import noise_scales, recall_key
 from palpate.sensing.operator import Operator
 
 __all__ = ["System"]
@@ -32,15 +31,7 @@ class System:
         self.freedom = Freedom(self.normal, self.space)
         #: Error bars of estimates, once `MatrixFree` has made them.
         self.variances: Variances | None = None
-        self.key = digest(
-            "freedom",
-            operator.pad,
-            operator.planes_of,
-            operator.surface,
-            self.columns,
-            [(type(p).__qualname__, p.key) for p in priors],
-            list(self.scales),
-        )
+        self.key = recall_key("freedom", operator, columns, priors, self.scales)
         if operator.recall is not None and self.key is not None:
             self.freedom.take(operator.recall.entries.get(self.key))
 
