@@ -14,10 +14,18 @@ import numpy as np
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, filtered_inverse, refined, tikhonov
+from palpate.inverse.linear.parameter import (
+    TINY,
+    Tried,
+    candidates,
+    choose_parameter,
+    filtered_inverse,
+    refined,
+    tikhonov,
+)
 from palpate.inverse.linear.regularised import Decomposition
 
-__all__ = ["LinearEvidence", "Marginal", "linear_evidence", "log_evidence", "of_unit_size"]
+__all__ = ["LinearEvidence", "Marginal", "evidence_gain", "linear_evidence", "log_evidence", "of_unit_size"]
 
 #: Combinations of patterns below this fraction of the largest eigenvalue are rounding errors of the normal matrix.
 MIN_EIGENVALUE = 1e-10
@@ -106,18 +114,24 @@ def linear_evidence(
         logdet, base, count = float(counts @ np.log1p(ratio)), 0.0, float(counts.sum())
         free, sizes = coefficients, np.zeros(0)
     scale = math.sqrt(variance) * unit
-    if everything <= 0.0:
-        gain = 0.0
-    elif certain:
-        gain = 0.5 * (everything - left - (logdet - base))
-    else:
-        gain = 0.5 * (count * math.log(everything / max(left, 1e-300)) - (logdet - base))
+    gain = evidence_gain(everything, left, logdet - base, count, certain)
 
     def traction() -> Floats:
         filtered = free * filtered_inverse(tikhonov, values, np.array([best]))[0]
         return np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
 
     return LinearEvidence(gain, best, scale, traction, logdet, left * unit**2, count, sizes * unit)
+
+
+def evidence_gain(everything: float, left: float, logdet: float, count: float, certain: bool) -> float:
+    """Log marginal likelihood over that of noise alone, from the objectives of noise alone and of the model, the log
+    determinant over that of noise, and the number of readings; ``certain``: the noise is known.
+    """
+    if everything <= 0.0:
+        return 0.0
+    if certain:
+        return 0.5 * (everything - left - logdet)
+    return 0.5 * (count * math.log(everything / max(left, TINY)) - logdet)
 
 
 def of_unit_size(patterns: Floats) -> tuple[Floats, Floats]:
@@ -135,7 +149,7 @@ def log_evidence(objective: float, logdet: float, count: float, noise: float | N
     """
     if noise is not None:
         return -0.5 * objective / noise**2 - count * math.log(noise) - 0.5 * logdet
-    return math.lgamma(0.5 * count) - 0.5 * count * math.log(max(0.5 * objective, 1e-300)) - 0.5 * logdet
+    return math.lgamma(0.5 * count) - 0.5 * count * math.log(max(0.5 * objective, TINY)) - 0.5 * logdet
 
 
 class Marginal:
@@ -181,7 +195,7 @@ class Marginal:
         grid, objective, logdet = self.curve
         score = objective / noise**2 + logdet
         if not certain:
-            score = self.count * np.log(np.maximum(objective / noise**2, 1e-300) / self.count) + logdet
+            score = self.count * np.log(np.maximum(objective / noise**2, TINY) / self.count) + logdet
         score = np.where(np.isfinite(score), score, np.inf)[None]
         parameter = float(refined(grid, score, np.argmin(score, axis=1))[0])
         return parameter, self.variance(parameter, certain, noise)
@@ -220,7 +234,7 @@ def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
     separate count as one; patterns without effect do not count.
     """
     values, vectors = np.linalg.eigh(gram)
-    seen = values > MIN_EIGENVALUE * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
+    seen = values > MIN_EIGENVALUE * np.maximum(values.max(axis=-1, keepdims=True), TINY)
     along = (right[..., None, :] @ vectors)[..., 0, :]
     safe = np.where(seen, values, 1.0)
     return np.where(seen, along**2 / safe, 0.0).sum(axis=-1), np.log(safe).sum(axis=-1)

@@ -59,7 +59,7 @@ def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: in
     total = matrices + 5.0 * 8.0 * n * n + kept
     modes = 0.0
     if count * sought * cells <= LARGEST_MODES:
-        modes = kept + 16.0 * count * sought * cells + 8.0 * row * min(count, MODES_AT_A_TIME)
+        modes = kept + 16.0 * count * sought * cells + 8.0 * part * row * min(count, MODES_AT_A_TIME)
     return max(total, modes)
 
 

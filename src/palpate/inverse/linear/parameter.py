@@ -391,8 +391,16 @@ def _ends(eigenvalues: Floats) -> tuple[float, float]:
     return float(eigenvalues[eigenvalues > CORNER * top].min(initial=top)), top
 
 
-def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.bool_] | None = None) -> Picked:
-    """Apply the rule to the curves; ``floor`` as in `amplitude`, ``among`` (frame, candidate) the allowed candidates."""
+def pick(
+    rule: str,
+    curves: Curves,
+    floor: Floats | None,
+    among: npt.NDArray[np.bool_] | None = None,
+    noise: float = 1.0,
+) -> Picked:
+    """Apply the rule to the curves; ``floor`` and ``noise`` as in `minus_evidence`, ``among`` (frame, candidate) the
+    allowed candidates.
+    """
     count = curves.count
     score: Floats
     if rule == "gcv":
@@ -404,7 +412,7 @@ def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.
         curvature, turned = _bend(np.log(np.maximum(curves.residual, TINY)), np.log(np.maximum(curves.penalty, TINY)))
         score = np.where(curves.inside, -curvature, np.inf)
     else:
-        score = minus_evidence(curves, floor)[0]
+        score = minus_evidence(curves, floor, noise)[0]
     score = np.where(np.isfinite(score), score, np.inf)
     if among is not None:
         score = np.where(among, score, np.inf)
@@ -462,9 +470,11 @@ def _levels(eigenvalues: Floats) -> Floats:
     return grid
 
 
-def minus_evidence(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:
-    """-2 log marginal likelihood and the noise variance (frame, candidate) for Tikhonov's filter; ``floor`` as in `amplitude`."""
-    explained, logdet = curves.explained, curves.logdet
+def minus_evidence(curves: Curves, floor: Floats | None, noise: float = 1.0) -> tuple[Floats, Floats]:
+    """-2 log marginal likelihood and the noise variance (frame, candidate) for Tikhonov's filter, relative to ``noise``
+    squared; ``floor`` as in `amplitude`.
+    """
+    explained, logdet = curves.explained / noise**2, curves.logdet
     if floor is None:
         return explained + logdet, np.ones_like(explained)
     variance = np.maximum(np.maximum(explained / curves.count, floor[:, None]), TINY)

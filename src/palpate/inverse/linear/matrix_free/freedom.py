@@ -67,7 +67,7 @@ class Freedom:
     def approximate(self, parameter: Floats) -> Floats:
         """Degrees of freedom of the approximation."""
         used = (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
-        return used if self.space.whole else np.minimum(used, MAX_USED_FRACTION * self.normal.count)
+        return used if self.space.of_readings else np.minimum(used, MAX_USED_FRACTION * self.normal.count)
 
     def of(self, parameter: Floats) -> Floats:
         """Degrees of freedom at parameters (frame,)."""
@@ -121,16 +121,16 @@ class Freedom:
             form, square_form = self.space.forms(rows, parameter, solved)
             sums = np.stack([lam * form, lam**2 * square_form], axis=1)
             guessed = np.stack([powers @ ratio, powers @ ratio**2], axis=1)
-            found = np.concatenate([found, sums - guessed + expected if self.space.whole else sums])
+            found = np.concatenate([found, sums - guessed + expected if self.space.of_readings else sums])
             error = float(np.std(found[:, 0], ddof=1)) / math.sqrt(len(found))
             if error < KNOWN * (n - found[:, 0].mean()):
                 break
         free, square = found.mean(axis=0)
         free = min(max(float(free), MIN_FRACTION * n), (1 - MIN_FRACTION) * n)
-        if not self.space.whole:
+        if not self.space.of_readings:
             expected = np.array([n - float(self.approximate(np.array([lam]))[0]), math.nan])
         first, second = _odds(n, free, float(square)), _odds(n, float(expected[0]), float(expected[1]))
-        if not self.space.whole:  # the slope of the approximation as it is, cut off or not
+        if not self.space.of_readings:  # the slope of the approximation as it is, cut off or not
             near = lam * np.array([SLOPE, 1.0 / SLOPE])
             used = self.approximate(near) / n
             odds = np.log(used / (1.0 - used))

@@ -102,15 +102,17 @@ class Normal:
 
     def traction(self, rows: Floats) -> Floats:
         """W H^T u: (frame, component sought, *surface)."""
-        return self.chunked(self._traction, rows)
+        return self.chunked(lambda some: self.covariance(self.seen(some)), rows)
 
     def readings(self, traction: Floats) -> Floats:
         """H t (frame, n) of (frame, component sought, *surface)."""
-        return self.chunked(self._readings, traction)
+        return self.chunked(
+            lambda some: self.joined(self._whitened(self.operator.forward(some, self.columns))), traction
+        )
 
     def apply(self, rows: Floats) -> Floats:
         """M u."""
-        return self.chunked(lambda some: self._readings(self._traction(some)), rows)
+        return self.chunked(lambda some: self.readings(self.traction(some)), rows)
 
     def covariance(self, traction: Floats) -> Floats:
         """W t."""
@@ -127,12 +129,6 @@ class Normal:
     def seen(self, rows: Floats) -> Floats:
         """A^T N^{-1/2} u: (frame, component sought, *surface)."""
         return np.asarray(self.operator.adjoint(self._whitened(self.planes(rows)), self.columns))
-
-    def _traction(self, rows: Floats) -> Floats:
-        return self.covariance(self.seen(rows))
-
-    def _readings(self, traction: Floats) -> Floats:
-        return self.joined(self._whitened(self.operator.forward(traction, self.columns)))
 
     def _whitened(self, parts: Sequence[Floats]) -> list[Floats]:
         """Multiply by N^{-1/2}, which is symmetric."""

@@ -7,7 +7,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.rules import Corrected, Search
 from palpate.inverse.linear.matrix_free.system import System
-from palpate.inverse.linear.parameter import TINY, candidates
+from palpate.inverse.linear.parameter import candidates
 from palpate.inverse.linear.patterns import COARSE, SIZES, Patterns, Removed
 from palpate.inverse.linear.solution import joined
 
@@ -61,9 +61,7 @@ class SolvedPatterns(Patterns):
             middle = np.einsum("gin,jn->gij", solved, self.rows)
             middle = 0.5 * (middle + np.swapaxes(middle, 1, 2))
             inner = np.einsum("gin,fn->fgi", solved, row)
-            log, at = np.log(curves.grid)[::-1], np.log(self.grid[some])
-            explained = np.exp(np.interp(at, log, np.log(np.maximum(curves.explained[0], TINY))[::-1]))[None]
-            logdet = np.interp(at, log, curves.logdet[::-1])
+            explained, _, logdet, _ = curves.at(self.grid[some])
             # Candidates are compared with patterns of practically any size.
             wide = middle + np.eye(len(self.all)) / SIZES[-1] ** 2
             left = explained - np.einsum("fgi,gi->fg", inner, np.linalg.solve(wide, inner[0, ..., None])[..., 0])

@@ -97,6 +97,15 @@ class Corrected:
                 )
             )
 
+    def at(self, parameter: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """explained and residual (frame, parameter), log determinant and free (parameter,) at each ``parameter``."""
+        log, at = np.log(self.grid)[::-1], np.log(parameter)
+        explained, residual = (
+            np.stack([np.exp(np.interp(at, log, np.log(np.maximum(each, TINY))[::-1])) for each in curve])
+            for curve in (self.explained, self.residual)
+        )
+        return explained, residual, np.interp(at, log, self.logdet[::-1]), np.interp(at, log, self.free[::-1])
+
     def nearest(self, parameter: Floats) -> Floats:
         """Distance (in log lambda) of each parameter from the nearest solution of its frame."""
         return np.array(
@@ -209,7 +218,7 @@ class Search:
         else:
             parameter = np.array(parameter)
         open_ = np.flatnonzero((rows**2).sum(axis=1) > 0)
-        doubted = self.rule == "gcv" and not self.system.space.whole
+        doubted = self.rule == "gcv" and not self.system.space.of_readings
         for _ in range(ROUNDS):
             if not open_.size:
                 break
@@ -241,7 +250,7 @@ class Search:
         frames = np.arange(len(rows)) if some is None else some
         there = parameter[frames]
         goal: float | Floats = TOLERANCE
-        corrected = self.system.space.corrected
+        corrected = self.system.space.of_readings
         if self.rule == "evidence" and corrected:
             log = np.log(curves.grid)[::-1]
             kept = curves.residual[frames][:, ::-1]

@@ -107,7 +107,7 @@ class MatrixFree(LinearMethod):
                 other = Search(system, "evidence", None if floor is None else floor[without]).find(rows[without])
                 parameter[without], start[without] = other.parameter, other.solutions
                 unsettled[without] = other.unsettled
-            if system.space.corrected:
+            if system.space.of_readings:
                 size = np.linalg.norm(rows, axis=1)
                 noise = parameter * np.linalg.norm(start, axis=1) / np.where(size > 0, size, 1.0)
                 goal = np.clip(LEARNED * noise, goal, max(goal, LARGEST))
