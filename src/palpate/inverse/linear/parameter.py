@@ -16,6 +16,7 @@ import numpy.typing as npt
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.linear.lumps import cubic_weights
 
 __all__ = [
     "MODEL_ERROR",
@@ -318,22 +319,10 @@ class Binned(Tried):
         top = float(eigenvalues.max())
         count = BINS_PER_DECADE * (DECADES + BELOW)
         log = BINS_PER_DECADE * (np.log10(np.maximum(eigenvalues, TINY)) - math.log10(top)) + count
-        first = np.clip(np.floor(log).astype(int) - 1, 0, count - 3)
-        x = log - first
-        shares = np.stack(
-            [
-                -(x - 1) * (x - 2) * (x - 3) / 6,
-                x * (x - 2) * (x - 3) / 2,
-                -x * (x - 1) * (x - 3) / 2,
-                x * (x - 1) * (x - 2) / 6,
-            ]
-        )
-        below = log < 0
-        shares[:, below] = np.array([1.0, 0.0, 0.0, 0.0])[:, None]
-        places = np.where(below, count + 1, first + np.arange(4)[:, None])
-        rows = np.broadcast_to(np.arange(len(eigenvalues)), places.shape)
-        self._shares = scipy.sparse.csr_array(
-            (shares.ravel(), (places.ravel(), rows.ravel())), shape=(count + 2, len(eigenvalues))
+        inside = np.flatnonzero(log >= 0)
+        weights = cubic_weights(log[inside], inside, count + 1, len(log))
+        self._shares = scipy.sparse.vstack(
+            [weights, scipy.sparse.csr_array((log < 0)[None].astype(float))], format="csr"
         )
         bins = np.append(top * 10.0 ** ((np.arange(count + 1) - count) / BINS_PER_DECADE), 0.0)
         super().__init__(tikhonov, grid, bins, self._shares @ multiplicity)
