@@ -80,47 +80,35 @@ def linear_evidence(
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
     unit = known or 1.0
-    coefficients = np.asarray(spectrum.project(rows) if projected is None else projected) / unit
+    coefficients = np.asarray(spectrum.project(rows) if projected is None else projected)
     certain = linear.noise_known or known is not None
-    if patterns is not None and (isinstance(patterns, Marginal) or len(patterns)):
-        given = (
-            patterns
-            if isinstance(patterns, Marginal)
-            else Marginal(values, coefficients * unit, patterns, spectrum.tried)
-        )
-        if parameter is None:
-            best, variance = given.best(certain, unit)
-        else:
-            best, variance = parameter, given.variance(parameter, certain, unit)
-        (everything, base), (left, logdet), count = given.alone, given.at(best), given.count
-        everything, left = everything / unit**2, left / unit**2
-        free, sizes = _without(values, coefficients, given.patterns, best)
-        own = 2.0 * float(np.log(given.size).sum())
-        logdet, base, sizes = logdet + own, base + own, sizes / given.size
+    if patterns is not None and not isinstance(patterns, Marginal):
+        patterns = Marginal(values, coefficients, patterns, spectrum.tried) if len(patterns) else None
+    if patterns is not None:
+        best = patterns.best(certain, unit) if parameter is None else parameter
+        (everything, base), (left, logdet), count = patterns.alone, patterns.at(best), patterns.count
+        free, sizes = _without(values, coefficients, patterns.patterns, best)
+        own = 2.0 * float(np.log(patterns.size).sum())
+        logdet, base, sizes = logdet + own, base + own, sizes / patterns.size
     else:
         power = np.abs(coefficients) ** 2
         if parameter is None:
-            tried = spectrum.tried
-            chosen, found = choose_parameter(
-                "evidence", tikhonov, values, counts, power[None], noise_known=certain, tried=tried
-            )
-        else:
-            chosen = np.array([parameter])
-            left = float((counts * power * (1.0 - tikhonov(values, chosen))).sum())
-            found = np.array([1.0 if certain else left / counts.sum()])
-        best, variance = float(chosen[0]), float(found[0])
+            scaled, tried = power[None] / unit**2, spectrum.tried
+            found = choose_parameter("evidence", tikhonov, values, counts, scaled, noise_known=certain, tried=tried)
+            parameter = float(found[0][0])
+        best = parameter
         ratio = values / best
         left, everything = float((counts * power / (1.0 + ratio)).sum()), float((counts * power).sum())
         logdet, base, count = float(counts @ np.log1p(ratio)), 0.0, float(counts.sum())
         free, sizes = coefficients, np.zeros(0)
-    scale = math.sqrt(variance) * unit
-    gain = evidence_gain(everything, left, logdet - base, count, certain)
+    scale = unit if certain else math.sqrt(max(left, 0.0) / count)
+    gain = evidence_gain(everything / unit**2, left / unit**2, logdet - base, count, certain)
 
     def traction() -> Floats:
         filtered = free * filtered_inverse(tikhonov, values, np.array([best]))[0]
-        return np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
+        return np.asarray(spectrum.solve(filtered))[list(linear.columns)]
 
-    return LinearEvidence(gain, best, scale, traction, logdet, left * unit**2, count, sizes * unit)
+    return LinearEvidence(gain, best, scale, traction, logdet, left, count, sizes)
 
 
 def evidence_gain(everything: float, left: float, logdet: float, count: float, certain: bool) -> float:
@@ -188,21 +176,14 @@ class Marginal:
         (objective,), (logdet,) = _restricted(parameter / (parameter + self.values)[None], self.c, self._rows)
         return float(objective), float(logdet) + self._own
 
-    def best(self, certain: bool, noise: float = 1.0) -> tuple[float, float]:
-        """The parameter of largest evidence, and the variance of the noise over that of ``noise``, which is 1 if ``noise``
-        is ``certain``.
-        """
+    def best(self, certain: bool, noise: float = 1.0) -> float:
+        """The parameter of largest evidence; ``certain``: the noise is known, and of this size."""
         grid, objective, logdet = self.curve
         score = objective / noise**2 + logdet
         if not certain:
-            score = self.count * np.log(np.maximum(objective / noise**2, TINY) / self.count) + logdet
+            score = self.count * np.log(np.maximum(objective, TINY) / self.count) + logdet
         score = np.where(np.isfinite(score), score, np.inf)[None]
-        parameter = float(refined(grid, score, np.argmin(score, axis=1))[0])
-        return parameter, self.variance(parameter, certain, noise)
-
-    def variance(self, parameter: float, certain: bool, noise: float = 1.0) -> float:
-        """The variance of the noise for a parameter."""
-        return 1.0 if certain else max(self.at(parameter)[0] / noise**2, 0.0) / self.count
+        return float(refined(grid, score, np.argmin(score, axis=1))[0])
 
 
 def _independent(patterns: Floats) -> tuple[Floats, float]:

@@ -9,23 +9,18 @@ from typing import Any
 import numpy as np
 
 from palpate._arrays import irfftn, namespace, rfftn
-from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.linear.parameter import Tried, tried_on
 from palpate.inverse.linear.priors import Prior, wavenumbers
-from palpate.inverse.linear.spectrum import in_components
+from palpate.inverse.linear.spectrum import Spectrum, in_components
 from palpate.sensing.maps import Cached
 from palpate.sensing.operator import Operator, multiply, periodic_transfer
 
 __all__ = ["FourierSpectrum"]
 
 
-class FourierSpectrum:
-    """Spectrum of a periodic surface: a small SVD per wavevector."""
-
-    eigenvalues: Floats
-    multiplicity: Floats
+class FourierSpectrum(Spectrum):
+    """Spectrum of a periodic surface: a small SVD per wavevector; coefficients are ordered by mode, then wavevector."""
 
     def __init__(
         self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
@@ -72,26 +67,16 @@ class FourierSpectrum:
         blind = values[zero] == 0
         half[zero] = np.where(blind, 0.0, half[zero])
         seen = (np.abs(self._back[(slice(None), ~blind, *self._zero)]) ** 2).sum(axis=-1)
-        #: Whether the readings determine the mean of each component sought.
         self.mean_seen = seen > 0.5 * root[self._zero] ** 2
         self._root = np.ascontiguousarray(np.moveaxis(root, -1, 0))  # (component, *k)
         self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
         self._forward_of, self._back_of = Cached(self._forward), Cached(self._back * self._norm)
 
-    @cached_property
-    def tried(self) -> Tried:
-        """Quantities for choosing Tikhonov's parameter that do not depend on the readings."""
-        return tried_on(self.eigenvalues, self.multiplicity)
-
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
         return self._forward.nbytes + self._back.nbytes
 
     def project(self, readings: Sequence[Any]) -> Any:
-        """Coefficients (*batch, n) of readings, one array (*batch, channel, *array) per plane; ordered by mode, then
-        wavevector.
-        """
         xp, grid = namespace(readings[0]), self.operator.surface
         forward = self._forward_of.like(readings[0])
         d = grid.dimensions
@@ -101,7 +86,6 @@ class FourierSpectrum:
         return xp.reshape(out, (*out.shape[: -1 - d], -1))
 
     def solve(self, weights: Any) -> Any:
-        """Traction (*batch, component, *surface) for coefficients ``weights`` (*batch, n)."""
         xp, grid = namespace(weights), self.operator.surface
         # Single-precision coefficients need the kind of the readings.
         back = self._back_of.like(xp.real(weights))
@@ -112,9 +96,7 @@ class FourierSpectrum:
         return in_components(images, self.columns, len(grid.components), d)
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
-        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface), without a mean
-        that the readings do not determine.
-        """
+        """As `Spectrum.sums`, without a mean that the readings do not determine."""
         spectrum = rfftn(rows, self.operator.surface.shape) / self._norm  # (row, component, *k)
         inner = (np.conj(self._back) * spectrum[:, :, None]).sum(axis=1)  # (row, n, *k)
         powers = self.multiplicity.reshape(self._shape) * np.abs(inner) ** 2
@@ -124,9 +106,7 @@ class FourierSpectrum:
         return powers.reshape(len(rows), -1), np.maximum(rest, 0.0).reshape(len(rows), -1).sum(axis=1)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """Return the powers for a single cell, which by symmetry are those of all cells: (n,), (n, component sought, 1...),
-        (component sought, 1...).
-        """
+        """As `Spectrum.cells`: all cells are alike."""
         count = math.prod(self.operator.surface.shape)
         ones = (1,) * len(self._zero)
         half = self.multiplicity.reshape(self._shape)

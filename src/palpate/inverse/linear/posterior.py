@@ -33,7 +33,6 @@ from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.estimate import Errors
-from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import spectrum_memory
 from palpate.inverse.linear.parameter import TINY, Filter, amplitude, filtered_inverse
 from palpate.inverse.linear.spectrum import Spectrum
@@ -123,7 +122,7 @@ class Variances(abc.ABC):
 
     @property
     def mean_seen(self) -> npt.NDArray[np.bool_]:
-        """Whether the readings depend on the mean of each component sought."""
+        """Whether the readings determine the mean of each component sought."""
         return np.ones(len(self.columns), dtype=bool)
 
     @property
@@ -181,7 +180,7 @@ class SpectrumVariances(Variances):
 
     @property
     def mean_seen(self) -> npt.NDArray[np.bool_]:
-        return self.spectrum.mean_seen if isinstance(self.spectrum, FourierSpectrum) else super().mean_seen
+        return self.spectrum.mean_seen
 
     @property
     def nbytes(self) -> int:

@@ -98,9 +98,7 @@ class Regularised(LinearMethod):
         if operator.boundary == "free" and nuisance != ():
             patterns = SpectrumPatterns(spectrum, scales, nuisance, float(parameter) if absolute else None)
             self.patterns = patterns if patterns.all else None
-        elif nuisance and not (
-            nuisance == ("offset",) and isinstance(spectrum, FourierSpectrum) and not spectrum.mean_seen.any()
-        ):
+        elif nuisance and not (nuisance == ("offset",) and not spectrum.mean_seen.any()):
             raise Unsupported(
                 f'nuisance={list(nuisance)} needs boundary="free" (a periodic surface has no edges that a ramp or a rotation could '
                 "have); leave nuisance out."

@@ -12,11 +12,12 @@ contact). On a periodic surface it is the Fourier transform (`palpate.inverse.li
 
 from __future__ import annotations
 
+import abc
 import itertools
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -55,44 +56,46 @@ MODES_AT_A_TIME = 256
 SAME_CENTRE = 1e-9
 
 
-class Spectrum(Protocol):
-    """The interface of linear methods: the squared singular values, and the changes of basis to and from them."""
+class Spectrum(abc.ABC):
+    """Singular values and vectors of the whitened operator, and the changes of basis to and from them."""
 
     operator: Operator
     #: s^2 of the whitened operator, and how many real data each coefficient stands for.
     eigenvalues: Floats
     multiplicity: Floats
+    #: Whether the readings determine the mean of each component sought.
+    mean_seen: npt.NDArray[np.bool_]
+
+    @cached_property
+    def tried(self) -> Tried:
+        """Quantities for choosing Tikhonov's parameter that do not depend on the readings: 5 MB for 32 x 32 x 3."""
+        return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
-    def tried(self) -> Tried:
-        """Quantities for choosing Tikhonov's parameter that do not depend on the readings."""
-        ...
+    @abc.abstractmethod
+    def nbytes(self) -> int:
+        """Memory in bytes."""
 
+    @abc.abstractmethod
     def project(self, readings: Sequence[Any]) -> Any:
-        """U^T N^{-1/2} readings: (..., n)."""
-        ...
+        """U^T N^{-1/2} readings: (*batch, n), from one array (*batch, channel, *array) per plane."""
 
+    @abc.abstractmethod
     def solve(self, weights: Any) -> Any:
-        """V weights: traction (..., component, *surface), zero in components not sought."""
-        ...
+        """V weights: traction (*batch, component, *surface), zero in components not sought."""
 
+    @abc.abstractmethod
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """For sums w't of the traction, ``rows`` w (row, component sought, *surface): (w'V_i)^2 (row, n) and w'(W - V
         V')w (row,).
         """
-        ...
 
+    @abc.abstractmethod
     def cells(self) -> tuple[Floats, Floats, Floats]:
         """Return what the variance of the traction in every cell is computed from: eigenvalues (m,), the power of a
         cell in each eigenvector (m, component sought, *surface), and the rest, outside all eigenvectors (component
         sought, *surface). If all cells are alike, the axes of the surface have length 1.
         """
-        ...
-
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes."""
-        ...
 
 
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:
@@ -178,11 +181,8 @@ class _Products:
 Shared: TypeAlias = Callable[[Hashable, Callable[[], _Products]], _Products]
 
 
-class DataSpectrum:
+class DataSpectrum(Spectrum):
     """Spectrum of H H^T for any layout, in symmetry blocks."""
-
-    eigenvalues: Floats
-    multiplicity: Floats
 
     def __init__(
         self,
@@ -205,6 +205,7 @@ class DataSpectrum:
         self.blocks = self._recalled(symmetric) or (self._symmetric_blocks() if symmetric else [self._whole()])
         self.eigenvalues = np.concatenate([b.eigenvalues for b in self.blocks])
         self.multiplicity = np.ones(len(self.eigenvalues))
+        self.mean_seen = np.ones(len(self.columns), dtype=bool)
         self._scales = [Cached(s.reshape(-1, *(1,) * len(a.shape))) for s, a in zip(scales, operator.planes_of)]
         self._modes: Cached | None = None
         count = len(self.eigenvalues)
@@ -213,14 +214,8 @@ class DataSpectrum:
             modes = [self._some_modes(slice(i, min(i + MODES_AT_A_TIME, count))) for i in starts]
             self._modes = Cached(np.concatenate(modes))
 
-    @cached_property
-    def tried(self) -> Tried:
-        """Quantities for choosing Tikhonov's parameter that do not depend on the readings: 5 MB for 32 x 32 x 3."""
-        return tried_on(self.eigenvalues, self.multiplicity)
-
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
         modes = 0 if self._modes is None else self._modes.value.nbytes
         return modes + sum(b.vectors.value.nbytes for b in self.blocks)
 
@@ -334,7 +329,6 @@ class DataSpectrum:
             yield bases, folded
 
     def project(self, readings: Sequence[Any]) -> Any:
-        """U^T N^{-1/2} readings: (..., n)."""
         like = readings[0]
         xp, planes = namespace(like), self.operator.planes_of
         d, scaled = len(planes[0].shape), [r / s.like(like) for r, s in zip(readings, self._scales)]
@@ -359,7 +353,6 @@ class DataSpectrum:
         return xp.concat(out, axis=-1)
 
     def solve(self, weights: Any) -> Any:
-        """V weights: traction (..., component, *surface), zero in components not sought."""
         xp, surface = namespace(weights), self.operator.surface
         if self._modes is None:
             # Small singular values are divided by before the operator multiplies by them again, which float32 cannot
@@ -372,7 +365,6 @@ class DataSpectrum:
         return in_components(images, self.columns, len(surface.components), surface.dimensions)
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
-        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface)."""
         # Most rows are sums of one component: pressure.
         loaded = [i for i in range(len(self.priors)) if rows[:, i].any()] or [0]
         if len(loaded) < len(self.priors):
@@ -389,7 +381,7 @@ class DataSpectrum:
         return powers, np.maximum(whole - powers.sum(axis=1), 0.0)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """V_ik^2 of every cell k, with close eigenvalues lumped if there are many, and the part outside all eigenvectors."""
+        """As `Spectrum.cells`, with close eigenvalues grouped if there are many."""
         shape = (len(self.columns), *self.operator.surface.shape)
         nodes, weights = lumps(self.eigenvalues)
         powers, total = np.zeros((len(nodes), *shape)), np.zeros(shape)
