@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -85,7 +86,8 @@ FINER = 8
 MODEL_ERROR = 2e-4
 
 
-class Choice(NamedTuple):
+@dataclass(frozen=True)
+class Choice:
     """The choice for each frame (frame,): parameter, noise variance relative to the whitening, sum of squares of the
     residual and its degrees of freedom, whether the rule fell back to another one, and that rule's name.
     """

@@ -50,7 +50,6 @@ __all__ = [
     "center_rows",
     "finest",
     "moment_rows",
-    "unexplained",
 ]
 
 #: Smallest relative error of the net force to assume: no pad and no grid is more accurate. A convention, which only
@@ -68,12 +67,6 @@ CONTACT = 0.1
 UNEXPLAINED, FINEST = 0.1, 0.2
 #: Frames per batch.
 CHUNK = 32
-
-
-def unexplained(filter_factors: Filter, spectrum: Spectrum, parameter: Floats) -> Floats:
-    """Fraction of the readings' degrees of freedom in the residual, for a parameter (frame,)."""
-    counts = spectrum.multiplicity
-    return np.asarray((1.0 - filter_factors(spectrum.eigenvalues[None, :], parameter[:, None])) @ counts / counts.sum())
 
 
 def finest(eigenvalues: Floats, multiplicity: Floats, datum: Floats) -> Floats:
@@ -210,7 +203,8 @@ class SpectrumVariances(Variances):
         values, counts = spectrum.eigenvalues, spectrum.multiplicity
         size, noise = amplitude(values, counts, data, floor, tried=spectrum.tried)
         if floor is not None:
-            blind = unexplained(filter_factors, spectrum, parameter) < UNEXPLAINED
+            left = (1.0 - filter_factors(values, parameter[:, None])) @ counts / counts.sum()
+            blind = left < UNEXPLAINED
             noise = np.where(blind, np.maximum(noise, finest(values, counts, counts * data)), noise)
             nothing = data @ counts == 0
             size, noise = np.where(nothing, np.nan, size), np.where(nothing, np.nan, noise)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate._arrays import from_numpy, namespace, to_numpy
 from palpate._threads import cached_property, few_threads
@@ -118,7 +117,10 @@ class Regularised(LinearMethod):
         if self.patterns is not None:
             removed = self.patterns.removed(to_numpy(coefficients).reshape(-1, len(values)), floor)
             coefficients = from_numpy(removed.coefficients.reshape(coefficients.shape), coefficients)
-        power = _squares(to_numpy(coefficients)).reshape(-1, len(values))
+        plain = to_numpy(coefficients).reshape(-1, len(values))
+        power = np.square(plain.real, dtype=np.float64)
+        if np.iscomplexobj(plain):
+            power += np.square(plain.imag, dtype=np.float64)
         choice = choose(
             self.parameter,
             self.filter,
@@ -133,29 +135,13 @@ class Regularised(LinearMethod):
         real = xp.real(coefficients) if xp.isdtype(coefficients.dtype, "complex floating") else coefficients
         found = Solution(
             traction=self.spectrum.solve(coefficients * from_numpy(gain, real)),
-            parameter=choice.parameter,
-            variance=choice.noise_variance,
-            residual=choice.residual,
-            free=choice.free,
+            choice=choice,
             data=power,
             floor=floor,
-            fell_back=choice.fell_back,
             removed=removed,
-            fallback=choice.fallback,
         )
         return self.estimate(found, batch)
 
     def again(self, readings: Sequence[Floats], parameter: Floats) -> Floats:
         gain = filtered_inverse(self.filter, self.spectrum.eigenvalues, parameter)
         return np.asarray(self.spectrum.solve(self.spectrum.project(readings) * gain))
-
-
-def _squares(coefficients: npt.NDArray[Any]) -> Floats:
-    """|c|^2 in double precision."""
-    parts = [coefficients.real, coefficients.imag] if np.iscomplexobj(coefficients) else [coefficients]
-    total: Any = 0.0
-    for part in parts:
-        part = part.astype(np.float64)
-        part *= part
-        total = total + part
-    return np.asarray(total)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
 from palpate.inverse.estimate import Estimate, in_frames
-from palpate.inverse.linear.parameter import MODEL_ERROR, TINY, Filter, check_parameter
+from palpate.inverse.linear.parameter import MODEL_ERROR, TINY, Choice, Filter, check_parameter
 from palpate.inverse.linear.patterns import Patterns, Removed
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, Uncertainty, Variances
 from palpate.sensing.operator import Operator
@@ -32,22 +32,15 @@ Record = TypeVar("Record")
 class Solution:
     """Some frames (frame, ...), solved by a linear method.
 
-    ``variance`` of the noise and ``residual``, the sum of its squares, are relative to the whitening; ``free`` are the
-    degrees of freedom of the residual; ``data`` are those of `Uncertainty`. ``fell_back``: the rule found nothing, and
-    another one, ``fallback``, chose the parameter. ``unsettled``: the rule did not settle on a parameter.
+    ``data`` and ``floor`` are those of `Uncertainty`; ``unsettled``: the rule did not settle on a parameter.
     """
 
     traction: Any
-    parameter: Floats
-    variance: Floats
-    residual: Floats
-    free: Floats
+    choice: Choice
     data: Floats
     floor: Floats | None
-    fell_back: npt.NDArray[np.bool_]
     removed: Removed | None
     unsettled: npt.NDArray[np.bool_] | None = None
-    fallback: str = "evidence"
 
 
 class LinearMethod(abc.ABC):
@@ -108,7 +101,8 @@ class LinearMethod(abc.ABC):
 
     def estimate(self, found: Solution, batch: tuple[int, ...]) -> Estimate:
         """The estimate of a batch; its traction has the batch axes."""
-        parameter, scale = found.parameter.reshape(batch), np.sqrt(found.variance).reshape(batch)
+        choice = found.choice
+        parameter, scale = choice.parameter.reshape(batch), np.sqrt(choice.noise_variance).reshape(batch)
         ones = np.ones(batch) if self.absolute else None
         known = Uncertainty(
             parameter,
@@ -124,7 +118,7 @@ class LinearMethod(abc.ABC):
             found.traction,
             parameter,
             scale,
-            np.sqrt(found.residual / self.count).reshape(batch) / np.maximum(scale, TINY),
+            np.sqrt(choice.residual / self.count).reshape(batch) / np.maximum(scale, TINY),
             errors=LinearErrors.of(self.variances, self.filter, found.traction, known),
             noise_std=scale[..., None] * np.concatenate(self.scales),
             said=self._notes(found, batch),
@@ -132,18 +126,19 @@ class LinearMethod(abc.ABC):
 
     def _notes(self, found: Solution, batch: tuple[int, ...]) -> tuple[str, ...]:
         said: list[str] = []
+        choice = found.choice
         if self.patterns is not None and found.removed is not None:
             said += self.patterns.words(found.removed, batch)
-        if found.fell_back.any():
+        if choice.fell_back.any():
             said.append(
-                f'rule="{self.parameter}": the curve has no corner{in_frames(found.fell_back, batch)}, so "{found.fallback}" chose the parameter there'
+                f'rule="{self.parameter}": the curve has no corner{in_frames(choice.fell_back, batch)}, so "{choice.fallback}" chose the parameter there'
             )
         if found.unsettled is not None and found.unsettled.any():
             said.append(
                 f'rule="{self.parameter}" did not settle on a parameter{in_frames(found.unsettled, batch)}: the last one tried is used. Give '
                 "parameter=..., or the array its noise=..."
             )
-        blind = found.free / self.count < UNEXPLAINED
+        blind = choice.free / self.count < UNEXPLAINED
         if isinstance(self.parameter, str) and not self.noise_known and blind.any():
             said.append(
                 f"noise cannot be separated from traction{in_frames(blind, batch)}, which explains the readings at every wavelength: fine detail "

@@ -19,8 +19,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
 from palpate.inverse.linear.matrix_free.iteration import Solved
 from palpate.inverse.linear.matrix_free.system import System
-from palpate.inverse.linear.parameter import TINY, Tried, candidates, pick, tikhonov
-from palpate.inverse.linear.parameter import SpectrumCurves as Guess
+from palpate.inverse.linear.parameter import TINY, SpectrumCurves, Tried, candidates, pick, tikhonov
 
 __all__ = ["Corrected", "Search"]
 
@@ -50,7 +49,7 @@ class Corrected:
     the approximation there, with their slopes.
     """
 
-    guess: Guess
+    guess: SpectrumCurves
     system: System
     places: list[list[float]]
     shifts: list[list[tuple[float, float, float, float]]]
@@ -61,7 +60,7 @@ class Corrected:
         freedom = system.freedom
         power = (freedom.weights @ freedom.space.powers(rows).T).T
         grid = candidates(np.array([freedom.top]))
-        guess = Guess(Tried(tikhonov, grid, freedom.nodes, freedom.counts), np.maximum(power, 0.0))
+        guess = SpectrumCurves(Tried(tikhonov, grid, freedom.nodes, freedom.counts), np.maximum(power, 0.0))
         return cls(guess, system, [[] for _ in rows], [[] for _ in rows])
 
     def add(

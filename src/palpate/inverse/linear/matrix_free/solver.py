@@ -17,7 +17,7 @@ from palpate.inverse.linear.matrix_free.patterns import SolvedPatterns
 from palpate.inverse.linear.matrix_free.posterior import SampledVariances
 from palpate.inverse.linear.matrix_free.rules import Search
 from palpate.inverse.linear.matrix_free.system import System
-from palpate.inverse.linear.parameter import check_rule, noise_variance, tikhonov
+from palpate.inverse.linear.parameter import Choice, check_rule, noise_variance, tikhonov
 from palpate.inverse.linear.posterior import Variances
 from palpate.inverse.linear.solution import LinearMethod, Solution, joined
 from palpate.inverse.linear.spectrum import in_components
@@ -120,15 +120,12 @@ class MatrixFree(LinearMethod):
         if floor is not None:
             free -= system.freedom.of(parameter)
         by_evidence = without | (self.parameter == "evidence")
+        variance = noise_variance(explained, residual, free, self.count, by_evidence, floor)
         return Iterated(
             traction=self._everywhere(sought),
-            parameter=parameter,
-            variance=noise_variance(explained, residual, free, self.count, by_evidence, floor),
-            residual=residual,
-            free=free,
+            choice=Choice(parameter, variance, residual, free, without, "evidence"),
             data=rows,
             floor=floor,
-            fell_back=without,
             removed=removed,
             unsettled=unsettled,
             misfit=solved.residual,
