@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.linear.matrix_free import path
-from palpate.inverse.linear.matrix_free.system import System
+from palpate.inverse.linear.matrix_free import freedom, path
+from palpate.inverse.linear.matrix_free.spaces import OnSurface
 from palpate.sensing import operator as operators
 from palpate.sensing.scattered import Lattice
 
@@ -61,13 +61,14 @@ def test_solutions_over_beads_are_as_exact_as_evidence_needs(monkeypatch):
     monkeypatch.setattr(path, "LARGEST_MATRIX", 0)
     skin = pp.Skin(HALF_SPACE, beads(60), nuisance=[])
     asked = []
-    solve = System.solve
+    solve = OnSurface.solve
 
     def spied(self, rows, parameter, **options):
-        asked.append(float(np.max(options["tolerance"])))
+        if options["tolerance"] != freedom.TOLERANCE:  # a trace is known to less
+            asked.append(float(np.max(options["tolerance"])))
         return solve(self, rows, parameter, **options)
 
-    monkeypatch.setattr(System, "solve", spied)
+    monkeypatch.setattr(OnSurface, "solve", spied)
     readings = np.random.default_rng(1).standard_normal((2, 60)) * 1e-8
     skin.reconstruct(readings, method="tikhonov")
     assert asked

@@ -19,7 +19,7 @@ from palpate.elastic.pad import Floats, Pad
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.methods import Local
 from palpate.inverse.linear.posterior import moment_rows
-from palpate.inverse.linear.regularised import BLIND
+from palpate.inverse.linear.solution import BLIND
 from palpate.recordings.files import atomically
 from palpate.sensing import AreaArray, LineArray, ScatteredArray
 from palpate.uncertainty import AMBIGUOUS, FEW, GAUSSIAN, Calibration, Case, Constants, constants

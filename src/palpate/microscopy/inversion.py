@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats, Pad
-from palpate.inverse.linear.matrix_free.memory import check_system, servable
-from palpate.inverse.linear.matrix_free.path import Linear
+from palpate.inverse.linear.matrix_free.memory import servable
+from palpate.inverse.linear.matrix_free.path import Linear, system_of
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
-from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.methods import Tikhonov
 from palpate.inverse.linear.posterior import LinearErrors
 from palpate.inverse.linear.priors import DifferencePrior
@@ -42,13 +41,8 @@ class Iterated(Tikhonov):
         self.check(problem)
         if problem.boundary != "free" or not servable(problem.planes):
             return super().prepare(problem)
-        check_system(problem.pad, problem.planes, problem.surface, len(problem.columns))
         priors = [DifferencePrior(problem.surface, self.order)] * len(problem.components)
-        system = problem.kept.get(
-            ("matrix-free system", False, problem.columns, tuple(p.key for p in priors)),
-            lambda: System(problem.operator, priors, problem.columns),
-        )
-        return MatrixFree(system, self.chosen, nuisance=problem.nuisance)
+        return MatrixFree(system_of(problem, priors), self.chosen, nuisance=problem.nuisance)
 
 
 @dataclass(frozen=True, eq=False)

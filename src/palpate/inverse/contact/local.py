@@ -36,7 +36,8 @@ from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import TINY, tikhonov
 from palpate.inverse.linear.patterns import SURE
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, center_rows, moment_rows
-from palpate.inverse.linear.regularised import BLIND, Regularised
+from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.linear.solution import BLIND
 from palpate.inverse.linear.stated import InDoubt, deviations
 from palpate.inverse.problem import Problem
 

@@ -124,7 +124,7 @@ class Places:
         self.every = np.ones(len(self.readings.std), dtype=bool)
         self._levels: dict[int, Level] = {}
         patterns = alone.patterns
-        self.patterns = [] if patterns is None or not patterns.members else patterns.all
+        self.patterns = [] if patterns is None else patterns.all
         rows = [self.white(p.rows[None])[0] for p in self.patterns]
         size = [math.sqrt(float(np.mean(r**2))) or 1.0 for r in rows]
         #: Patterns scaled to a root mean square of one, and the size of each in its own unit.

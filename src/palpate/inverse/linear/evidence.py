@@ -14,10 +14,18 @@ import numpy as np
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.parameter import Tried, candidates, choose_parameter, refined, tikhonov
+from palpate.inverse.linear.parameter import (
+    TINY,
+    Tried,
+    candidates,
+    choose_parameter,
+    filtered_inverse,
+    refined,
+    tikhonov,
+)
 from palpate.inverse.linear.regularised import Decomposition
 
-__all__ = ["LinearEvidence", "Marginal", "linear_evidence", "log_evidence", "of_unit_size"]
+__all__ = ["LinearEvidence", "Marginal", "evidence_gain", "linear_evidence", "log_evidence", "of_unit_size"]
 
 #: Combinations of patterns below this fraction of the largest eigenvalue are rounding errors of the normal matrix.
 MIN_EIGENVALUE = 1e-10
@@ -72,53 +80,46 @@ def linear_evidence(
     spectrum = linear.spectrum
     values, counts = spectrum.eigenvalues, spectrum.multiplicity
     unit = known or 1.0
-    coefficients = np.asarray(spectrum.project(rows) if projected is None else projected) / unit
+    coefficients = np.asarray(spectrum.project(rows) if projected is None else projected)
     certain = linear.noise_known or known is not None
-    if patterns is not None and (isinstance(patterns, Marginal) or len(patterns)):
-        given = (
-            patterns
-            if isinstance(patterns, Marginal)
-            else Marginal(values, coefficients * unit, patterns, spectrum.tried)
-        )
-        if parameter is None:
-            best, variance = given.best(certain, unit)
-        else:
-            best, variance = parameter, given.variance(parameter, certain, unit)
-        (everything, base), (left, logdet), count = given.alone, given.at(best), given.count
-        everything, left = everything / unit**2, left / unit**2
-        free, sizes = _without(values, coefficients, given.patterns, best)
-        own = 2.0 * float(np.log(given.size).sum())
-        logdet, base, sizes = logdet + own, base + own, sizes / given.size
+    if patterns is not None and not isinstance(patterns, Marginal):
+        patterns = Marginal(values, coefficients, patterns, spectrum.tried) if len(patterns) else None
+    if patterns is not None:
+        best = patterns.best(certain, unit) if parameter is None else parameter
+        (everything, base), (left, logdet), count = patterns.alone, patterns.at(best), patterns.count
+        free, sizes = _without(values, coefficients, patterns.patterns, best)
+        own = 2.0 * float(np.log(patterns.size).sum())
+        logdet, base, sizes = logdet + own, base + own, sizes / patterns.size
     else:
         power = np.abs(coefficients) ** 2
         if parameter is None:
-            tried = spectrum.tried
-            chosen, found = choose_parameter(
-                "evidence", tikhonov, values, counts, power[None], noise_known=certain, tried=tried
-            )
-        else:
-            chosen = np.array([parameter])
-            left = float((counts * power * (1.0 - tikhonov(values, chosen))).sum())
-            found = np.array([1.0 if certain else left / counts.sum()])
-        best, variance = float(chosen[0]), float(found[0])
+            scaled, tried = power[None] / unit**2, spectrum.tried
+            found = choose_parameter("evidence", tikhonov, values, counts, scaled, noise_known=certain, tried=tried)
+            parameter = float(found[0][0])
+        best = parameter
         ratio = values / best
         left, everything = float((counts * power / (1.0 + ratio)).sum()), float((counts * power).sum())
         logdet, base, count = float(counts @ np.log1p(ratio)), 0.0, float(counts.sum())
         free, sizes = coefficients, np.zeros(0)
-    scale = math.sqrt(variance) * unit
-    if everything <= 0.0:
-        gain = 0.0
-    elif certain:
-        gain = 0.5 * (everything - left - (logdet - base))
-    else:
-        gain = 0.5 * (count * math.log(everything / max(left, 1e-300)) - (logdet - base))
+    scale = unit if certain else math.sqrt(max(left, 0.0) / count)
+    gain = evidence_gain(everything / unit**2, left / unit**2, logdet - base, count, certain)
 
     def traction() -> Floats:
-        phi = tikhonov(values, np.array([best]))
-        filtered = free * np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
-        return np.asarray(spectrum.solve(filtered * unit))[list(linear.columns)]
+        filtered = free * filtered_inverse(tikhonov, values, np.array([best]))[0]
+        return np.asarray(spectrum.solve(filtered))[list(linear.columns)]
 
-    return LinearEvidence(gain, best, scale, traction, logdet, left * unit**2, count, sizes * unit)
+    return LinearEvidence(gain, best, scale, traction, logdet, left, count, sizes)
+
+
+def evidence_gain(everything: float, left: float, logdet: float, count: float, certain: bool) -> float:
+    """Log marginal likelihood over that of noise alone, from the objectives of noise alone and of the model, the log
+    determinant over that of noise, and the number of readings; ``certain``: the noise is known.
+    """
+    if everything <= 0.0:
+        return 0.0
+    if certain:
+        return 0.5 * (everything - left - logdet)
+    return 0.5 * (count * math.log(everything / max(left, TINY)) - logdet)
 
 
 def of_unit_size(patterns: Floats) -> tuple[Floats, Floats]:
@@ -136,7 +137,7 @@ def log_evidence(objective: float, logdet: float, count: float, noise: float | N
     """
     if noise is not None:
         return -0.5 * objective / noise**2 - count * math.log(noise) - 0.5 * logdet
-    return math.lgamma(0.5 * count) - 0.5 * count * math.log(max(0.5 * objective, 1e-300)) - 0.5 * logdet
+    return math.lgamma(0.5 * count) - 0.5 * count * math.log(max(0.5 * objective, TINY)) - 0.5 * logdet
 
 
 class Marginal:
@@ -175,21 +176,14 @@ class Marginal:
         (objective,), (logdet,) = _restricted(parameter / (parameter + self.values)[None], self.c, self._rows)
         return float(objective), float(logdet) + self._own
 
-    def best(self, certain: bool, noise: float = 1.0) -> tuple[float, float]:
-        """The parameter of largest evidence, and the variance of the noise over that of ``noise``, which is 1 if ``noise``
-        is ``certain``.
-        """
+    def best(self, certain: bool, noise: float = 1.0) -> float:
+        """The parameter of largest evidence; ``certain``: the noise is known, and of this size."""
         grid, objective, logdet = self.curve
         score = objective / noise**2 + logdet
         if not certain:
-            score = self.count * np.log(np.maximum(objective / noise**2, 1e-300) / self.count) + logdet
+            score = self.count * np.log(np.maximum(objective, TINY) / self.count) + logdet
         score = np.where(np.isfinite(score), score, np.inf)[None]
-        parameter = float(refined(grid, score, np.argmin(score, axis=1))[0])
-        return parameter, self.variance(parameter, certain, noise)
-
-    def variance(self, parameter: float, certain: bool, noise: float = 1.0) -> float:
-        """The variance of the noise for a parameter."""
-        return 1.0 if certain else max(self.at(parameter)[0] / noise**2, 0.0) / self.count
+        return float(refined(grid, score, np.argmin(score, axis=1))[0])
 
 
 def _independent(patterns: Floats) -> tuple[Floats, float]:
@@ -221,7 +215,7 @@ def _by_eigenvalues(gram: Floats, right: Floats) -> tuple[Floats, Floats]:
     separate count as one; patterns without effect do not count.
     """
     values, vectors = np.linalg.eigh(gram)
-    seen = values > MIN_EIGENVALUE * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
+    seen = values > MIN_EIGENVALUE * np.maximum(values.max(axis=-1, keepdims=True), TINY)
     along = (right[..., None, :] @ vectors)[..., 0, :]
     safe = np.where(seen, values, 1.0)
     return np.where(seen, along**2 / safe, 0.0).sum(axis=-1), np.log(safe).sum(axis=-1)

@@ -8,22 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from palpate._arrays import from_numpy, irfftn, namespace, rfftn
-from palpate._threads import cached_property
+from palpate._arrays import irfftn, namespace, rfftn
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
-from palpate.inverse.linear.parameter import Tried, tried_on
 from palpate.inverse.linear.priors import Prior, wavenumbers
+from palpate.inverse.linear.spectrum import Spectrum, in_components
+from palpate.sensing.maps import Cached
 from palpate.sensing.operator import Operator, multiply, periodic_transfer
 
 __all__ = ["FourierSpectrum"]
 
 
-class FourierSpectrum:
-    """Spectrum of a periodic surface: a small SVD per wavevector."""
-
-    eigenvalues: Floats
-    multiplicity: Floats
+class FourierSpectrum(Spectrum):
+    """Spectrum of a periodic surface: a small SVD per wavevector; coefficients are ordered by mode, then wavevector."""
 
     def __init__(
         self, operator: Operator, priors: Sequence[Prior], columns: Sequence[int], scales: Sequence[Floats]
@@ -70,36 +67,18 @@ class FourierSpectrum:
         blind = values[zero] == 0
         half[zero] = np.where(blind, 0.0, half[zero])
         seen = (np.abs(self._back[(slice(None), ~blind, *self._zero)]) ** 2).sum(axis=-1)
-        #: Whether the readings determine the mean of each component sought.
         self.mean_seen = seen > 0.5 * root[self._zero] ** 2
         self._root = np.ascontiguousarray(np.moveaxis(root, -1, 0))  # (component, *k)
         self.eigenvalues, self.multiplicity = values.ravel(), half.ravel()
-        self._copies: dict[tuple[Any, ...], Any] = {}
-
-    @cached_property
-    def tried(self) -> Tried:
-        """Quantities for choosing Tikhonov's parameter that do not depend on the readings."""
-        return tried_on(self.eigenvalues, self.multiplicity)
+        self._forward_of, self._back_of = Cached(self._forward), Cached(self._back * self._norm)
 
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
         return self._forward.nbytes + self._back.nbytes
 
-    def _prepared(self, like: Any) -> Any:
-        # Single-precision readings and coefficients share one key, the real dtype of the readings.
-        xp = namespace(like)
-        key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
-        if key not in self._copies:
-            self._copies[key] = from_numpy(self._forward, like), from_numpy(self._back * self._norm, like)
-        return self._copies[key]
-
     def project(self, readings: Sequence[Any]) -> Any:
-        """Coefficients (*batch, n) of readings, one array (*batch, channel, *array) per plane; ordered by mode, then
-        wavevector.
-        """
         xp, grid = namespace(readings[0]), self.operator.surface
-        forward, _ = self._prepared(readings[0])
+        forward = self._forward_of.like(readings[0])
         d = grid.dimensions
         spectra = [rfftn(r, grid.shape) for r in readings]
         data = spectra[0] if len(spectra) == 1 else xp.concat(spectra, axis=-1 - d)
@@ -107,26 +86,17 @@ class FourierSpectrum:
         return xp.reshape(out, (*out.shape[: -1 - d], -1))
 
     def solve(self, weights: Any) -> Any:
-        """Traction (*batch, component, *surface) for coefficients ``weights`` (*batch, n)."""
         xp, grid = namespace(weights), self.operator.surface
-        _, back = self._prepared(xp.real(weights))
+        # Single-precision coefficients need the kind of the readings.
+        back = self._back_of.like(xp.real(weights))
         d = grid.dimensions
         modes = xp.reshape(weights, (*weights.shape[:-1], *self._shape))
         spectrum = multiply(xp, back, modes, back.shape[0], range(back.shape[1]), d, adjoint=False)
         images = irfftn(spectrum, grid.shape, overwrite=True)
-        if self.columns == list(range(len(grid.components))):
-            return images
-        zero = xp.zeros_like(images[(..., 0, *(slice(None),) * d)])
-        places = {column: place for place, column in enumerate(self.columns)}
-        each = [
-            images[(..., places[i], *(slice(None),) * d)] if i in places else zero for i in range(len(grid.components))
-        ]
-        return xp.stack(each, axis=-1 - d)
+        return in_components(images, self.columns, len(grid.components), d)
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
-        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface), without a mean
-        that the readings do not determine.
-        """
+        """As `Spectrum.sums`, without a mean that the readings do not determine."""
         spectrum = rfftn(rows, self.operator.surface.shape) / self._norm  # (row, component, *k)
         inner = (np.conj(self._back) * spectrum[:, :, None]).sum(axis=1)  # (row, n, *k)
         powers = self.multiplicity.reshape(self._shape) * np.abs(inner) ** 2
@@ -136,9 +106,7 @@ class FourierSpectrum:
         return powers.reshape(len(rows), -1), np.maximum(rest, 0.0).reshape(len(rows), -1).sum(axis=1)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """Return the powers for a single cell, which by symmetry are those of all cells: (n,), (n, component sought, 1...),
-        (component sought, 1...).
-        """
+        """As `Spectrum.cells`: all cells are alike."""
         count = math.prod(self.operator.surface.shape)
         ones = (1,) * len(self._zero)
         half = self.multiplicity.reshape(self._shape)

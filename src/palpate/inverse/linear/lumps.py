@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 
 from palpate.elastic.pad import Floats
 
-__all__ = ["lumps"]
+__all__ = ["cubic_weights", "lumps"]
 
 #: Up to this many eigenvalues are not grouped.
 MAX_SINGLE_EIGENVALUES = 400
@@ -30,19 +31,21 @@ def lumps(eigenvalues: Floats) -> tuple[Floats, Any]:
     step = np.log(10.0) / PER_DECADE
     low = x.min() - step
     count = int(np.ceil((x.max() - low) / step)) + 3
-    nodes = np.exp(low + step * np.arange(count))
-    u = (x - low) / step
-    first = np.clip(np.floor(u).astype(int), 1, count - 3)
-    t = u - first
+    return np.exp(low + step * np.arange(count)), cubic_weights((x - low) / step, places, count, n)
+
+
+def cubic_weights(x: Floats, places: npt.NDArray[np.intp], nodes: int, n: int) -> Any:
+    """Sparse weights (node, n) of cubic interpolation between the nodes 0, 1, ...: entry ``places[i]`` lies at ``x[i]``."""
+    first = np.clip(np.floor(x).astype(int) - 1, 0, nodes - 4)
+    t = x - first
     parts = np.stack(
         [
-            -t * (t - 1) * (t - 2) / 6,
-            (t + 1) * (t - 1) * (t - 2) / 2,
-            -(t + 1) * t * (t - 2) / 2,
-            (t + 1) * t * (t - 1) / 6,
+            -(t - 1) * (t - 2) * (t - 3) / 6,
+            t * (t - 2) * (t - 3) / 2,
+            -t * (t - 1) * (t - 3) / 2,
+            t * (t - 1) * (t - 2) / 6,
         ]
     )
-    rows = first[None, :] + np.array([-1, 0, 1, 2])[:, None]
+    rows = first + np.arange(4)[:, None]
     columns = np.broadcast_to(places, rows.shape)
-    weights = scipy.sparse.csr_array((parts.ravel(), (rows.ravel(), columns.ravel())), shape=(count, n))
-    return nodes, weights
+    return scipy.sparse.csr_array((parts.ravel(), (rows.ravel(), columns.ravel())), shape=(nodes, n))

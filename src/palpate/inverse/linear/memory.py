@@ -59,14 +59,14 @@ def spectrum_memory(pad: Pad, planes: Sequence[Array], surface: Grid, sought: in
     total = matrices + 5.0 * 8.0 * n * n + kept
     modes = 0.0
     if count * sought * cells <= LARGEST_MODES:
-        modes = kept + 16.0 * count * sought * cells + 8.0 * row * min(count, MODES_AT_A_TIME)
+        modes = kept + 16.0 * count * sought * cells + 8.0 * part * row * min(count, MODES_AT_A_TIME)
     return max(total, modes)
 
 
-def spectrum_fits(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> bool:
-    """Whether the dense decomposition fits into free memory."""
+def spectrum_fits(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int, share: float = SHARE) -> bool:
+    """Whether the dense decomposition fits into a ``share`` of the free memory."""
     peak, free = spectrum_memory(pad, planes, surface, sought), available()
-    return free is None or peak <= SHARE * free or peak < SMALL
+    return free is None or peak <= share * free or peak < SMALL
 
 
 def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int) -> None:
@@ -81,7 +81,7 @@ def check_spectrum(pad: Pad, planes: Sequence[Array], surface: Grid, sought: int
         need += f" ({gigabytes(free)} are free)"
     if size > LARGEST_BLOCK:
         need += f" and an eigenproblem of {size} readings (limit {LARGEST_BLOCK})"
-    remedy = _remedy(pad, planes, sought, free)
+    remedy = _remedy(pad, planes, sought)
     # Tikhonov's method also gets here if the map of scattered readings is a matrix.
     iterated = servable(planes) and (on_lattice(planes, surface) or size > LARGEST_MATRIX)
     if iterated and (free is None or system_memory(pad, planes, surface, sought) <= SHARE * free):
@@ -101,15 +101,14 @@ def check_waves(planes: Sequence[Array], surface: Grid) -> None:
     )
 
 
-def _served(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> bool:
+def _served(pad: Pad, planes: Sequence[Array], sought: int) -> bool:
     surface = surface_of(pad, planes, depths=WIDE)
-    peak = spectrum_memory(pad, planes, surface, sought)
-    return block_size(pad, planes, surface) <= LARGEST_BLOCK and (
-        free is None or peak <= RECOMMENDED * free or peak < SMALL
+    return block_size(pad, planes, surface) <= LARGEST_BLOCK and spectrum_fits(
+        pad, planes, surface, sought, RECOMMENDED
     )
 
 
-def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) -> str:
+def _remedy(pad: Pad, planes: Sequence[Array], sought: int) -> str:
     """The nearest problem that fits, checked by the same estimates."""
     first = planes[0]
     if isinstance(first, ScatteredArray):
@@ -125,7 +124,7 @@ def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
                     AreaArray(shape=(counts[1], counts[0]), pitch=pitch, depth=a.depth, channels=channels)
                     for a in planes
                 ]
-                if _served(pad, thin, sought, free):
+                if _served(pad, thin, sought):
                     return (
                         f'Grid the recording with a pitch of {pitch:g} m or more (Recording.gridded({pitch:g}), palpate convert --grid "{1e3 * pitch:g} mm") '
                         "and describe it as an area plane."
@@ -140,7 +139,7 @@ def _remedy(pad: Pad, planes: Sequence[Array], sought: int, free: int | None) ->
         )
     for step in range(2, THINNEST + 1):
         thinner = [_thinned(a, step) for a in planes]
-        if _served(pad, thinner, sought, free):
+        if _served(pad, thinner, sought):
             slices = ", ".join([f"::{step}"] * first.dimensions)
             words.append(
                 f"every {step}{ORDINAL.get(step, 'th')} taxel does (readings[..., {slices}], a pitch {step} times as large)"

@@ -11,14 +11,13 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.linear.matrix_free.path import Linear, linear_method
-from palpate.inverse.linear.parameter import tikhonov, truncate
+from palpate.inverse.linear.parameter import RULES, tikhonov, truncate
 from palpate.inverse.linear.priors import DifferencePrior, SpectralPrior, hilgers_prior
 from palpate.inverse.method import Method, Needs, choice, function, number, rule
 from palpate.inverse.problem import Problem
 
 __all__ = ["Hilgers", "Tikhonov", "Truncated", "Wiener"]
 
-_RULES = ("evidence", "gcv", "lcurve", "discrepancy")
 _CUT_OFF_RULES = ("gcv", "lcurve", "discrepancy")
 _PARAMETER = "regularisation parameter (default: chosen for each frame)"
 _RULE = "how the parameter is chosen for each frame"
@@ -63,11 +62,11 @@ class Tikhonov(Method):
     name: ClassVar[str] = "tikhonov"
     summary: ClassVar[str] = "linear, milliseconds a frame; traction may pull"
     error_bars: ClassVar[bool] = True
-    rules: ClassVar[tuple[str, ...]] = _RULES
+    rules: ClassVar[tuple[str, ...]] = RULES
 
     order: int = choice(1, (0, 1, 2), help="order of the derivative that is kept small")
     parameter: float | None = number(help=_PARAMETER)
-    rule: str | None = rule(_RULES, help=_RULE)
+    rule: str | None = rule(RULES, help=_RULE)
 
     def prepare(self, problem: Problem) -> Linear:
         """Prepare the linear method with the difference prior."""
@@ -97,11 +96,11 @@ class Hilgers(Method):
     name: ClassVar[str] = "hilgers"
     summary: ClassVar[str] = "linear, in the norm of a Sobolev space"
     error_bars: ClassVar[bool] = True
-    rules: ClassVar[tuple[str, ...]] = _RULES
+    rules: ClassVar[tuple[str, ...]] = RULES
 
     length: float | None = number(help="correlation length [m] (default: the depth)", unit="metres")
     parameter: float | None = number(help=_PARAMETER)
-    rule: str | None = rule(_RULES, help=_RULE)
+    rule: str | None = rule(RULES, help=_RULE)
 
     def prepare(self, problem: Problem) -> Linear:
         """Prepare the linear method with the Sobolev kernel."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput, Unsupported
+from palpate.inverse.linear.lumps import cubic_weights
 
 __all__ = [
     "MODEL_ERROR",
@@ -32,8 +34,10 @@ __all__ = [
     "check_rule",
     "choose",
     "choose_parameter",
+    "filtered_inverse",
     "mean_sizes",
     "minus_evidence",
+    "noise_variance",
     "pick",
     "refined",
     "tikhonov",
@@ -82,13 +86,16 @@ FINER = 8
 MODEL_ERROR = 2e-4
 
 
-class Choice(NamedTuple):
-    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, whether the rule fell
-    back to another one, and that rule's name.
+@dataclass(frozen=True)
+class Choice:
+    """The choice for each frame (frame,): parameter, noise variance relative to the whitening, sum of squares of the
+    residual and its degrees of freedom, whether the rule fell back to another one, and that rule's name.
     """
 
     parameter: Floats
     noise_variance: Floats
+    residual: Floats
+    free: Floats
     fell_back: npt.NDArray[np.bool_]
     fallback: str
 
@@ -113,6 +120,13 @@ def truncate(eigenvalues: Floats, parameter: Floats) -> Floats:
     return np.where(eigenvalues > parameter, 1.0, 0.0)
 
 
+def filtered_inverse(filter_factors: Filter, eigenvalues: Floats, parameter: Floats) -> Floats:
+    """phi/s (frame, n), by which coefficients are multiplied; 0 where s is 0."""
+    seen = eigenvalues > 0
+    phi = filter_factors(eigenvalues, parameter[:, None])
+    return np.where(seen, phi / np.sqrt(np.where(seen, eigenvalues, 1.0)), 0.0)
+
+
 def choose_parameter(
     rule: str,
     filter_factors: Filter,
@@ -129,7 +143,7 @@ def choose_parameter(
 
 
 def choose(
-    rule: str,
+    rule: str | float,
     filter_factors: Filter,
     eigenvalues: Floats,
     multiplicity: Floats,
@@ -139,12 +153,12 @@ def choose(
     floor: Floats | None = None,
     tried: Tried | None = None,
 ) -> Choice:
-    """The regularisation parameter of each frame by a rule.
+    """The regularisation parameter of each frame by a rule, and the noise for it.
 
     Parameters
     ----------
-    rule : str
-        "gcv": generalised cross-validation, min m sum r^2/(sum (1 - phi))^2 (Golub, Heath, Wahba 1979).
+    rule : str or float
+        The parameter itself, or a rule. "gcv": generalised cross-validation, min m sum r^2/(sum (1 - phi))^2 (Golub, Heath, Wahba 1979).
         "lcurve": the corner (largest curvature) of log residual against log penalty (Hansen 1992). Frames whose curve has none (a traction rough at
         every wavelength) use "evidence" ("gcv" for truncated spectra).
         "discrepancy": residual equal to the noise, sum r^2 = m; needs the noise (Morozov 1966).
@@ -168,43 +182,45 @@ def choose(
     Choice
         The noise variance is relative to the whitening (1 if it is known).
     """
-    check_rule(rule, filter_factors, noise_known=noise_known)
-    least = np.zeros(len(power)) if floor is None else floor
-    if tried is None:
-        if filter_factors is tikhonov:
-            tried = tried_on(eigenvalues, multiplicity)
-        else:
-            levels = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
-            tried = Tried(filter_factors, levels, eigenvalues, multiplicity)
-    grid = tried.grid
+    least = None if noise_known else np.zeros(len(power)) if floor is None else floor
     datum = multiplicity * power  # (frame, n)
-    curves = SpectrumCurves(tried, datum)
-    found = pick(rule, curves, None if noise_known else least)
-    parameter = found.parameter if filter_factors is tikhonov else grid[found.best].copy()
-    without, instead = found.without, ""
-    if without.any():
-        instead = "gcv" if filter_factors is truncate else "evidence"
-        other = choose(
-            instead,
-            filter_factors,
-            eigenvalues,
-            multiplicity,
-            power[without],
-            noise_known=noise_known,
-            floor=None if floor is None else floor[without],
-        )
-        parameter[without] = other.parameter
-    if noise_known:
-        return Choice(parameter, np.ones(len(parameter)), without, instead)
-    phi = filter_factors(eigenvalues[None, :], parameter[:, None])
-    if rule == "evidence":
-        variance = (datum * (1.0 - phi)).sum(axis=1) / float(multiplicity.sum())
+    instead = "gcv" if filter_factors is truncate else "evidence"
+    without, by_evidence = np.zeros((2, len(power)), dtype=bool)
+    if isinstance(rule, str):
+        check_rule(rule, filter_factors, noise_known=noise_known)
+        known = tried or tried_on(eigenvalues, multiplicity, filter_factors)
+
+        def picked(rule: str, some: Any) -> tuple[Floats, npt.NDArray[np.bool_]]:
+            found = pick(rule, SpectrumCurves(known, datum[some]), None if least is None else least[some])
+            return found.parameter if filter_factors is tikhonov else known.grid[found.best], found.without
+
+        parameter, without = picked(rule, slice(None))
+        if without.any():
+            parameter[without] = picked(instead, without)[0]
+        by_evidence = without & (instead == "evidence") | (rule == "evidence")
     else:
-        variance = (datum * (1.0 - phi) ** 2).sum(axis=1) / np.maximum((1.0 - phi) @ multiplicity, 1.0)
-    variance = np.maximum(variance, least)
-    if without.any():
-        variance[without] = other.noise_variance
-    return Choice(parameter, variance, without, instead)
+        parameter = np.full(len(power), float(rule))
+    left = 1.0 - filter_factors(eigenvalues, parameter[:, None])
+    residual, free = (datum * left**2).sum(axis=1), left @ multiplicity
+    explained, count = (datum * left).sum(axis=1), float(multiplicity.sum())
+    variance = noise_variance(explained, residual, free, count, by_evidence, least)
+    return Choice(parameter, variance, residual, free, without, instead)
+
+
+def noise_variance(
+    explained: Floats,
+    residual: Floats,
+    free: Floats,
+    count: float,
+    by_evidence: npt.NDArray[np.bool_],
+    floor: Floats | None,
+) -> Floats:
+    """Noise variance of each frame (frame,) from the sums in `Curves` at its parameter: 1 if the noise is known
+    (``floor`` None), else at least ``floor``. ``by_evidence``: the parameter is that of the largest evidence.
+    """
+    if floor is None:
+        return np.ones(len(residual))
+    return np.maximum(np.where(by_evidence, explained / count, residual / np.maximum(free, 1.0)), floor)
 
 
 def check_rule(rule: str, filter_factors: Filter, *, noise_known: bool) -> None:
@@ -251,7 +267,7 @@ class Tried:
     def __init__(self, filter_factors: Filter, grid: Floats, eigenvalues: Floats, multiplicity: Floats) -> None:
         self.grid, self.count = grid, float(multiplicity.sum())
         self.values, self.multiplicity, self._filter = eigenvalues, multiplicity, filter_factors
-        self.left = 1.0 - self.phi  # (candidate, n)
+        self.left = 1.0 - filter_factors(eigenvalues, grid[:, None])  # (candidate, n)
         self.ends = _ends(eigenvalues)
 
     def shared(self, datum: Floats) -> Floats:
@@ -259,9 +275,9 @@ class Tried:
         return datum
 
     @property
-    def phi(self) -> Floats:
-        """Filter factors (candidate, n)."""
-        return self._filter(self.values[None, :], self.grid[:, None])
+    def filtered_inverse(self) -> Floats:
+        """phi/s (candidate, n)."""
+        return filtered_inverse(self._filter, self.values, self.grid)
 
     @cached_property
     def squares(self) -> Floats:
@@ -285,12 +301,12 @@ class Tried:
         return self._weights
 
 
-def tried_on(eigenvalues: Floats, multiplicity: Floats) -> Tried:
-    """Quantities of a spectrum for choosing Tikhonov's parameter; long spectra are binned."""
-    grid = candidates(eigenvalues)
-    if len(eigenvalues) < LONG:
-        return Tried(tikhonov, grid, eigenvalues, multiplicity)
-    return Binned(grid, eigenvalues, multiplicity)
+def tried_on(eigenvalues: Floats, multiplicity: Floats, filter_factors: Filter = tikhonov) -> Tried:
+    """Quantities of a spectrum for choosing the parameter; for Tikhonov's filter, long spectra are binned."""
+    grid = _levels(eigenvalues) if filter_factors is truncate else candidates(eigenvalues)
+    if filter_factors is tikhonov and len(eigenvalues) >= LONG:
+        return Binned(grid, eigenvalues, multiplicity)
+    return Tried(filter_factors, grid, eigenvalues, multiplicity)
 
 
 class Binned(Tried):
@@ -305,22 +321,10 @@ class Binned(Tried):
         top = float(eigenvalues.max())
         count = BINS_PER_DECADE * (DECADES + BELOW)
         log = BINS_PER_DECADE * (np.log10(np.maximum(eigenvalues, TINY)) - math.log10(top)) + count
-        first = np.clip(np.floor(log).astype(int) - 1, 0, count - 3)
-        x = log - first
-        shares = np.stack(
-            [
-                -(x - 1) * (x - 2) * (x - 3) / 6,
-                x * (x - 2) * (x - 3) / 2,
-                -x * (x - 1) * (x - 3) / 2,
-                x * (x - 1) * (x - 2) / 6,
-            ]
-        )
-        below = log < 0
-        shares[:, below] = np.array([1.0, 0.0, 0.0, 0.0])[:, None]
-        places = np.where(below, count + 1, first + np.arange(4)[:, None])
-        rows = np.broadcast_to(np.arange(len(eigenvalues)), places.shape)
-        self._shares = scipy.sparse.csr_array(
-            (shares.ravel(), (places.ravel(), rows.ravel())), shape=(count + 2, len(eigenvalues))
+        inside = np.flatnonzero(log >= 0)
+        weights = cubic_weights(log[inside], inside, count + 1, len(log))
+        self._shares = scipy.sparse.vstack(
+            [weights, scipy.sparse.csr_array((log < 0)[None].astype(float))], format="csr"
         )
         bins = np.append(top * 10.0 ** ((np.arange(count + 1) - count) / BINS_PER_DECADE), 0.0)
         super().__init__(tikhonov, grid, bins, self._shares @ multiplicity)
@@ -343,9 +347,7 @@ class SpectrumCurves:
 
     @cached_property
     def penalty(self) -> Floats:
-        values = self._tried.values
-        safe = np.where(values > 0, values, 1.0)
-        return np.asarray(self._datum @ np.where(values > 0, self._tried.phi**2 / safe, 0.0).T)
+        return np.asarray(self._datum @ (self._tried.filtered_inverse**2).T)
 
     @cached_property
     def explained(self) -> Floats:
@@ -380,8 +382,16 @@ def _ends(eigenvalues: Floats) -> tuple[float, float]:
     return float(eigenvalues[eigenvalues > CORNER * top].min(initial=top)), top
 
 
-def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.bool_] | None = None) -> Picked:
-    """Apply the rule to the curves; ``floor`` as in `amplitude`, ``among`` (frame, candidate) the allowed candidates."""
+def pick(
+    rule: str,
+    curves: Curves,
+    floor: Floats | None,
+    among: npt.NDArray[np.bool_] | None = None,
+    noise: float = 1.0,
+) -> Picked:
+    """Apply the rule to the curves; ``floor`` and ``noise`` as in `minus_evidence`, ``among`` (frame, candidate) the
+    allowed candidates.
+    """
     count = curves.count
     score: Floats
     if rule == "gcv":
@@ -393,7 +403,7 @@ def pick(rule: str, curves: Curves, floor: Floats | None, among: npt.NDArray[np.
         curvature, turned = _bend(np.log(np.maximum(curves.residual, TINY)), np.log(np.maximum(curves.penalty, TINY)))
         score = np.where(curves.inside, -curvature, np.inf)
     else:
-        score = minus_evidence(curves, floor)[0]
+        score = minus_evidence(curves, floor, noise)[0]
     score = np.where(np.isfinite(score), score, np.inf)
     if among is not None:
         score = np.where(among, score, np.inf)
@@ -451,9 +461,11 @@ def _levels(eigenvalues: Floats) -> Floats:
     return grid
 
 
-def minus_evidence(curves: Curves, floor: Floats | None) -> tuple[Floats, Floats]:
-    """-2 log marginal likelihood and the noise variance (frame, candidate) for Tikhonov's filter; ``floor`` as in `amplitude`."""
-    explained, logdet = curves.explained, curves.logdet
+def minus_evidence(curves: Curves, floor: Floats | None, noise: float = 1.0) -> tuple[Floats, Floats]:
+    """-2 log marginal likelihood and the noise variance (frame, candidate) for Tikhonov's filter, relative to ``noise``
+    squared; ``floor`` as in `amplitude`.
+    """
+    explained, logdet = curves.explained / noise**2, curves.logdet
     if floor is None:
         return explained + logdet, np.ones_like(explained)
     variance = np.maximum(np.maximum(explained / curves.count, floor[:, None]), TINY)

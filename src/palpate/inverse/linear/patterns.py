@@ -18,6 +18,8 @@ shifts of an image of a half-space, whose zero is undetermined.
 
 from __future__ import annotations
 
+import abc
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from palpate._numbers import plain_number
+from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.parameter import TINY, candidates
 from palpate.inverse.linear.spectrum import Spectrum
@@ -32,7 +35,7 @@ from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.nuisance import Nuisance, nuisances
 from palpate.sensing.operator import Operator
 
-__all__ = ["Patterns", "Removed", "Weighed"]
+__all__ = ["Patterns", "Removed", "SpectrumPatterns"]
 
 #: Prior sizes of a pattern (root mean square in the readings, relative to the noise), all equally likely.
 SIZES = (0.3, 3.0, 30.0, 300.0, 3000.0)
@@ -52,29 +55,14 @@ class Removed:
     their standard deviations (frame, pattern).
     """
 
-    coefficients: Any
+    coefficients: Floats
     directions: Floats
     sizes: Floats
     deviations: Floats
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """A set of patterns: their indices, and the eigenvectors and eigenvalues of M for each candidate (candidate, ...)."""
-
-    members: tuple[int, ...]
-    vectors: Floats
-    values: Floats
-
-    @classmethod
-    def of(cls, members: tuple[int, ...], middle: Floats) -> Weighed:
-        """From M (candidate, pattern, pattern)."""
-        values, vectors = np.linalg.eigh(middle)
-        return cls(members, vectors, np.maximum(values, 0.0))
-
-
-class Patterns:
-    """The patterns of an operator in the basis of a spectrum.
+class Patterns(abc.ABC):
+    """The patterns of an operator in a basis of the readings.
 
     ``kinds`` are the nuisances that the user names; None: none, except a shift for an image of a half-space.
     """
@@ -82,128 +70,84 @@ class Patterns:
     def __init__(
         self,
         operator: Operator,
-        spectrum: Spectrum,
-        scales: Sequence[Floats],
-        kinds: tuple[str, ...] | None,
-        parameter: float | None = None,
-    ) -> None:
-        self.spectrum = spectrum
-        self._expanded(operator, spectrum.project, scales, kinds)
-        self.grid = candidates(spectrum.eigenvalues)[::COARSE] if parameter is None else np.array([parameter])
-        self.sets = [self._prepared(members) for members in self.members]
-
-    def _expanded(
-        self,
-        operator: Operator,
         project: Callable[[list[Floats]], Any],
         scales: Sequence[Floats],
         kinds: tuple[str, ...] | None,
+        grid: Floats,
     ) -> None:
-        """Compute the patterns, their rows in a basis of the readings (root mean square one), and their sets."""
         channels = {c for a in operator.planes_of for c in a.channels}
         #: An image of a half-space has no zero of its own: its displacements are relative to points infinitely far
         #: away. (A sensor that also measures displacement_z is fixed to the pad.)
         self.adrift = operator.pad.thickness is None and channels <= {"displacement_x", "displacement_y"}
-        wanted = kinds if kinds is not None else ("offset",) if self.adrift else ()
-        self.all: list[Nuisance] = list(nuisances(operator.planes_of, wanted))
         readings = Readings(operator, scales)
-        rows = [[p[None] for p in readings.planes(n.rows)] for n in self.all]
-        self.rows = np.concatenate([np.asarray(project(r)) for r in rows]) if rows else np.zeros((0, 0))
-        size = np.sqrt((self.rows**2).sum(axis=1) / len(readings.std)) if rows else np.zeros(0)
-        self.units = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
-        self.rows = self.rows * self.units[:, None]
-        self.members = self._sets(kinds)
+        #: The parameters at which evidence is computed.
+        self.grid, self.count = grid, len(readings.std)
+        self.all: list[Nuisance] = []
+        rows, units = [], []
+        for pattern in nuisances(
+            operator.planes_of, kinds if kinds is not None else ("offset",) if self.adrift else ()
+        ):
+            row = np.asarray(project([p[None] for p in readings.planes(pattern.rows)]))[0]
+            size = math.sqrt(float((row**2).sum()) / self.count)
+            if size > 0:
+                self.all.append(pattern)
+                units.append(1.0 / size)
+                rows.append(row * units[-1])
+        #: The patterns' rows, of root mean square one, and the size of each in its own unit.
+        self.rows, self.units = np.array(rows), np.array(units)
 
-    def _sets(self, kinds: tuple[str, ...] | None) -> list[tuple[int, ...]]:
-        named = kinds if kinds is not None else ("offset",) if self.adrift else ()
-        found = tuple(i for i, n in enumerate(self.all) if n.kind in named and self.units[i] > 0)
-        return [found] if found else []
+    @abc.abstractmethod
+    def removed(self, rows: Floats, floor: Floats | None) -> Removed:
+        """``rows`` (frame, n) without the patterns; ``floor`` as in `amplitude`."""
 
-    def _prepared(self, members: tuple[int, ...]) -> Weighed:
-        rows = self.rows[list(members)]
-        weights = 1.0 / (1.0 + self.spectrum.eigenvalues[None, :] / self.grid[:, None])
-        return Weighed.of(members, np.einsum("in,gn,jn->gij", rows, weights, rows, optimize=True))
-
-    def removed(self, coefficients: Any, floor: Floats | None) -> Removed | None:
-        """``coefficients`` (frame, n) without the patterns; None if there are none. ``floor``: as in `amplitude`."""
-        if not self.sets:
-            return None
-        c = np.asarray(coefficients, dtype=np.float64)
-        weights = 1.0 / (1.0 + self.spectrum.eigenvalues[None, :] / self.grid[:, None])
-        explained = c**2 @ weights.T  # (frame, candidate)
-        logdet = -np.log(np.maximum(weights, TINY)).sum(axis=1)
-        inner = np.stack([c @ (weights * row).T for row in self.rows], axis=-1)  # (frame, candidate, pattern)
-        return self.weighed(c, float(c.shape[1]), floor, self.sets, explained, logdet, inner)
+    def score(self, left: Floats, logdet: Floats, floor: Floats | None) -> tuple[Floats, Floats]:
+        """-2 log evidence and noise variance (frame, candidate), from the misfit plus penalty and the log determinant."""
+        if floor is None:
+            return left + logdet, np.ones_like(left)
+        variance = np.maximum(np.maximum(left / self.count, floor[:, None]), TINY)
+        return self.count * np.log(variance) + left / variance + logdet, variance
 
     def weighed(
-        self,
-        c: Floats,
-        n: float,
-        floor: Floats | None,
-        sets: Sequence[Weighed],
-        explained: Floats,
-        logdet: Floats,
-        inner: Floats,
+        self, rows: Floats, floor: Floats | None, middle: Floats, explained: Floats, logdet: Floats, inner: Floats
     ) -> Removed:
-        """``c`` without the patterns, given c^T D^{-1} c (frame, candidate), log det D (candidate,) and B^T D^{-1} c
-        (frame, candidate, pattern).
+        """``rows`` c without the patterns, given M (candidate, pattern, pattern), c^T D^{-1} c (frame, candidate), log det
+        D (candidate,) and B^T D^{-1} c (frame, candidate, pattern).
         """
-
-        def score(left: Floats, more: Floats) -> tuple[Floats, Floats]:
-            """-2 log evidence and noise variance."""
-            if floor is None:
-                return left + logdet + more, np.ones_like(left)
-            variance = np.maximum(np.maximum(left / n, floor[:, None]), TINY)
-            return n * np.log(variance) + left / variance + logdet + more, variance
-
-        models: list[tuple[Weighed, float]] = []
-        scores = []
-        along = {}
-        for each in sets:
-            along[each.members] = np.einsum("gji,fgj->fgi", each.vectors, inner[..., list(each.members)])
-            for g in SIZES[-1:] if self.adrift else SIZES:
-                gain = 1.0 / (g**-2 + each.values)  # (candidate, direction)
-                taken = (along[each.members] ** 2 * gain).sum(axis=-1)
-                scores.append(score(explained - taken, np.log1p(g**2 * each.values).sum(axis=-1)))
-                models.append((each, g))
-        # Evidence of each model over all parameters.
-        table = np.stack([-0.5 * s for s, _ in scores], axis=1)  # (frame, model, candidate)
+        values, vectors = np.linalg.eigh(middle)
+        values = np.maximum(values, 0.0)
+        along = np.einsum("gji,fgj->fgi", vectors, inner)
+        sizes = SIZES[-1:] if self.adrift else SIZES
+        scores, variances = [], []
+        for g in sizes:
+            taken = (along**2 / (g**-2 + values)).sum(axis=-1)
+            score, variance = self.score(explained - taken, logdet + np.log1p(g**2 * values).sum(axis=-1), floor)
+            scores.append(score)
+            variances.append(variance)
+        # Evidence of each size over all parameters.
+        table = -0.5 * np.stack(scores, axis=1)  # (frame, size, candidate)
         top = table.max(axis=2, keepdims=True)
         total = np.log(np.exp(table - top).mean(axis=2)) + top[..., 0]
         chance = np.exp(total - total.max(axis=1, keepdims=True))
         chance /= chance.sum(axis=1, keepdims=True)
-        best = table.argmax(axis=2)  # (frame, model)
-        return self._mixed(c, models, chance, best, along, [v for _, v in scores])
-
-    def _mixed(
-        self,
-        c: Floats,
-        models: list[tuple[Weighed, float]],
-        chance: Floats,
-        best: Any,
-        along: dict[tuple[int, ...], Floats],
-        variances: list[Floats],
-    ) -> Removed:
-        """Mean and covariance of the patterns' sizes over the models of each frame."""
-        count, q = len(c), len(self.all)
+        best = table.argmax(axis=2)  # (frame, size)
+        # Mean and covariance of the patterns' sizes over the models of each frame.
+        count, q = len(rows), len(self.all)
         mean, second = np.zeros((count, q)), np.zeros((count, q, q))
-        for i, (model, g) in enumerate(models):
-            members = list(model.members)
+        for i, g in enumerate(sizes):
             for f in np.flatnonzero(chance[:, i] > IMPROBABLE):
                 at, p = best[f, i], chance[f, i]
-                gain = 1.0 / (g**-2 + model.values[at])
-                vectors = model.vectors[at]
-                size = vectors @ (gain * along[model.members][f, at])
-                covariance = variances[i][f, at] * (vectors * gain) @ vectors.T
-                mean[f, members] += p * size
-                second[f][np.ix_(members, members)] += p * (covariance + np.outer(size, size))
+                gain = 1.0 / (g**-2 + values[at])
+                size = vectors[at] @ (gain * along[f, at])
+                covariance = variances[i][f, at] * (vectors[at] * gain) @ vectors[at].T
+                mean[f] += p * size
+                second[f] += p * (covariance + np.outer(size, size))
         covariance = second - mean[:, :, None] * mean[:, None, :]
-        eigenvalues, vectors = np.linalg.eigh(covariance)
+        eigenvalues, directions = np.linalg.eigh(covariance)
         kept = slice(-min(DIRECTIONS, q), None)
-        root = vectors[:, :, kept] * np.sqrt(np.maximum(eigenvalues[:, None, kept], 0.0))
+        root = directions[:, :, kept] * np.sqrt(np.maximum(eigenvalues[:, None, kept], 0.0))
         deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
         return Removed(
-            c - mean @ self.rows,
+            rows - mean @ self.rows,
             np.swapaxes(root, 1, 2) @ self.rows,
             mean * self.units,
             deviation * self.units,
@@ -233,3 +177,30 @@ class Patterns:
                     "both. If the image cannot drift, pass Skin(..., nuisance=[])"
                 )
         return said
+
+
+class SpectrumPatterns(Patterns):
+    """The patterns in the basis of a spectrum; ``parameter``: the only one to consider."""
+
+    def __init__(
+        self,
+        spectrum: Spectrum,
+        scales: Sequence[Floats],
+        kinds: tuple[str, ...] | None,
+        parameter: float | None = None,
+    ) -> None:
+        grid = candidates(spectrum.eigenvalues)[::COARSE] if parameter is None else np.array([parameter])
+        super().__init__(spectrum.operator, spectrum.project, scales, kinds, grid)
+        self.eigenvalues = spectrum.eigenvalues
+
+    @cached_property
+    def _tables(self) -> tuple[Floats, Floats, Floats]:
+        """1/D (candidate, n), M (candidate, pattern, pattern) and log det D (candidate,)."""
+        weights = 1.0 / (1.0 + self.eigenvalues / self.grid[:, None])
+        middle = np.einsum("in,gn,jn->gij", self.rows, weights, self.rows, optimize=True)
+        return weights, middle, -np.log(np.maximum(weights, TINY)).sum(axis=1)
+
+    def removed(self, rows: Floats, floor: Floats | None) -> Removed:
+        c, (weights, middle, logdet) = rows.astype(np.float64, copy=False), self._tables
+        inner = np.stack([c @ (weights * row).T for row in self.rows], axis=-1)  # (frame, candidate, pattern)
+        return self.weighed(c, floor, middle, c**2 @ weights.T, logdet, inner)

@@ -17,11 +17,11 @@ frames, and the maps take three times the memory of the traction, so everything 
 
 from __future__ import annotations
 
+import abc
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,23 +33,23 @@ from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.estimate import Errors
-from palpate.inverse.linear.fourier import FourierSpectrum
 from palpate.inverse.linear.memory import spectrum_memory
-from palpate.inverse.linear.parameter import Filter, amplitude
+from palpate.inverse.linear.parameter import TINY, Filter, amplitude, filtered_inverse
 from palpate.inverse.linear.spectrum import Spectrum
 from palpate.sensing.grids import Grid
+from palpate.sensing.operator import Operator
 
 __all__ = [
-    "FINEST",
     "PATTERN",
     "UNEXPLAINED",
+    "Frames",
     "LinearErrors",
-    "Source",
+    "SpectrumVariances",
     "Uncertainty",
     "Variances",
     "center_rows",
+    "finest",
     "moment_rows",
-    "unexplained",
 ]
 
 #: Smallest relative error of the net force to assume: no pad and no grid is more accurate. A convention, which only
@@ -69,18 +69,14 @@ UNEXPLAINED, FINEST = 0.1, 0.2
 CHUNK = 32
 
 
-def unexplained(filter_factors: Filter, spectrum: Spectrum, parameter: Floats) -> Floats:
-    """Fraction of the readings' degrees of freedom in the residual, for a parameter (frame,)."""
-    counts = spectrum.multiplicity
-    return np.asarray((1.0 - filter_factors(spectrum.eigenvalues[None, :], parameter[:, None])) @ counts / counts.sum())
-
-
-def finest(spectrum: Spectrum, power: Floats) -> Floats:
-    """Mean power (frame,) of the coefficients to which traction contributes least: an upper bound of white noise."""
-    order = np.argsort(spectrum.eigenvalues, kind="stable")
-    counts = spectrum.multiplicity[order]
+def finest(eigenvalues: Floats, multiplicity: Floats, datum: Floats) -> Floats:
+    """Mean power (frame,) of the coefficients to which traction contributes least: an upper bound of white noise.
+    ``datum`` (frame, n) is |c|^2 of all data of each coefficient.
+    """
+    order = np.argsort(eigenvalues, kind="stable")
+    counts = multiplicity[order]
     least = np.cumsum(counts) <= max(FINEST * counts.sum(), counts[0])
-    return np.asarray((power[:, order] * counts * least).sum(axis=1) / np.maximum((counts * least).sum(), 1.0))
+    return np.asarray(datum[:, order[least]].sum(axis=1) / max(counts[least].sum(), TINY))
 
 
 def moment_rows(grid: Grid) -> Floats:
@@ -102,16 +98,85 @@ def center_rows(grid: Grid, pressure: Floats) -> Floats:
     return np.stack([(inside > 0) * areas * (x - (x * inside).sum() / total) / total for x in places])
 
 
-class Variances:
-    """Prior and posterior variances of sums of the traction, for any parameter: the part that does not depend on the frame."""
+class Frames(NamedTuple):
+    """Some frames (frame,): prior amplitude alpha, noise variance sigma^2 and parameter; and their filter."""
 
-    def __init__(self, spectrum: Spectrum, grid: Grid, columns: tuple[int, ...]) -> None:
-        self.spectrum, self.grid, self.columns = spectrum, grid, columns
-        self.operator = spectrum.operator
+    amplitude: Floats
+    noise: Floats
+    parameter: Floats
+    filter: Filter
+
+
+class Variances(abc.ABC):
+    """Variances of the traction and of its sums: the part that does not depend on the frame, computed at first use."""
+
+    def __init__(self, operator: Operator, columns: Sequence[int]) -> None:
+        self.operator, self.grid, self.columns = operator, operator.surface, tuple(columns)
+
+    @property
+    def mean_seen(self) -> npt.NDArray[np.bool_]:
+        """Whether the readings determine the mean of each component sought."""
+        return np.ones(len(self.columns), dtype=bool)
+
+    @property
+    @abc.abstractmethod
+    def nbytes(self) -> int:
+        """Memory in bytes."""
+
+    @property
+    @abc.abstractmethod
+    def prior(self) -> Floats:
+        """The diagonal of W (component sought, *surface)."""
+
+    @abc.abstractmethod
+    def sizes(
+        self, data: Floats, floor: Floats | None, parameter: Floats, filter_factors: Filter
+    ) -> tuple[Floats, Floats]:
+        """Posterior means of the amplitude and the noise variance (frame,), NaN if all readings are zero. ``data`` and
+        ``floor`` are those of `Uncertainty`.
+        """
+
+    @abc.abstractmethod
+    def of_cells(self, frames: Frames) -> Floats:
+        """Variance in every cell (frame, component sought, *surface); axes of length 1 if it is the same everywhere."""
+
+    @abc.abstractmethod
+    def of_sums(self, frames: Frames, name: str, rows: Floats) -> Floats:
+        """Variance (frame, row) of sums ``rows`` w (row, component sought, *surface); ``name`` identifies the rows in
+        a cache.
+        """
+
+    @abc.abstractmethod
+    def of_own_sums(self, frames: Frames, rows: Callable[[slice], Floats]) -> Floats:
+        """Variance (frame, row) of sums that differ between frames: ``rows`` (frame, row, component sought, *surface)
+        for some frames.
+        """
+
+    @abc.abstractmethod
+    def response(self, frames: Frames, rows: Floats) -> Floats:
+        """The estimates (frame, direction, component sought, *surface) for ``rows`` (frame, direction, n) of readings."""
+
+    def errors(self, frames: Frames, i: int, count: int, rng: np.random.Generator) -> Floats:
+        """Random errors (draw, component sought, *surface) of the estimate of frame ``i``."""
+        raise Unsupported(
+            "samples of the posterior are drawn where the problem is solved by iteration, not of a decomposition."
+        )
+
+
+class SpectrumVariances(Variances):
+    """Variances from a spectral decomposition."""
+
+    def __init__(self, spectrum: Spectrum, columns: Sequence[int]) -> None:
+        super().__init__(spectrum.operator, columns)
+        self.spectrum = spectrum
+        self._sums: dict[str, tuple[Floats, Floats]] = {}
+
+    @property
+    def mean_seen(self) -> npt.NDArray[np.bool_]:
+        return self.spectrum.mean_seen
 
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
         return sum(part.nbytes for part in self.__dict__.get("cells", ()))
 
     @cached_property
@@ -126,60 +191,78 @@ class Variances:
             )
         return self.spectrum.cells()
 
-    @cached_property
-    def force(self) -> tuple[Floats, Floats]:
-        """See `Spectrum.sums`: the net force of each component sought."""
-        return self.spectrum.sums(self.grid.force_rows(self.columns))
-
-    @cached_property
-    def moment_rows(self) -> Floats:
-        """The moments as sums over cells (moment, component sought, *surface)."""
-        return moment_rows(self.grid)[:, list(self.columns)]
-
-    @cached_property
-    def moment(self) -> tuple[Floats, Floats]:
-        """See `Spectrum.sums`."""
-        return self.spectrum.sums(self.moment_rows)
-
-    @cached_property
-    def outside(self) -> Any:
-        """Cells (*surface) outside the outermost taxels; a periodic surface has none."""
-        grid, planes = self.grid, self.operator.planes_of
-        out = np.zeros(grid.shape, dtype=bool)
-        if self.operator.boundary == "periodic":
-            return out
-        points = np.concatenate([a.points[np.ravel(a.valid)] for a in planes])
-        for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
-            low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
-            beyond = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
-            out |= beyond.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
-        return out
-
     @property
-    def mean_seen(self) -> Any:
-        """Whether the readings depend on the mean of each component sought."""
-        if isinstance(self.spectrum, FourierSpectrum):
-            return self.spectrum.mean_seen
-        return np.ones(len(self.columns), dtype=bool)
+    def prior(self) -> Floats:
+        _, powers, rest = self.cells
+        return np.asarray(rest + powers.sum(axis=0))
+
+    def sizes(
+        self, data: Floats, floor: Floats | None, parameter: Floats, filter_factors: Filter
+    ) -> tuple[Floats, Floats]:
+        spectrum = self.spectrum
+        values, counts = spectrum.eigenvalues, spectrum.multiplicity
+        size, noise = amplitude(values, counts, data, floor, tried=spectrum.tried)
+        if floor is not None:
+            left = (1.0 - filter_factors(values, parameter[:, None])) @ counts / counts.sum()
+            blind = left < UNEXPLAINED
+            noise = np.where(blind, np.maximum(noise, finest(values, counts, counts * data)), noise)
+            nothing = data @ counts == 0
+            size, noise = np.where(nothing, np.nan, size), np.where(nothing, np.nan, noise)
+        return size, noise
+
+    def of_cells(self, frames: Frames) -> Floats:
+        nodes, powers, rest = self.cells
+        flat, left = powers.reshape(len(nodes), -1), rest.ravel()
+        parts = [np.maximum(each @ flat, 0.0) + size * left for _, size, each in self._weights(frames, nodes)]
+        return np.concatenate(parts).reshape(-1, *rest.shape)
+
+    def of_sums(self, frames: Frames, name: str, rows: Floats) -> Floats:
+        if name not in self._sums:
+            self._sums[name] = self.spectrum.sums(rows)
+        powers, rest = self._sums[name]
+        weights = self._weights(frames, self.spectrum.eigenvalues)
+        return np.concatenate([each @ powers.T + size * rest for _, size, each in weights])
+
+    def of_own_sums(self, frames: Frames, rows: Callable[[slice], Floats]) -> Floats:
+        parts = []
+        for part, size, each in self._weights(frames, self.spectrum.eigenvalues):
+            here = rows(part)
+            powers, rest = self.spectrum.sums(here.reshape(-1, *here.shape[2:]))
+            shape = here.shape[:2]
+            parts.append((each[:, None, :] * powers.reshape(*shape, -1)).sum(axis=-1) + size * rest.reshape(shape))
+        return np.concatenate(parts)
+
+    def response(self, frames: Frames, rows: Floats) -> Floats:
+        gains = filtered_inverse(frames.filter, self.spectrum.eigenvalues, frames.parameter)
+        maps = [np.asarray(self.spectrum.solve(part * g)) for part, g in zip(rows, gains)]
+        return np.stack(maps)[:, :, list(self.columns)]
+
+    def _weights(self, frames: Frames, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
+        """For batches of frames: the slice, their amplitude (frame, 1), and e (frame, n) at the eigenvalues ``values``."""
+        size, noise, parameter = (each[:, None] for each in frames[:3])
+        safe = np.where(values > 0, values, 1.0)
+        for start in range(0, len(parameter), CHUNK):
+            part = slice(start, start + CHUNK)
+            phi = np.where(values > 0, frames.filter(values[None, :], parameter[part]), 0.0)
+            yield part, size[part], size[part] * (1.0 - phi) ** 2 + noise[part] * phi**2 / safe
 
 
 @dataclass(frozen=True)
 class Uncertainty:
     """Parameter and assumed sizes of noise and traction for each frame (*batch).
 
-    Give either ``noise`` sigma^2 and ``amplitude`` alpha (*batch), or the data to estimate them: ``power`` |c|^2 per
-    datum (*batch, n), and the lower bound ``floor`` (*batch) of the noise variance, None if the noise is known.
-    ``patterns`` (*batch, direction, n) are B L, where L L^T is the covariance of the sizes of nuisances. Without a
-    spectrum, ``rows`` (*batch, n) of the readings replace ``power``.
+    Give either ``noise`` sigma^2 and ``amplitude`` alpha (*batch), or ``data`` (*batch, n) to estimate them (|c|^2 per
+    datum; without a spectrum, the whitened readings) with the lower bound ``floor`` (*batch) of the noise variance,
+    None if the noise is known. ``patterns`` (*batch, direction, n) are B L, where L L^T is the covariance of the sizes
+    of nuisances.
     """
 
     parameter: Floats
     noise: Floats | None = None
     amplitude: Floats | None = None
-    power: Floats | None = None
+    data: Floats | None = None
     floor: Floats | None = None
     patterns: Floats | None = None
-    rows: Floats | None = None
 
     def changed(self, change: Callable[[Any], Any]) -> Uncertainty:
         """A copy with ``change`` applied to every array."""
@@ -196,13 +279,8 @@ class LinearErrors(Deferred, Errors):
     @classmethod
     def of(cls, variances: Variances, filter_factors: Filter, traction: Any, known: Uncertainty) -> LinearErrors:
         """Errors for ``traction`` (*batch, component, *surface), given the parameters of each frame in ``known``."""
-        return cls.made_of(Source(variances, filter_factors, traction, known))
-
-    @classmethod
-    def made_of(cls, source: Source) -> LinearErrors:
-        """Errors from a source of the fields."""
         out: LinearErrors = object.__new__(cls)
-        object.__setattr__(out, "_made_of", source)
+        object.__setattr__(out, "_made_of", Source(variances, filter_factors, traction, known))
         return out
 
     def __getattr__(self, name: str) -> Any:
@@ -218,9 +296,8 @@ class LinearErrors(Deferred, Errors):
         return Errors, tuple(getattr(self, name) for name in _NAMES)  # a copy elsewhere needs no spectrum
 
     def work_out(self) -> None:
-        with self._made_of.together():
-            for name in _NAMES:
-                getattr(self, name)
+        for name in _NAMES:
+            getattr(self, name)
 
     @property
     def deferred(self) -> bool:
@@ -233,13 +310,12 @@ class LinearErrors(Deferred, Errors):
 
     def inputs(self) -> Iterator[tuple[str, Any]]:
         """The inputs of the fields."""
-        source = self._made_of
-        yield "parameter", source.known.parameter
+        yield "parameter", self._made_of.known.parameter
 
     def changed(self, change: Callable[[Any], Any]) -> LinearErrors:
         """Apply ``change``, an index operation on batch axes, to computed fields and to those still to be computed."""
         source = self._made_of
-        out = self.made_of(replace(source, traction=change(source.traction), known=source.known.changed(change)))
+        out = self.of(source.variances, source.filter, change(source.traction), source.known.changed(change))
         for name in _NAMES:
             if name in self.__dict__:
                 object.__setattr__(out, name, change(self.__dict__[name]))
@@ -259,38 +335,35 @@ class Source:
     known: Uncertainty
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
-        """Raise `Unsupported`: samples are only available from the matrix-free method."""
-        raise Unsupported(
-            "samples of the posterior are drawn where the problem is solved by iteration, not of a decomposition."
-        )
+        """Samples of the posterior (frame, draw, component, *surface): the estimate plus its errors for random
+        traction and noise.
+        """
+        columns = list(self.variances.columns)
+        out = np.repeat(self._all[:, None], count, axis=1)
+        for i in range(self._count):
+            error = self.variances.errors(self._frames, i, count, rng)
+            if self._patterns is not None:
+                weights = rng.standard_normal((count, len(self._patterns[i])))
+                error += np.tensordot(weights, self._patterns[i], axes=1)
+            out[i][:, columns] += error
+        return out
 
     # -- maps
 
     def traction_error(self) -> Floats:
-        nodes, powers, rest = self.variances.cells
-        return self._everywhere(np.sqrt(self._cells(nodes, powers, rest)))
+        return self._everywhere(np.sqrt(self._cells()))
 
     def variance_reduction(self) -> Floats:
-        nodes, powers, rest = self.variances.cells
-        size = self._sizes[0][:, None]
-        prior = rest.ravel() + powers.reshape(len(nodes), -1).sum(axis=0)
+        prior = self.variances.prior
+        size = self._frames.amplitude.reshape(-1, *(1,) * prior.ndim)
         with np.errstate(divide="ignore", invalid="ignore"):
-            part = 1.0 - self._cells(nodes, powers, rest).reshape(len(size), -1) / (size * prior)
-        shape = (len(part), len(self.variances.columns), *rest.shape[1:])
-        return self._everywhere(np.clip(part, 0.0, 1.0).reshape(shape), fill=math.nan)
+            part = 1.0 - self._cells() / (size * prior)
+        return self._everywhere(np.clip(part, 0.0, 1.0), fill=math.nan)
 
-    def _cells(self, nodes: Floats, powers: Floats, rest: Floats) -> Floats:
-        """Variance of the traction in every cell, (frame, component sought, *surface), from the three arrays of
-        `Spectrum.cells`. If it is the same in all cells, the axes of the surface have length 1.
-        """
-        flat, left = powers.reshape(len(nodes), -1), rest.ravel()
-        parts = []
-        for part, size, weights in self._weights(nodes):
-            variance = (np.maximum(weights @ flat, 0.0) + size * left).reshape(-1, *rest.shape)
-            if self._patterns is not None:
-                variance = variance + (self._patterns[part] ** 2).sum(axis=1)
-            parts.append(variance)
-        return np.concatenate(parts)
+    def _cells(self) -> Floats:
+        """Variance in every cell, as `Variances.of_cells`, with that of nuisances."""
+        variance = self.variances.of_cells(self._frames)
+        return variance if self._patterns is None else variance + (self._patterns**2).sum(axis=1)
 
     # -- numbers
 
@@ -305,157 +378,92 @@ class Source:
         return self._batched(out)
 
     def moment(self) -> Floats:
-        out = np.sqrt(self._summed("moment", self.variances.moment_rows))
-        lost = {c for c, seen in zip(self.variances.columns, self.variances.mean_seen) if not seen}
-        needs = [{1}] if self.variances.grid.dimensions == 1 else [{2}, {2}, {0, 1}]
+        grid, columns = self.variances.grid, list(self.variances.columns)
+        out = np.sqrt(self._summed("moment", moment_rows(grid)[:, columns]))
+        lost = {c for c, seen in zip(columns, self.variances.mean_seen) if not seen}
+        needs = [{1}] if grid.dimensions == 1 else [{2}, {2}, {0, 1}]
         out[:, [i for i, n in enumerate(needs) if n & lost]] = math.nan
         return self._batched(out)
 
     def center(self) -> Floats:
-        grid = self.variances.grid
-        out = np.full((self._count, grid.dimensions), math.nan)
-        if not self._presses or not self.variances.mean_seen[-1]:
-            return self._batched(out)
-        out = np.sqrt(self._of_pressure(self._center_rows))
-        out[self._all[:, -1].reshape(self._count, -1).max(axis=1) <= 0] = math.nan
+        out = np.full((self._count, self.variances.grid.dimensions), math.nan)
+        if self._presses and self.variances.mean_seen[-1]:
+            out = np.sqrt(self._of_pressure(self._center_rows))
+            out[self._pressure.max(axis=1) <= 0] = math.nan
         return self._batched(out)
-
-    def _center_rows(self, part: slice) -> Floats:
-        """Return the derivative of the centre of pressure with respect to pressure (frame, axis, *surface) for some frames."""
-        grid = self.variances.grid
-        some = to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape)[part, -1].astype(np.float64)
-        return np.stack([center_rows(grid, p) for p in some])
 
     def peak(self) -> Floats:
         if not self._presses:
             return self._batched(np.full(self._count, math.nan))
-        return self._batched(np.sqrt(self._of_cells(self._all[:, -1].reshape(self._count, -1).argmax(axis=1))))
+        return self._batched(np.sqrt(self._of_pressure(self._peak_rows)[:, 0]))
+
+    def _center_rows(self, part: slice) -> Floats:
+        """Derivative of the centre of pressure with respect to pressure (frame, axis, *surface) for some frames."""
+        grid = self.variances.grid
+        return np.stack([center_rows(grid, p.reshape(grid.shape)) for p in self._pressure[part]])
+
+    def _peak_rows(self, part: slice) -> Floats:
+        """Derivative of the peak pressure with respect to pressure (frame, 1, *surface) for some frames."""
+        pressure = self._pressure[part]
+        rows = np.zeros(pressure.shape)
+        rows[np.arange(len(rows)), pressure.argmax(axis=1)] = 1.0
+        return rows.reshape(-1, 1, *self.variances.grid.shape)
 
     def _summed(self, name: str, rows: Floats) -> Floats:
-        """Variance (frame, row) of sums ``rows`` w that are the same in all frames, cached under a name."""
-        powers, rest = self.variances.force if name == "force" else self.variances.moment
-        parts = []
-        for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
-            variance = weights @ powers.T + size * rest
-            if self._patterns is not None:
-                here = self._patterns[part]
-                inner = here.reshape(*here.shape[:2], -1) @ rows.reshape(len(rows), -1).T
-                variance = variance + ((PATTERN * inner) ** 2).sum(axis=1)
-            parts.append(variance)
-        return np.concatenate(parts)
+        """Variance (frame, row) of the same sums of all frames; ``name`` identifies the rows in a cache."""
+        return self.variances.of_sums(self._frames, name, rows) + self._of_patterns(PATTERN * rows)
 
     def _of_pressure(self, rows: Callable[[slice], Floats]) -> Floats:
-        """Variance (frame, row) of sums of the pressure that differ between frames: ``rows`` (frame, row, *surface)
-        for some frames.
-        """
-        parts = []
-        for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
+        """Variance (frame, row) of sums ``rows`` (frame, row, *surface) of the pressure for some frames."""
+
+        def whole(part: slice) -> Floats:
             here = rows(part)
-            powers, rest = self.variances.spectrum.sums(self._only_pressure(here.reshape(-1, *here.shape[2:])))
-            variance = (weights[:, None, :] * powers.reshape(*here.shape[:2], -1)).sum(axis=-1)
-            variance = variance + size * rest.reshape(here.shape[:2])
-            if self._patterns is not None:
-                flat = here.reshape(*here.shape[:2], -1)
-                patterns = self._patterns[part][:, :, -1]
-                inner = flat @ np.swapaxes(patterns.reshape(*patterns.shape[:2], -1), 1, 2)
-                variance = variance + (inner**2).sum(axis=-1)
-            parts.append(variance)
-        return np.concatenate(parts)
+            out = np.zeros((*here.shape[:2], len(self.variances.columns), *here.shape[2:]))
+            out[:, :, -1] = here
+            return out
 
-    def _of_cells(self, cells: npt.NDArray[np.intp]) -> Floats:
-        """Variance (frame,) of the pressure in one cell (flat index) of each frame."""
-        parts = []
-        for part, size, weights in self._weights(self.variances.spectrum.eigenvalues):
-            # Consecutive frames often have their peak in the same cell.
-            each, places = np.unique(cells[part], return_inverse=True)
-            rows = np.zeros((len(each), math.prod(self.variances.grid.shape)))
-            rows[np.arange(len(each)), each] = 1.0
-            powers, rest = self.variances.spectrum.sums(
-                self._only_pressure(rows.reshape(-1, *self.variances.grid.shape))
-            )
-            variance = (weights * powers[places]).sum(axis=-1) + size[:, 0] * rest[places]
-            if self._patterns is not None:
-                patterns = self._patterns[part][:, :, -1]
-                flat = patterns.reshape(*patterns.shape[:2], -1)
-                variance = variance + (flat[np.arange(len(flat)), :, cells[part]] ** 2).sum(axis=-1)
-            parts.append(variance)
-        return np.concatenate(parts)
+        variance = self.variances.of_own_sums(self._frames, whole)
+        return variance if self._patterns is None else variance + self._of_patterns(whole(slice(None)))
 
-    def _only_pressure(self, rows: Floats) -> Floats:
-        """Sums (row, *surface) of the pressure as sums (row, component sought, *surface)."""
-        out = np.zeros((len(rows), len(self.variances.columns), *rows.shape[1:]))
-        out[:, -1] = rows
-        return out
+    def _of_patterns(self, rows: Floats) -> Any:
+        """Variance (frame, row) that nuisances add to sums (row, component sought, *surface), of each frame or of all."""
+        if self._patterns is None:
+            return 0.0
+        flat = rows.reshape(*rows.shape[: -1 - self.variances.grid.dimensions], -1)
+        patterns = self._patterns.reshape(*self._patterns.shape[:2], -1)
+        return ((patterns @ np.swapaxes(flat, -1, -2)) ** 2).sum(axis=1)
 
     # -- loads outside the measured area: they are extrapolated smoothly, but the edge of a contact is not smooth
 
     def outside_traction(self) -> Floats:
-        return self._batched(np.abs(self._all) * self.variances.outside)
+        return self._batched(np.abs(self._all) * self._outside)
 
     def outside_force(self) -> Floats:
-        return self._batched(np.abs(self.variances.grid.total_force(self._far)))
+        return self._batched(np.abs(self.variances.grid.total_force(self._all * self._outside)))
 
     def outside_moment(self) -> Floats:
-        return self._batched(np.abs(self.variances.grid.total_moment(self._far)))
+        return self._batched(np.abs(self.variances.grid.total_moment(self._all * self._outside)))
 
     def outside_center(self) -> Floats:
-        out = np.zeros((self._count, len(self._places)))
-        if self._presses:
-            far = np.flatnonzero(self.variances.outside)
-            if len(far):
-                rows = self._center_rows(slice(None)).reshape(*out.shape, -1)[..., far]
-                pressure = self._all[:, -1].reshape(self._count, -1)[:, None, far]
-                out = np.abs((rows * pressure).sum(axis=-1))
+        out = np.zeros((self._count, self.variances.grid.dimensions))
+        far = np.flatnonzero(self._outside)
+        if self._presses and len(far):
+            rows = self._center_rows(slice(None)).reshape(*out.shape, -1)[..., far]
+            out = np.abs((rows * self._pressure[:, None, far]).sum(axis=-1))
         return self._batched(out)
 
     def outside_peak(self) -> Floats:
-        pressure = self._all[:, -1].reshape(self._count, -1)
-        top = pressure.argmax(axis=1)
-        there = self.variances.outside.ravel()[top]
-        return self._batched(np.abs(pressure[np.arange(self._count), top]) * there)
+        top = self._pressure.argmax(axis=1)
+        return self._batched(np.abs(self._pressure[np.arange(self._count), top]) * self._outside.ravel()[top])
 
     def beyond_force(self) -> Floats:
         return self._batched(np.zeros((self._count, self._all.shape[1])))
 
     # -- helpers
 
-    def _weights(self, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
-        """For batches of frames: the slice, their prior amplitude (frame, 1), and e (frame, n) at the eigenvalues
-        ``values``.
-        """
-        if values is not self.variances.spectrum.eigenvalues or "_kept" not in self.__dict__:
-            return self._worked_weights(values)
-        if not self.__dict__["_kept"]:
-            self.__dict__["_kept"].extend(self._worked_weights(values))
-        return iter(self.__dict__["_kept"])
-
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """Context in which intermediate results that several fields share are cached, with as much memory as the
-        traction.
-        """
-        self.__dict__["_kept"] = []
-        try:
-            yield
-        finally:
-            del self.__dict__["_kept"]
-
-    def _worked_weights(self, values: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
-        parameter = np.reshape(self.known.parameter, (-1, 1))
-        size, noise = (each[:, None] for each in self._sizes)
-        safe = np.where(values > 0, values, 1.0)
-        for start in range(0, len(parameter), CHUNK):
-            part = slice(start, start + CHUNK)
-            phi = np.where(values > 0, self.filter(values[None, :], parameter[part]), 0.0)
-            yield part, size[part], size[part] * (1.0 - phi) ** 2 + noise[part] * phi**2 / safe
-
-    @property
-    def _batch(self) -> tuple[int, ...]:
-        return tuple(np.shape(self.known.parameter))
-
     @property
     def _count(self) -> int:
-        return math.prod(self._batch)
+        return int(np.size(self.known.parameter))
 
     @property
     def _presses(self) -> bool:
@@ -469,48 +477,45 @@ class Source:
         return to_numpy(self.traction).reshape(-1, len(grid.components), *grid.shape).astype(np.float64, copy=False)
 
     @property
-    def _far(self) -> Any:
-        """Traction (frame, component, *surface) of the cells outside the outermost taxels."""
-        return self._all * self.variances.outside
+    def _pressure(self) -> Any:
+        """Pressure (frame, cell)."""
+        return self._all[:, -1].reshape(self._count, -1)
 
     @property
-    def _places(self) -> Any:
-        """x, then y of every cell."""
-        return np.stack(np.meshgrid(*self.variances.grid.axes, indexing="ij")[::-1])
+    def _outside(self) -> npt.NDArray[np.bool_]:
+        """Cells (*surface) outside the outermost taxels; a periodic surface has none."""
+        grid, operator = self.variances.grid, self.variances.operator
+        out = np.zeros(grid.shape, dtype=bool)
+        if operator.boundary == "periodic":
+            return out
+        points = np.concatenate([a.points[np.ravel(a.valid)] for a in operator.planes_of])
+        for axis, (x, dx) in enumerate(zip(grid.axes, grid.spacings)):
+            low, high = points[:, axis].min() - 0.5 * dx, points[:, axis].max() + 0.5 * dx
+            beyond = (x < low - 1e-9 * dx) | (x > high + 1e-9 * dx)
+            out |= beyond.reshape([-1 if a == axis else 1 for a in range(grid.dimensions)])
+        return out
+
+    @cached_property
+    def _frames(self) -> Frames:
+        known, parameter = self.known, np.reshape(self.known.parameter, -1)
+        if known.amplitude is not None and known.noise is not None:
+            return Frames(np.reshape(known.amplitude, -1), np.reshape(known.noise, -1), parameter, self.filter)
+        if known.data is None:
+            raise RuntimeError("neither the sizes of noise and traction are given nor what tells them")
+        floor = None if known.floor is None else np.reshape(known.floor, -1)
+        data = known.data.reshape(self._count, -1)
+        return Frames(*self.variances.sizes(data, floor, parameter, self.filter), parameter, self.filter)
 
     @cached_property
     def _patterns(self) -> Floats | None:
         """The estimate's response to the patterns (frame, direction, component sought, *surface)."""
-        if self.known.patterns is None:
-            return None
-        rows = self.known.patterns.reshape(self._count, -1, self.known.patterns.shape[-1])
-        values = self.variances.spectrum.eigenvalues
-        phi = self.filter(values[None, :], np.reshape(self.known.parameter, (-1, 1)))
-        gain = np.where(values > 0, phi / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
-        maps = [np.asarray(self.variances.spectrum.solve(part * g)) for part, g in zip(rows, gain)]
-        return np.stack(maps)[:, :, list(self.variances.columns)]
-
-    @cached_property
-    def _sizes(self) -> tuple[Floats, Floats]:
-        """Prior amplitude and noise variance (frame,); NaN if all readings are zero."""
-        known = self.known
-        if known.amplitude is not None and known.noise is not None:
-            return np.reshape(known.amplitude, -1), np.reshape(known.noise, -1)
-        if known.power is None:
-            raise RuntimeError("neither the sizes of noise and traction are given nor what tells them")
-        spectrum = self.variances.spectrum
-        power = known.power.reshape(self._count, -1)
-        floor = None if known.floor is None else np.reshape(known.floor, -1)
-        size, noise = amplitude(spectrum.eigenvalues, spectrum.multiplicity, power, floor, tried=spectrum.tried)
-        if floor is not None:
-            blind = unexplained(self.filter, spectrum, np.reshape(known.parameter, -1)) < UNEXPLAINED
-            noise = np.where(blind, np.maximum(noise, finest(spectrum, power)), noise)
-            nothing = power @ spectrum.multiplicity == 0
-            size, noise = np.where(nothing, np.nan, size), np.where(nothing, np.nan, noise)
-        return size, noise
+        rows = self.known.patterns
+        return (
+            None if rows is None else self.variances.response(self._frames, rows.reshape(self._count, *rows.shape[-2:]))
+        )
 
     def _batched(self, values: Floats) -> Floats:
-        return values.reshape((*self._batch, *values.shape[1:]))
+        return values.reshape((*np.shape(self.known.parameter), *values.shape[1:]))
 
     def _everywhere(self, values: Floats, fill: float = 0.0) -> Floats:
         """(*batch, component, *surface) of maps of the components sought."""

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
+from functools import reduce
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate._arrays import from_numpy, irfftn, is_numpy, namespace, rfftn
+from palpate._arrays import irfftn, is_numpy, namespace, rfftn
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.sensing.grids import Grid
+from palpate.sensing.maps import Cached
 
 __all__ = ["DifferencePrior", "Prior", "SpectralPrior", "hilgers_prior", "wavenumbers"]
 
@@ -67,94 +69,66 @@ class DifferencePrior:
             raise InvalidInput(f"order must be 0, 1 or 2; got {order!r}.")
         self.grid, self.order = grid, order
         self.key: Hashable = ("difference", order, scale)
-        total = np.zeros(grid.shape)
-        for axis, (n, dx) in enumerate(zip(grid.shape, grid.spacings)):
-            j = np.arange(1, n + 1)
-            shape = [1] * grid.dimensions
-            shape[axis] = n
-            total = total + ((2 / dx * np.sin(np.pi * j / (2 * (n + 1)))) ** 2).reshape(shape)
-        self._variance = scale / (grid.cell * total**order)
+        waves = [
+            2 / dx * np.sin(np.pi * np.arange(1, n + 1) / (2 * (n + 1))) for n, dx in zip(grid.shape, grid.spacings)
+        ]
         self.scale = scale
-        self._copies: dict[tuple[Any, ...], tuple[list[Any], Any]] = {}
+        self._in_sines = Cached(scale / (grid.cell * _summed([w**2 for w in waves]) ** order))
 
     @cached_property
-    def _sines(self) -> list[Floats]:
+    def _sines(self) -> list[Cached]:
         """Matrix of the DST-I for each axis. For long axes they need much memory and are only built if no FFT is
         available.
         """
-        tables: list[Floats] = []
-        for n in self.grid.shape:
-            j = np.arange(1, n + 1)
-            tables.append(math.sqrt(2 / (n + 1)) * np.sin(np.pi * np.outer(j, j) / (n + 1)))
-        return tables
+        j = [np.arange(1, n + 1) for n in self.grid.shape]
+        return [Cached(math.sqrt(2 / (len(i) + 1)) * np.sin(np.pi * np.outer(i, i) / (len(i) + 1))) for i in j]
 
-    def _prepared(self, x: Any) -> tuple[list[Any], Any]:
-        """Factors of a transform of ``x``, and W in sines, in the array kind of ``x``."""
-        key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
-        if key not in self._copies:
-            tables = [] if self.order == 0 or self._by_fft(x) else [from_numpy(s, x) for s in self._sines]
-            self._copies[key] = tables, from_numpy(self._variance, x)
-        return self._copies[key]
-
-    def _by_fft(self, x: Any) -> bool:
-        return is_numpy(x) and max(self.grid.shape) > MATRIX
+    @property
+    def in_sines(self) -> Floats:
+        """W in sines (*surface)."""
+        return self._in_sines.value
 
     def covariance(self, x: Any) -> Any:
         """W x over the last axes, in the array kind of ``x``."""
-        xp, (sines, variance) = namespace(x), self._prepared(x)
-        return self._transform(xp, sines, variance * self._transform(xp, sines, x))
+        return self._transform(self._in_sines.like(x) * self._transform(x))
 
     def root(self, x: Floats) -> Floats:
         """x C, with C = DST diag(sqrt W)."""
-        return np.asarray(np.sqrt(self._variance) * self._transform(np, self._prepared(x)[0], x))
+        return np.asarray(np.sqrt(self._in_sines.like(x)) * self._transform(x))
+
+    def coloured(self, x: Floats) -> Floats:
+        """C x, with the same C."""
+        return np.asarray(self._transform(np.sqrt(self._in_sines.like(x)) * x))
 
     def variance(self) -> Floats:
         """The diagonal of W (*surface)."""
         if self.order == 0:
-            return np.asarray(self._variance)
-        squares = [s**2 for s in self._sines]
-        if self.grid.dimensions == 1:
-            return np.asarray(squares[0] @ self._variance)
-        return np.asarray(squares[0] @ self._variance @ squares[1].T)
+            return self.in_sines
+        squares = [s.value**2 for s in self._sines]
+        return squares[0] @ self.in_sines if len(squares) == 1 else squares[0] @ self.in_sines @ squares[1].T
 
     def sample(self, rng: np.random.Generator, count: int) -> Floats:
         """Random tractions (count, *surface) of covariance W."""
-        return np.asarray(self.coloured(rng.standard_normal((count, *self.grid.shape))))
-
-    def coloured(self, x: Any) -> Any:
-        """C x, with C = DST diag(sqrt W)."""
-        sines, variance = self._prepared(x)
-        return self._transform(np, sines, np.sqrt(variance) * x)
-
-    def whitened(self, x: Any) -> Any:
-        """C^T x."""
-        sines, variance = self._prepared(x)
-        return np.sqrt(variance) * self._transform(np, sines, x)
-
-    def white(self) -> Floats:
-        """W in sines (*surface)."""
-        return self._variance if self.order else np.full(self.grid.shape, self._variance)
+        return self.coloured(rng.standard_normal((count, *self.grid.shape)))
 
     def symbol(self, size: tuple[int, ...]) -> Floats:
         """Spectrum of the difference penalty; t = 0 at the edge determines the mean."""
-        total: Floats = np.zeros(1)
-        for axis, (n, big, dx) in enumerate(zip(self.grid.shape, size, self.grid.spacings)):
-            part = np.fft.rfftfreq(big) if axis == self.grid.dimensions - 1 else np.fft.fftfreq(big)
-            shape = [1] * self.grid.dimensions
-            shape[axis] = -1
+        parts = []
+        for n, wave, dx in zip(self.grid.shape, _frequencies(size), self.grid.spacings):
             edge = (2 / dx * np.sin(np.pi / (2 * (n + 1)))) ** 2
-            total = total + ((2 / dx * np.sin(np.pi * part)) ** 2 + edge).reshape(shape)
-        return np.asarray(self.scale / (self.grid.cell * total**self.order))
+            parts.append((2 / dx * np.sin(np.pi * wave)) ** 2 + edge)
+        return np.asarray(self.scale / (self.grid.cell * _summed(parts) ** self.order))
 
-    def _transform(self, xp: Any, sines: list[Any], x: Any) -> Any:
+    def _transform(self, x: Any) -> Any:
+        """The DST-I over the last axes."""
         if self.order == 0:
             return x  # W is a multiple of the identity in any basis
-        if self._by_fft(x):
+        if is_numpy(x) and max(self.grid.shape) > MATRIX:
             import scipy.fft
 
-            axes = tuple(range(-self.grid.dimensions, 0))
-            return scipy.fft.dstn(x, type=1, axes=axes, norm="ortho")
-        if self.grid.dimensions == 1:
+            return scipy.fft.dstn(x, type=1, axes=tuple(range(-self.grid.dimensions, 0)), norm="ortho")
+        xp, sines = namespace(x), [s.like(x) for s in self._sines]
+        if len(sines) == 1:
             return xp.matmul(x[..., None, :], sines[0])[..., 0, :]
         return xp.matmul(sines[0], xp.matmul(x, sines[1]))
 
@@ -177,8 +151,7 @@ class SpectralPrior:
         self.scale = scale
         self._size = tuple(2 * n for n in grid.shape)
         k = wavenumbers(self._size, grid.spacings)
-        self._table = self._evaluate(k) / grid.cell
-        self._copies: dict[tuple[Any, ...], Any] = {}
+        self._table = Cached(self._evaluate(k) / grid.cell)
 
     def _evaluate(self, k: Floats) -> Floats:
         try:
@@ -195,20 +168,16 @@ class SpectralPrior:
 
     def covariance(self, x: Any) -> Any:
         """W x: convolution with the correlation function on a grid twice as wide."""
-        key = (namespace(x).__name__, str(x.dtype), str(getattr(x, "device", "")))
-        if key not in self._copies:
-            self._copies[key] = from_numpy(self._table, x)
-        out = irfftn(self._copies[key] * rfftn(x, self._size), self._size)
+        out = irfftn(self._table.like(x) * rfftn(x, self._size), self._size)
         return out[(..., *(slice(0, n) for n in self.grid.shape))]
 
     def variance(self) -> Floats:
         """The diagonal of W (*surface)."""
-        return np.full(self.grid.shape, irfftn(self._table, self._size).ravel()[0])
+        return np.full(self.grid.shape, irfftn(self._table.value, self._size).ravel()[0])
 
     def sample(self, rng: np.random.Generator, count: int) -> Floats:
         """Random tractions (count, *surface) of covariance W."""
-        white = rng.standard_normal((count, *self._size))
-        out = irfftn(np.sqrt(self._table) * rfftn(white, self._size), self._size)
+        out: Any = self.root(rng.standard_normal((count, *self._size)))
         return np.asarray(out[(..., *(slice(0, n) for n in self.grid.shape))])
 
     def symbol(self, size: tuple[int, ...]) -> Floats:
@@ -217,8 +186,7 @@ class SpectralPrior:
 
     def root(self, x: Floats) -> Floats:
         """x C with C = (restriction to the surface) times a Fourier root on the wider grid, as real columns."""
-        out = irfftn(np.sqrt(self._table) * rfftn(x, self._size), self._size)
-        return np.asarray(out)
+        return np.asarray(irfftn(np.sqrt(self._table.value) * rfftn(x, self._size), self._size))
 
     def spectrum(self, k: Floats) -> Floats:
         """S(k)/cell."""
@@ -227,14 +195,17 @@ class SpectralPrior:
 
 def wavenumbers(size: tuple[int, ...], spacings: tuple[float, ...]) -> Floats:
     """|k| [rad/m] on the half-spectrum of a real FFT."""
-    total: Floats = np.zeros(1)
-    d = len(size)
-    for axis, (n, dx) in enumerate(zip(size, spacings)):
-        k = 2 * np.pi * (np.fft.rfftfreq(n, dx) if axis == d - 1 else np.fft.fftfreq(n, dx))
-        shape = [1] * d
-        shape[axis] = -1
-        total = total + (k**2).reshape(shape)
-    return np.sqrt(total)
+    return np.sqrt(_summed([(2 * np.pi * wave / dx) ** 2 for wave, dx in zip(_frequencies(size), spacings)]))
+
+
+def _frequencies(size: tuple[int, ...]) -> list[Floats]:
+    """Frequencies [1/sample] along each axis of the half-spectrum of a real FFT."""
+    return [*(np.fft.fftfreq(n) for n in size[:-1]), np.fft.rfftfreq(size[-1])]
+
+
+def _summed(parts: list[Floats]) -> Floats:
+    """The sum of functions of one axis each, on the grid of all axes."""
+    return np.asarray(reduce(np.add.outer, parts))
 
 
 def hilgers_prior(grid: Grid, length: float) -> SpectralPrior:

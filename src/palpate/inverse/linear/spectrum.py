@@ -12,11 +12,12 @@ contact). On a periodic surface it is the Fourier transform (`palpate.inverse.li
 
 from __future__ import annotations
 
+import abc
 import itertools
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -32,10 +33,10 @@ from palpate.inverse.linear.priors import DifferencePrior, Prior
 from palpate.inverse.linear.whitening import axis_roots, inverse_root
 from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.grids import Grid
-from palpate.sensing.maps import body_of
+from palpate.sensing.maps import Cached, body_of
 from palpate.sensing.operator import Operator
 
-__all__ = ["DataSpectrum", "Shared", "Spectrum", "noise_scales"]
+__all__ = ["DataSpectrum", "Shared", "Spectrum", "in_components", "noise_scales", "recall_key"]
 
 #: Largest dense eigenproblem (readings in one symmetry block): five matrices of 134 MB; 64 x 64 x 3 by symmetry.
 LARGEST_BLOCK = 4096
@@ -55,44 +56,46 @@ MODES_AT_A_TIME = 256
 SAME_CENTRE = 1e-9
 
 
-class Spectrum(Protocol):
-    """The interface of linear methods: the squared singular values, and the changes of basis to and from them."""
+class Spectrum(abc.ABC):
+    """Singular values and vectors of the whitened operator, and the changes of basis to and from them."""
 
     operator: Operator
     #: s^2 of the whitened operator, and how many real data each coefficient stands for.
     eigenvalues: Floats
     multiplicity: Floats
+    #: Whether the readings determine the mean of each component sought.
+    mean_seen: npt.NDArray[np.bool_]
+
+    @cached_property
+    def tried(self) -> Tried:
+        """Quantities for choosing Tikhonov's parameter that do not depend on the readings: 5 MB for 32 x 32 x 3."""
+        return tried_on(self.eigenvalues, self.multiplicity)
 
     @property
-    def tried(self) -> Tried:
-        """Quantities for choosing Tikhonov's parameter that do not depend on the readings."""
-        ...
+    @abc.abstractmethod
+    def nbytes(self) -> int:
+        """Memory in bytes."""
 
+    @abc.abstractmethod
     def project(self, readings: Sequence[Any]) -> Any:
-        """U^T N^{-1/2} readings: (..., n)."""
-        ...
+        """U^T N^{-1/2} readings: (*batch, n), from one array (*batch, channel, *array) per plane."""
 
+    @abc.abstractmethod
     def solve(self, weights: Any) -> Any:
-        """V weights: traction (..., component, *surface), zero in components not sought."""
-        ...
+        """V weights: traction (*batch, component, *surface), zero in components not sought."""
 
+    @abc.abstractmethod
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
         """For sums w't of the traction, ``rows`` w (row, component sought, *surface): (w'V_i)^2 (row, n) and w'(W - V
         V')w (row,).
         """
-        ...
 
+    @abc.abstractmethod
     def cells(self) -> tuple[Floats, Floats, Floats]:
         """Return what the variance of the traction in every cell is computed from: eigenvalues (m,), the power of a
         cell in each eigenvector (m, component sought, *surface), and the rest, outside all eigenvectors (component
         sought, *surface). If all cells are alike, the axes of the surface have length 1.
         """
-        ...
-
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes."""
-        ...
 
 
 def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Floats], bool]:
@@ -123,33 +126,41 @@ def noise_scales(operator: Operator, columns: Sequence[int]) -> tuple[list[Float
     ], False
 
 
-class _Fold:
-    """Change of basis of a regular grid into mirror-symmetric and antisymmetric halves."""
-
-    def __init__(self, shape: Sequence[int]) -> None:
-        self.halves = [{s: _half_basis(n, s) for s in (1, -1)} for n in shape]
-
-    def matrix(self, parities: Sequence[int]) -> list[Floats]:
-        return [halves[p] for halves, p in zip(self.halves, parities)]
+def recall_key(
+    what: str, operator: Operator, columns: Sequence[int], priors: Sequence[Prior], scales: Sequence[Floats]
+) -> str | None:
+    """The key of a computed value in `Recall`; None if a pad or a prior has no digest."""
+    kinds = [(type(p).__qualname__, p.key) for p in priors]
+    return digest(what, operator.pad, operator.planes_of, operator.surface, list(columns), kinds, list(scales))
 
 
-def _half_basis(n: int, sign: int) -> Floats:
-    """Rows: an orthonormal basis of the even (+1) or odd (-1) vectors of length n."""
-    pairs = n // 2
-    basis = np.zeros((pairs + (n % 2 if sign > 0 else 0), n))
-    for i in range(pairs):
-        basis[i, i], basis[i, n - 1 - i] = math.sqrt(0.5), sign * math.sqrt(0.5)
-    if n % 2 and sign > 0:
-        basis[pairs, pairs] = 1.0
-    return basis
+def in_components(images: Any, columns: Sequence[int], count: int, dimensions: int) -> Any:
+    """Images (..., component sought, *surface) among all ``count`` components; zero in those not sought."""
+    if list(columns) == list(range(count)):
+        return images
+    xp, tail = namespace(images), (slice(None),) * dimensions
+    zero = xp.zeros_like(images[(..., 0, *tail)])
+    each = {column: images[(..., i, *tail)] for i, column in enumerate(columns)}
+    return xp.stack([each.get(column, zero) for column in range(count)], axis=-1 - dimensions)
+
+
+def _halves(shape: Sequence[int], parities: Sequence[int]) -> list[Floats]:
+    """For each axis of ``shape``, an orthonormal basis (row, entry) of the even (parity 1) or odd (-1) vectors."""
+    bases = []
+    for n, sign in zip(shape, parities):
+        unit = np.eye(n)[: n // 2]
+        basis = math.sqrt(0.5) * (unit + sign * unit[:, ::-1])
+        middle = np.eye(n)[n // 2 : n // 2 + (n % 2 if sign > 0 else 0)]
+        bases.append(np.concatenate([basis, middle]))
+    return bases
 
 
 @dataclass
 class _Block:
     """One symmetry block: for each plane and channel, the bases of its axes (None: all working taxels)."""
 
-    bases: list[list[list[Floats]]] | None
-    vectors: Floats
+    bases: list[list[list[Cached]]] | None
+    vectors: Cached
     eigenvalues: Floats
 
 
@@ -158,7 +169,7 @@ class _Products:
     """H W H' for each component in each symmetry block, for priors of these strengths; another strength is a factor."""
 
     strengths: list[float]
-    blocks: Iterable[tuple[list[list[list[Floats]]], list[Floats]]]
+    blocks: Iterable[tuple[list[list[list[Cached]]], list[Floats]]]
 
     @property
     def nbytes(self) -> int:
@@ -170,11 +181,8 @@ class _Products:
 Shared: TypeAlias = Callable[[Hashable, Callable[[], _Products]], _Products]
 
 
-class DataSpectrum:
+class DataSpectrum(Spectrum):
     """Spectrum of H H^T for any layout, in symmetry blocks."""
-
-    eigenvalues: Floats
-    multiplicity: Floats
 
     def __init__(
         self,
@@ -190,75 +198,60 @@ class DataSpectrum:
         self._roots = [
             None
             if symmetric or not a.noise_correlation
-            else inverse_root(a.points[a.valid.ravel()], a.noise_correlation)
+            else Cached(inverse_root(a.points[a.valid.ravel()], a.noise_correlation))
             for a in operator.planes_of
         ]
-        self.key = digest(
-            "spectrum",
-            operator.pad,
-            operator.planes_of,
-            operator.surface,
-            self.columns,
-            [(type(p).__qualname__, p.key) for p in priors],
-            list(scales),
-        )
+        self.key = recall_key("spectrum", operator, self.columns, priors, scales)
         self.blocks = self._recalled(symmetric) or (self._symmetric_blocks() if symmetric else [self._whole()])
         self.eigenvalues = np.concatenate([b.eigenvalues for b in self.blocks])
         self.multiplicity = np.ones(len(self.eigenvalues))
-        self._copies: dict[tuple[Any, ...], Any] = {}
-        self._modes: npt.NDArray[np.float64] | None = None
-        unknowns = len(self.columns) * math.prod(operator.surface.shape)
-        if len(self.eigenvalues) * unknowns <= LARGEST_MODES:
-            count = len(self.eigenvalues)
-            self._modes = np.concatenate(
-                [self._some_modes(slice(i, min(i + MODES_AT_A_TIME, count))) for i in range(0, count, MODES_AT_A_TIME)]
-            )
-            self._copies.clear()
-
-    @cached_property
-    def tried(self) -> Tried:
-        """Quantities for choosing Tikhonov's parameter that do not depend on the readings: 5 MB for 32 x 32 x 3."""
-        return tried_on(self.eigenvalues, self.multiplicity)
+        self.mean_seen = np.ones(len(self.columns), dtype=bool)
+        self._scales = [Cached(s.reshape(-1, *(1,) * len(a.shape))) for s, a in zip(scales, operator.planes_of)]
+        self._modes: Cached | None = None
+        count = len(self.eigenvalues)
+        if count * len(self.columns) * math.prod(operator.surface.shape) <= LARGEST_MODES:
+            starts = range(0, count, MODES_AT_A_TIME)
+            modes = [self._some_modes(slice(i, min(i + MODES_AT_A_TIME, count))) for i in starts]
+            self._modes = Cached(np.concatenate(modes))
 
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
-        modes = 0 if self._modes is None else self._modes.nbytes
-        return modes + sum(b.vectors.nbytes for b in self.blocks)
+        modes = 0 if self._modes is None else self._modes.value.nbytes
+        return modes + sum(b.vectors.value.nbytes for b in self.blocks)
 
     def _recalled(self, symmetric: bool) -> list[_Block] | None:
         """The blocks computed by an earlier run."""
         operator = self.operator
         if operator.recall is None:
             return None
-        each: list[list[list[list[Floats]]] | None] = [None]
+        each: list[list[list[list[Cached]]] | None] = [None]
         sizes = [sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)]
         if symmetric:
             bases = [self._bases(signs) for signs in itertools.product((1, -1), repeat=operator.surface.dimensions)]
-            sizes = [sum(math.prod(len(axis) for axis in c) for p in b for c in p) for b in bases]
+            sizes = [sum(math.prod(len(axis.value) for axis in c) for p in b for c in p) for b in bases]
             each = [*bases]
         shapes = [shape for n in sizes for shape in ((n, n), (n,))]
         found = operator.recall.find(self.key, shapes)
         if found is None:
             return None
-        return [_Block(b, v, e) for b, v, e in zip(each, found[::2], found[1::2])]
+        return [_Block(b, Cached(v), e) for b, v, e in zip(each, found[::2], found[1::2])]
 
     def worked_out(self) -> dict[str, tuple[Floats, ...]]:
         """The blocks, for `Recall`."""
         if self.key is None:
             return {}
-        return {self.key: tuple(part for b in self.blocks for part in (b.vectors, b.eigenvalues))}
+        return {self.key: tuple(part for b in self.blocks for part in (b.vectors.value, b.eigenvalues))}
 
-    def _bases(self, signs: Sequence[int]) -> list[list[list[Floats]]]:
+    def _bases(self, signs: Sequence[int]) -> list[list[list[Cached]]]:
         """For one symmetry, the bases of the axes for each plane and channel."""
         axes = "x" if len(signs) == 1 else "yx"
-        out: list[list[list[Floats]]] = []
+        out: list[list[list[Cached]]] = []
         for array in self.operator.planes_of:
-            fold, roots = _Fold(array.shape), axis_roots(array)
+            roots = axis_roots(array)
             out.append([])
             for channel in array.channels:
-                basis = fold.matrix([s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
-                out[-1].append(basis if roots is None else [b @ r for b, r in zip(basis, roots)])
+                basis = _halves(array.shape, [s * mirror_parity(channel, ax) for s, ax in zip(signs, axes)])
+                out[-1].append([Cached(b if roots is None else b @ roots[i]) for i, b in enumerate(basis)])
         return out
 
     def _inverse_root(self) -> Floats:
@@ -273,11 +266,11 @@ class DataSpectrum:
             working = int(array.valid.sum())
             for value in scale:
                 part = matrix[row : row + working] / value
-                matrix[row : row + working] = part if root is None else np.tensordot(root, part, 1)
+                matrix[row : row + working] = part if root is None else np.tensordot(root.value, part, 1)
                 row += working
         rooted = [prior.root(matrix[:, i]).reshape(len(matrix), -1) for i, prior in enumerate(self.priors)]
         values, vectors = _svd(np.concatenate(rooted, axis=1))
-        return _Block(None, vectors, values)
+        return _Block(None, Cached(vectors), values)
 
     def _symmetric_blocks(self) -> list[_Block]:
         kinds = [(p.order, None) if isinstance(p, DifferencePrior) else (None, p.key) for p in self.priors]
@@ -294,10 +287,10 @@ class DataSpectrum:
                 part = product if strength == known else product * (strength / known)
                 gram = part if gram is None else gram + part
             values, vectors = _eigh(np.zeros((0, 0)) if gram is None else gram.copy())
-            blocks.append(_Block(bases, vectors, values))
+            blocks.append(_Block(bases, Cached(vectors), values))
         return blocks
 
-    def _products(self) -> Iterator[tuple[list[list[list[Floats]]], list[Floats]]]:
+    def _products(self) -> Iterator[tuple[list[list[list[Cached]]], list[Floats]]]:
         """For each symmetry block: its bases, and H W H' for each component."""
         for bases, folded in self._symmetric_rows():
             yield bases, [rows @ weighted.T for rows, weighted, _ in folded]
@@ -309,14 +302,13 @@ class DataSpectrum:
 
     def _symmetric_rows(
         self,
-    ) -> Iterator[tuple[list[list[list[Floats]]], list[tuple[Floats, Floats, list[Floats]]]]]:
+    ) -> Iterator[tuple[list[list[list[Cached]]], list[tuple[Floats, Floats, list[Floats]]]]]:
         """For each symmetry block: its bases, and for each component N^{-1/2} A and N^{-1/2} A W in the basis of half
         axes, which is also returned.
         """
         surface, names = self.operator.surface, self.operator.surface.components
         d = surface.dimensions
         axes = "x" if d == 1 else "yx"
-        cell_fold = _Fold(surface.shape)
         every = self.columns == list(range(len(names)))
         dense = [p.dense() for p in self.operator.planes]
         for signs in itertools.product((1, -1), repeat=d):
@@ -325,70 +317,54 @@ class DataSpectrum:
             for of_plane, matrix, scale in zip(bases, dense, self.scales):
                 for c, basis in enumerate(of_plane):
                     sought = matrix[c] if every else np.take(matrix[c], self.columns, axis=d)
-                    rows.append(_rows_folded(sought, basis))
+                    rows.append(_rows_folded(sought, [b.value for b in basis]))
                     rows[-1] /= scale[c]
             stacked = np.concatenate(rows)
             folded = []
             for i, column in enumerate(self.columns):
                 # Both images are symmetric: half of each axis contains everything.
-                halves = cell_fold.matrix([s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
+                halves = _halves(surface.shape, [s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
                 weighted = self.priors[i].covariance(stacked[:, i])
                 folded.append((_folded(stacked[:, i], halves), _folded(weighted, halves), halves))
             yield bases, folded
 
     def project(self, readings: Sequence[Any]) -> Any:
-        """U^T N^{-1/2} readings: (..., n)."""
-        xp = namespace(readings[0])
-        bases, vectors, scales, picks, roots, _ = self._prepared(readings[0])
-        scaled = [r / s for r, s in zip(readings, scales)]
+        like = readings[0]
+        xp, planes = namespace(like), self.operator.planes_of
+        d, scaled = len(planes[0].shape), [r / s.like(like) for r, s in zip(readings, self._scales)]
+        batch = like.shape[: -1 - d]
         out = []
-        for block, basis, vector in zip(self.blocks, bases, vectors):
+        for block in self.blocks:
             parts = []
-            for plane, part in enumerate(scaled):
-                d = len(self.operator.planes_of[plane].shape)
-                batch = part.shape[: -1 - d]
+            for p, (array, part) in enumerate(zip(planes, scaled)):
                 if block.bases is None:
-                    flat = xp.reshape(part, (*batch, part.shape[-1 - d], -1))
-                    if picks[plane] is not None:
-                        flat = xp.take(flat, picks[plane], axis=-1)
-                    if roots[plane] is not None:
-                        flat = xp.matmul(flat, roots[plane])
-                    parts.append(xp.reshape(flat, (*batch, -1)))
-                    continue
-                for c, mats in enumerate(basis[plane]):
-                    image = part[(..., c, *(slice(None),) * d)]
-                    image = (
-                        xp.matmul(image[..., None, :], mats[-1].T)[..., 0, :]
-                        if d == 1
-                        else xp.matmul(mats[0], xp.matmul(image, mats[1].T))
-                    )
-                    parts.append(xp.reshape(image, (*batch, -1)))
-            out.append(xp.matmul(xp.concat(parts, axis=-1), vector))
+                    flat = xp.reshape(part, (*batch, len(array.channels), -1))
+                    if array.mask is not None:
+                        flat = xp.take(flat, _index(np.flatnonzero(array.valid), like), axis=-1)
+                    root = self._roots[p]
+                    images = [flat if root is None else xp.matmul(flat, root.like(like))]
+                else:
+                    images = [
+                        _applied(xp, [b.like(like) for b in bases], part[(..., c, *(slice(None),) * d)])
+                        for c, bases in enumerate(block.bases[p])
+                    ]
+                parts += [xp.reshape(image, (*batch, -1)) for image in images]
+            out.append(xp.matmul(xp.concat(parts, axis=-1), block.vectors.like(like)))
         return xp.concat(out, axis=-1)
 
     def solve(self, weights: Any) -> Any:
-        """V weights: traction (..., component, *surface), zero in components not sought."""
-        xp = namespace(weights)
+        xp, surface = namespace(weights), self.operator.surface
         if self._modes is None:
             # Small singular values are divided by before the operator multiplies by them again, which float32 cannot
             # represent.
             wide = xp.astype(weights, xp.float64)
-            out = self._adjoint(wide * from_numpy(self._inverse_root(), wide))
-            return xp.astype(out, weights.dtype)
-        surface = self.operator.surface
-        modes = self._prepared(weights)[5]
-        batch = weights.shape[:-1]
-        images = xp.reshape(xp.matmul(weights, modes), (*batch, len(self.columns), *surface.shape))
-        tail = (slice(None),) * surface.dimensions
-        zero = xp.zeros_like(images[(..., 0, *tail)])
-        parts = [
-            images[(..., self.columns.index(i), *tail)] if i in self.columns else zero
-            for i in range(len(surface.components))
-        ]
-        return xp.stack(parts, axis=-1 - surface.dimensions)
+            images = xp.astype(self._adjoint(wide * from_numpy(self._inverse_root(), wide)), weights.dtype)
+        else:
+            images = xp.matmul(weights, self._modes.like(weights))
+            images = xp.reshape(images, (*weights.shape[:-1], len(self.columns), *surface.shape))
+        return in_components(images, self.columns, len(surface.components), surface.dimensions)
 
     def sums(self, rows: Floats) -> tuple[Floats, Floats]:
-        """(w'V_i)^2 (row, n) and w'(W - V V')w (row,) for ``rows`` w (row, component sought, *surface)."""
         # Most rows are sums of one component: pressure.
         loaded = [i for i in range(len(self.priors)) if rows[:, i].any()] or [0]
         if len(loaded) < len(self.priors):
@@ -396,7 +372,7 @@ class DataSpectrum:
         weighted = np.stack([self.priors[i].covariance(rows[:, at]) for at, i in enumerate(loaded)], axis=1)
         whole = (rows * weighted).reshape(len(rows), -1).sum(axis=1)
         if self._modes is not None:
-            modes = self._modes.reshape(len(self._modes), len(self.columns), -1)[:, loaded]
+            modes = self._modes.value.reshape(len(self.eigenvalues), len(self.columns), -1)[:, loaded]
             inner = rows.reshape(len(rows), -1) @ modes.reshape(len(modes), -1).T
         else:
             readings = self.operator.forward(weighted, [self.columns[i] for i in loaded])
@@ -405,7 +381,7 @@ class DataSpectrum:
         return powers, np.maximum(whole - powers.sum(axis=1), 0.0)
 
     def cells(self) -> tuple[Floats, Floats, Floats]:
-        """V_ik^2 of every cell k, with close eigenvalues lumped if there are many, and the part outside all eigenvectors."""
+        """As `Spectrum.cells`, with close eigenvalues grouped if there are many."""
         shape = (len(self.columns), *self.operator.surface.shape)
         nodes, weights = lumps(self.eigenvalues)
         powers, total = np.zeros((len(nodes), *shape)), np.zeros(shape)
@@ -415,7 +391,7 @@ class DataSpectrum:
                 here = slice(start, start + len(block.eigenvalues))
                 start = here.stop
                 for i, (_, weighted, halves) in enumerate(folded):
-                    squares = (root[here, None] * (block.vectors.T @ weighted)) ** 2
+                    squares = (root[here, None] * (block.vectors.value.T @ weighted)) ** 2
                     # A mode is even or odd, so that its square is even: each cell has an entry on half of each axis.
                     powers[:, i] += _unfolded(weights[:, here] @ squares, halves)
                     total[i] += _unfolded(squares.sum(axis=0)[None], halves)[0]
@@ -431,89 +407,49 @@ class DataSpectrum:
     def _some_modes(self, here: slice) -> Floats:
         """Rows of V^T (mode, component sought * cell)."""
         if self._modes is not None:
-            return np.asarray(self._modes[here])
+            return np.asarray(self._modes.value[here])
         root = self._inverse_root()
         unit = np.zeros((here.stop - here.start, len(root)))
         unit[np.arange(len(unit)), np.arange(here.start, here.stop)] = root[here]
-        return np.asarray(self._adjoint(unit)[:, self.columns].reshape(len(unit), -1))
+        return np.asarray(self._adjoint(unit).reshape(len(unit), -1))
 
     def _adjoint(self, weights: Any) -> Any:
-        """W A^T N^{-1/2} U weights."""
-        xp = namespace(weights)
-        bases, vectors, scales, picks, roots, _ = self._prepared(weights)
-        planes = self.operator.planes_of
-        batch = weights.shape[:-1]
-        totals: list[Any] = [None] * len(planes)
+        """W A^T N^{-1/2} U weights: (..., component sought, *surface)."""
+        xp, planes = namespace(weights), self.operator.planes_of
+        d, batch = len(planes[0].shape), weights.shape[:-1]
+        totals: list[Any] = [0.0] * len(planes)
         start = 0
-        for block, basis, vector in zip(self.blocks, bases, vectors):
-            n = block.vectors.shape[1]
-            flat = xp.matmul(weights[..., start : start + n], vector.T)
+        for block in self.blocks:
+            n = len(block.eigenvalues)
+            flat = xp.matmul(weights[..., start : start + n], block.vectors.like(weights).T)
             start += n
             row = 0
-            for plane, array in enumerate(planes):
-                d = len(array.shape)
+            for p, array in enumerate(planes):
                 if block.bases is None:
-                    working = int(array.valid.sum())
-                    size = working * len(array.channels)
-                    part = xp.reshape(flat[..., row : row + size], (*batch, len(array.channels), working))
-                    row += size
-                    if roots[plane] is not None:
-                        part = xp.matmul(part, roots[plane])
-                    if picks[plane] is not None:
-                        part = _scatter(xp, part, array.valid)
-                    image = xp.reshape(part, (*batch, len(array.channels), *array.shape))
+                    channels, working = len(array.channels), int(array.valid.sum())
+                    part = xp.reshape(flat[..., row : row + channels * working], (*batch, channels, working))
+                    row += channels * working
+                    root = self._roots[p]
+                    if root is not None:
+                        part = xp.matmul(part, root.like(weights))
+                    if array.mask is not None:  # missing taxels are zero
+                        place = np.where(array.valid, np.cumsum(array.valid).reshape(array.shape) - 1, working)
+                        whole = xp.concat([part, xp.zeros_like(part[..., :1])], axis=-1)
+                        part = xp.take(whole, _index(place, weights), axis=-1)
+                    image = xp.reshape(part, (*batch, channels, *array.shape))
                 else:
                     images = []
-                    for mats in basis[plane]:
-                        shape = tuple(m.shape[0] for m in mats)
-                        size = math.prod(shape)
-                        part = xp.reshape(flat[..., row : row + size], (*batch, *shape))
-                        row += size
-                        images.append(
-                            xp.matmul(part[..., None, :], mats[-1])[..., 0, :]
-                            if d == 1
-                            else xp.matmul(mats[0].T, xp.matmul(part, mats[1]))
-                        )
+                    for bases in block.bases[p]:
+                        shape = tuple(len(b.value) for b in bases)
+                        part = xp.reshape(flat[..., row : row + math.prod(shape)], (*batch, *shape))
+                        row += math.prod(shape)
+                        images.append(_applied(xp, [b.like(weights).T for b in bases], part))
                     image = xp.stack(images, axis=-1 - d)
-                totals[plane] = image if totals[plane] is None else totals[plane] + image
-        adjoint = self.operator.adjoint([t / s for t, s in zip(totals, scales)])
-        return self._select(xp, adjoint)
-
-    def _select(self, xp: Any, adjoint: Any) -> Any:
-        d = self.operator.surface.dimensions
-        tail = (slice(None),) * d
-        out = []
-        for column in range(len(self.operator.surface.components)):
-            part = adjoint[(..., column, *tail)]
-            sought = column in self.columns
-            out.append(self.priors[self.columns.index(column)].covariance(part) if sought else xp.zeros_like(part))
-        return xp.stack(out, axis=-1 - d)
-
-    def _prepared(self, like: Any) -> Any:
-        xp = namespace(like)
-        key = (xp.__name__, str(like.dtype), str(getattr(like, "device", "")))
-        if key not in self._copies:
-            bases = [
-                None
-                if b.bases is None
-                else [[[from_numpy(m, like) for m in mats] for mats in plane] for plane in b.bases]
-                for b in self.blocks
-            ]
-            vectors = [from_numpy(b.vectors, like) for b in self.blocks]
-            scales = [
-                from_numpy(s.reshape(-1, *(1,) * len(a.shape)), like)
-                for s, a in zip(self.scales, self.operator.planes_of)
-            ]
-            picks = [
-                None
-                if a.mask is None
-                else xp.asarray(np.flatnonzero(a.valid.ravel()), device=getattr(like, "device", None))
-                for a in self.operator.planes_of
-            ]
-            modes = None if self._modes is None else from_numpy(self._modes, like)
-            roots = [None if r is None else from_numpy(r, like) for r in self._roots]
-            self._copies[key] = bases, vectors, scales, picks, roots, modes
-        return self._copies[key]
+                totals[p] = totals[p] + image
+        seen = self.operator.adjoint([t / s.like(weights) for t, s in zip(totals, self._scales)], self.columns)
+        tail = (slice(None),) * self.operator.surface.dimensions
+        parts = [prior.covariance(seen[(..., i, *tail)]) for i, prior in enumerate(self.priors)]
+        return xp.stack(parts, axis=-1 - len(tail))
 
 
 def _folded(rows: Floats, halves: Sequence[Floats]) -> Floats:
@@ -539,11 +475,16 @@ def _unfolded(powers: Floats, halves: Sequence[Floats]) -> Floats:
     return np.asarray(out)
 
 
-def _scatter(xp: Any, part: Any, valid: npt.NDArray[np.bool_]) -> Any:
-    """Put working taxels back into full rows, zero where masked."""
-    place = np.zeros((int(valid.sum()), valid.size))
-    place[np.arange(len(place)), np.flatnonzero(valid.ravel())] = 1.0
-    return xp.matmul(part, from_numpy(place, part))
+def _applied(xp: Any, matrices: Sequence[Any], image: Any) -> Any:
+    """An image (..., *array) multiplied by one matrix along each axis."""
+    if len(matrices) == 1:
+        return xp.matmul(image[..., None, :], matrices[0].T)[..., 0, :]
+    return xp.matmul(matrices[0], xp.matmul(image, matrices[1].T))
+
+
+def _index(places: npt.NDArray[np.intp], like: Any) -> Any:
+    """Flat indices on the device of ``like``."""
+    return namespace(like).asarray(places.ravel(), device=getattr(like, "device", None))
 
 
 def _svd(h: Floats) -> tuple[Floats, Floats]:

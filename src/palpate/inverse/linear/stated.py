@@ -61,10 +61,13 @@ class InDoubt:
         batch = np.shape(found.parameter)
         traction = to_numpy(found.traction).astype(np.float64).reshape(-1, len(self.grid.components), *self.grid.shape)
         flat = [to_numpy(r).astype(np.float64).reshape(-1, *r.shape[len(batch) :]) for r in readings]
-        frames = [
-            deviations(self.directions([r[i] for r in flat], t, self._again(float(lam))), t, self.grid)
-            for i, (t, lam) in enumerate(zip(traction, np.reshape(found.parameter, -1)))
-        ]
+        frames = []
+        for i, (t, lam) in enumerate(zip(traction, np.reshape(found.parameter, -1))):
+
+            def again(rows: list[Floats], lam: float = float(lam)) -> Floats:
+                return self.linear.again(rows, np.full(len(rows[0]), lam))
+
+            frames.append(deviations(self.directions([r[i] for r in flat], t, again), t, self.grid))
         joined = {f.name: np.stack([getattr(one, f.name) for one in frames]) for f in fields(Stated)}
         said = list(found.said)
         if self.offsets:
@@ -76,15 +79,11 @@ class InDoubt:
             found, said=tuple(said), stated=Stated(**{n: v.reshape((*batch, *v.shape[1:])) for n, v in joined.items()})
         )
 
-    def _again(self, parameter: float) -> Callable[[list[Floats]], Floats]:
-        """A function that solves readings (row, channel, *array) per plane with the same parameter."""
-        return lambda rows: self.linear.again(rows, np.full(len(rows[0]), parameter))
-
     def directions(self, readings: list[Floats], traction: Floats, again: Callable[[list[Floats]], Floats]) -> Floats:
         """Errors of an estimate (direction, component, *surface), one standard deviation each; ``again`` solves other
         readings in the same way.
         """
-        known, out = self.known, []
+        known = self.known
         columns, size = self.problem.doubtful(known, traction)
         rows = list((columns * size).T)
         if known.gain:
@@ -95,10 +94,9 @@ class InDoubt:
             rows.extend(signs * off)
         flat = np.abs(self.readings.flat(readings))
         rows.extend(self.hidden * flat[o != 0].max(initial=0.0) / np.abs(o).max() * o for o in self.offsets)
-        if rows:
-            planes = [np.stack(each) for each in zip(*(self.readings.planes(row) for row in rows))]
-            out.append(again(planes))
-        return np.concatenate(out) if out else np.zeros((1, *traction.shape))
+        if not rows:
+            return np.zeros((1, *traction.shape))
+        return again([np.stack(each) for each in zip(*(self.readings.planes(row) for row in rows))])
 
 
 def deviations(directions: Floats, traction: Floats, grid: Grid) -> Stated:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from palpate.elastic.pad import Floats
-from palpate.inverse.linear.evidence import LinearEvidence, of_unit_size
+from palpate.inverse.linear.evidence import LinearEvidence, evidence_gain, of_unit_size
 from palpate.inverse.linear.matrix_free.rules import Corrected
 from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.parameter import pick
@@ -74,7 +74,7 @@ class _Solved:
 
     def solve(self, parameter: float, start: Floats | None) -> None:
         lam = np.array([parameter])
-        u = self.system.solve(
+        u = self.system.space.solve(
             self.row[None],
             lam,
             tolerance=TOLERANCE,
@@ -97,33 +97,6 @@ class _Solved:
         if self._traction is None or self._traction[0] != found[0]:
             self._traction = found[0], self.system.normal.traction(found[1][None])[0]
         return self._traction[1]
-
-
-class _Scaled:
-    """Curves of readings divided by a noise."""
-
-    def __init__(self, curves: Corrected, unit: float) -> None:
-        self.grid, self.count, self.inside = curves.grid, curves.count, curves.inside
-        self.explained = curves.explained / unit**2
-        self.residual = curves.residual / unit**2
-        self.penalty = curves.penalty / unit**2
-        self.free, self.logdet = curves.free, curves.logdet
-
-    def at(self, parameter: float) -> tuple[float, float, float, float]:
-        """explained, residual, log determinant and remaining degrees of freedom at a parameter."""
-        log, place = np.log(self.grid)[::-1], math.log(parameter)
-
-        def between(values: Floats, *, logarithm: bool = True) -> float:
-            known = np.log(np.maximum(values, 1e-300)) if logarithm else values
-            found = float(np.interp(place, log, known[::-1]))
-            return math.exp(found) if logarithm else found
-
-        return (
-            between(self.explained[0]),
-            between(self.residual[0]),
-            between(self.logdet, logarithm=False),
-            between(self.free, logarithm=False),
-        )
 
 
 class FrameAtSize:
@@ -181,9 +154,9 @@ class FrameAtSize:
         floor: Floats | None = None if certain else np.zeros(1)
         best = parameter or system.freedom.top
         for turn in range(ROUNDS):
-            curves = _Scaled(solved.curves, unit)
             if parameter is None:
-                best = float(solved.curves.within(pick("evidence", curves, floor).parameter, STEP)[0])
+                picked = pick("evidence", solved.curves, floor, noise=unit).parameter
+                best = float(solved.curves.within(picked, STEP)[0])
                 if turn == 0 and not solved.solutions and system.space.first is not None:
                     best = max(best, system.space.first)
             near = solved.nearest(best)
@@ -191,25 +164,19 @@ class FrameAtSize:
                 break
             solved.solve(best, near[1] if near is not None else self._start(best))
             system.freedom.of(np.array([best]))
-        curves = _Scaled(solved.curves, unit)
-        left, residual, logdet, free = curves.at(best)
-        count, everything = curves.count - fewer, size / unit**2
-        variance = 1.0 if certain else left / count
-        if certain:
-            gain = 0.5 * (everything - left - logdet)
-        else:
-            gain = 0.5 * (count * math.log(everything / max(left, 1e-300)) - logdet)
+        left, residual, logdet, free = (float(np.ravel(each)[0]) for each in solved.curves.at(np.array([best])))
+        count = solved.curves.count - fewer
         found = LinearEvidence(
-            gain,
+            evidence_gain(size / unit**2, left / unit**2, logdet, count, certain),
             best,
-            math.sqrt(variance) * unit,
+            unit if certain else math.sqrt(left / count),
             solved.traction(best),
             logdet + base,
-            left * unit**2,
+            left,
             count,
             sizes,
         )
-        return found, residual * unit**2, max(free - fewer, 1.0)
+        return found, residual, max(free - fewer, 1.0)
 
     def noise(
         self, rows: Sequence[Floats], parameter: float | None, known: float

@@ -47,7 +47,7 @@ class Freedom:
         self.top = float(space.largest)
         self._rows: list[Floats] = []
         self._powers: list[Floats] = []
-        self._found: dict[int, tuple[float, float, float]] = {}
+        self._found: dict[int, tuple[float, float]] = {}
 
     @property
     def nbytes(self) -> int:
@@ -56,18 +56,18 @@ class Freedom:
         return int(rows + self.weights.data.nbytes + self.weights.indices.nbytes)
 
     def table(self) -> Floats:
-        """The values computed so far, one row (place, 3 values) each."""
-        return np.array([[float(place), *known] for place, known in sorted(self._found.items())]).reshape(-1, 4)
+        """The values computed so far, one row (place, value, slope) each."""
+        return np.array([[float(place), *known] for place, known in sorted(self._found.items())]).reshape(-1, 3)
 
     def take(self, known: tuple[Floats, ...] | None) -> None:
         """Load a `table` from an earlier run."""
-        if known is not None and len(known) == 1 and known[0].ndim == 2 and known[0].shape[1] == 4:
-            self._found.update({int(row[0]): (float(row[1]), float(row[2]), float(row[3])) for row in known[0]})
+        if known is not None and len(known) == 1 and known[0].ndim == 2 and known[0].shape[1] == 3:
+            self._found.update({int(row[0]): (float(row[1]), float(row[2])) for row in known[0]})
 
     def approximate(self, parameter: Floats) -> Floats:
         """Degrees of freedom of the approximation."""
         used = (self.nodes / (self.nodes + parameter[..., None])) @ self.counts
-        return used if self.space.whole else np.minimum(used, MAX_USED_FRACTION * self.normal.count)
+        return used if self.space.of_readings else np.minimum(used, MAX_USED_FRACTION * self.normal.count)
 
     def of(self, parameter: Floats) -> Floats:
         """Degrees of freedom at parameters (frame,)."""
@@ -84,31 +84,21 @@ class Freedom:
         if not self._found:
             return n * part
         places = np.array(sorted(self._found))
-        known = np.array([self._found[p][:2] for p in places])
+        known = np.array([self._found[p] for p in places])
         shift = between(self._place(parameter), places, known[:, 0], known[:, 1])
         odds = part / (1.0 - part) * np.exp(shift)
         return np.asarray(n * odds / (1.0 + odds))
-
-    def error(self, parameter: Floats) -> Floats:
-        """Standard error of `of`."""
-        places = sorted(self._found)
-        if not places:
-            return np.full(np.shape(parameter), math.nan)
-        return np.interp(self._place(parameter), places, [self._found[p][2] for p in places])
 
     def _place(self, parameter: Floats) -> Floats:
         return PER_DECADE * np.log10(self.top / parameter)
 
     def _at(self, place: int) -> None:
-        """Compute, at a place, the difference of the log odds to the approximation, its slope, and the standard error
-        of the trace.
-        """
+        """Compute, at a place, the difference of the log odds to the approximation, and its slope."""
         if place in self._found:
             return
         n, lam = float(self.normal.count), self.top * 10.0 ** (-place / PER_DECADE)
         ratio = lam / (self.nodes + lam)
         found: Floats = np.zeros((0, 2))
-        error = math.inf
         # Components of readings outside the eigenspace are unchanged.
         rest = n - float(self.counts.sum())
         expected = np.array([ratio @ self.counts + rest, ratio**2 @ self.counts + rest])
@@ -121,21 +111,21 @@ class Freedom:
             form, square_form = self.space.forms(rows, parameter, solved)
             sums = np.stack([lam * form, lam**2 * square_form], axis=1)
             guessed = np.stack([powers @ ratio, powers @ ratio**2], axis=1)
-            found = np.concatenate([found, sums - guessed + expected if self.space.whole else sums])
+            found = np.concatenate([found, sums - guessed + expected if self.space.of_readings else sums])
             error = float(np.std(found[:, 0], ddof=1)) / math.sqrt(len(found))
             if error < KNOWN * (n - found[:, 0].mean()):
                 break
         free, square = found.mean(axis=0)
         free = min(max(float(free), MIN_FRACTION * n), (1 - MIN_FRACTION) * n)
-        if not self.space.whole:
+        if not self.space.of_readings:
             expected = np.array([n - float(self.approximate(np.array([lam]))[0]), math.nan])
         first, second = _odds(n, free, float(square)), _odds(n, float(expected[0]), float(expected[1]))
-        if not self.space.whole:  # the slope of the approximation as it is, cut off or not
+        if not self.space.of_readings:  # the slope of the approximation as it is, cut off or not
             near = lam * np.array([SLOPE, 1.0 / SLOPE])
             used = self.approximate(near) / n
             odds = np.log(used / (1.0 - used))
             second = (second[0], float(odds[1] - odds[0]) / (2.0 * math.log(SLOPE)) * math.log(10.0) / PER_DECADE)
-        self._found[place] = (first[0] - second[0], first[1] - second[1], error)
+        self._found[place] = (first[0] - second[0], first[1] - second[1])
 
     def _probes(self, start: int, stop: int) -> tuple[Floats, Floats]:
         while len(self._rows) < stop:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ from scipy.linalg.blas import daxpy, saxpy
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
+from palpate.inverse.linear.matrix_free.preconditioner import BalancedInverse
 
 __all__ = ["Solved", "solve"]
 
@@ -33,25 +34,6 @@ class Solved(NamedTuple):
     products: int
     source: Floats | None = None
     rest: Floats | None = None
-
-    def reached(self, tolerance: float) -> npt.NDArray[np.bool_]:
-        """Whether each frame reached the tolerance."""
-        return np.asarray(self.residual <= tolerance)
-
-
-@runtime_checkable
-class Deflated(Protocol):
-    """A preconditioner that is exact on part of the space; see
-    `palpate.inverse.linear.matrix_free.preconditioner.BalancedInverse`.
-    """
-
-    def begin(self, rows: Any, which: Any) -> tuple[Any, Any]:
-        """The exact part of the solution for rows, and the residual."""
-        ...
-
-    def within(self, rows: Any, which: Any) -> Any:
-        """The inverse for rows whose exact part is zero."""
-        ...
 
 
 def solve(
@@ -154,7 +136,7 @@ def _descend(
     here = np.arange(len(right))
     lam = parameter[:, None].astype(right.dtype)
     first: Any = 0.0
-    if isinstance(inverse, Deflated) and right.dtype == np.float32:
+    if isinstance(inverse, BalancedInverse) and right.dtype == np.float32:
         # solve the exact part first; it stays solved
         x, r = inverse.begin(right, frames)
         first, inverse = _products(right, x), inverse.within

@@ -17,7 +17,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -43,25 +43,6 @@ Inverse = Callable[[Floats, Any], Floats]
 Index = npt.NDArray[np.intp]
 
 
-class Approximation(Protocol):
-    """An approximation of M with a known spectrum and inverse."""
-
-    #: Eigenvalues (n,) and their multiplicities.
-    eigenvalues: Floats
-    counts: Floats
-
-    def powers(self, rows: Floats) -> Floats:
-        """Squared coefficients (frame, n) of rows; their sum is the squared length of the row."""
-        ...
-
-    def at(self, parameter: Floats) -> Inverse:
-        """(M + lambda)^{-1} for the frames' parameters, symmetric and positive definite."""
-        ...
-
-    @property
-    def nbytes(self) -> int: ...
-
-
 @dataclass
 class _Lattice:
     """Channels (plane, channel) on one lattice, and for each wave the eigenvectors (*wave, channel, mode) and
@@ -74,7 +55,9 @@ class _Lattice:
     size: tuple[int, ...]
 
 
-class _Common(abc.ABC):
+class Approximation(abc.ABC):
+    """An approximation of M with ``eigenvalues`` (n,), their multiplicities ``counts``, and an inverse in closed form."""
+
     def __init__(self, normal: Normal) -> None:
         self.normal = normal
         self.lattices = [self._lattice(members) for members in _members(normal, self._split)]
@@ -89,6 +72,15 @@ class _Common(abc.ABC):
         """Memory in bytes."""
         kept = sum(m.nbytes for matrices, _ in self._kept.values() for m in matrices)
         return int(sum(g.values.nbytes + g.vectors.nbytes for g in self.lattices) + 2 * self.eigenvalues.nbytes + kept)
+
+    def powers(self, rows: Floats) -> Floats:
+        """Squared coefficients (frame, n) of rows; their sum is the squared length of the row."""
+        planes, out = self.normal.planes(rows), []
+        for g in self.lattices:
+            waves = np.moveaxis(self._waves(planes, g), 1, -1)
+            modes = (np.conj(np.swapaxes(g.vectors, -1, -2)) @ waves[..., None])[..., 0]
+            out.append((np.abs(modes) ** 2 * self._share(g)).reshape(len(rows), -1))
+        return np.concatenate(out, axis=1)
 
     def _symbol(self, members: list[tuple[int, int]], size: tuple[int, ...], *, real: bool) -> Any:
         """(*wave of a real FFT of size, channel, channel), Hermitian."""
@@ -121,7 +113,9 @@ class _Common(abc.ABC):
         return _Lattice(members, vectors, np.maximum(values, MIN_EIGENVALUE * values.max()), size)
 
     def at(self, parameter: Floats) -> Inverse:
-        """(M + lambda)^{-1}, in the precision of the rows, for parameters near those given."""
+        """(M + lambda)^{-1}, in the precision of the rows, for parameters near those given; symmetric and positive
+        definite.
+        """
         places, given = np.unique(np.round(PER_DECADE * np.log10(parameter)), return_inverse=True)
         made: dict[Any, tuple[list[Any], list[Gaps]]] = {}
 
@@ -214,6 +208,10 @@ class _Common(abc.ABC):
         """The multiplicity of each eigenvalue."""
 
     @abc.abstractmethod
+    def _share(self, lattice: _Lattice) -> Any:
+        """Factor (*wave, 1) from the squares of coefficients to parts of the squared length of a row."""
+
+    @abc.abstractmethod
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
         """Waves (frame, channel, *wave) of the channels of a lattice."""
 
@@ -228,7 +226,7 @@ class _Common(abc.ABC):
         """The readings (frame, *array) of one channel from its waves."""
 
 
-class Padded(_Common):
+class Padded(Approximation):
     """Continues the readings by zero."""
 
     def _lattice(self, members: list[tuple[int, int]]) -> _Lattice:
@@ -239,24 +237,12 @@ class Padded(_Common):
         return self._decomposed(members, self._symbol(members, size, real=False), size)
 
     def _counts(self, lattice: _Lattice) -> Floats:
-        half = _half(lattice)
-        working = np.array([self.normal.working(p) for p, _ in lattice.members], dtype=np.float64)
-        return np.asarray(
-            half[..., None]
-            * np.einsum("...ci,c->...i", np.abs(lattice.vectors) ** 2, working)
-            / math.prod(lattice.size)
-        )
+        planes = self.normal.operator.planes_of
+        working = np.array([planes[p].valid.sum() for p, _ in lattice.members], dtype=np.float64)
+        return np.asarray(self._share(lattice) * np.einsum("...ci,c->...i", np.abs(lattice.vectors) ** 2, working))
 
-    def powers(self, rows: Floats) -> Floats:
-        """Squared coefficients (frame, n)."""
-        planes = self.normal.planes(rows)
-        out = []
-        for g in self.lattices:
-            spectrum = np.moveaxis(self._waves(planes, g), 1, -1)
-            modes = (np.conj(np.swapaxes(g.vectors, -1, -2)) @ spectrum[..., None])[..., 0]
-            power = np.abs(modes) ** 2 * (_half(g) / math.prod(g.size))[..., None]
-            out.append(power.reshape(len(rows), -1))
-        return np.concatenate(out, axis=1)
+    def _share(self, lattice: _Lattice) -> Any:
+        return (_half(lattice) / math.prod(lattice.size))[..., None]
 
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Any:
         from scipy.fft import rfftn
@@ -274,7 +260,7 @@ class Padded(_Common):
         return np.asarray(lags[tuple((t[:, None] - o) % n for t, o, n in zip(to, of, lattice.size))])
 
 
-class Cosines(_Common):
+class Cosines(Approximation):
     """Continues the readings by their mirror image."""
 
     _split = True
@@ -300,15 +286,8 @@ class Cosines(_Common):
             out.append(valid)
         return np.einsum("...ci,c...->...i", lattice.vectors**2, np.stack(out))
 
-    def powers(self, rows: Floats) -> Floats:
-        """Squared coefficients (frame, n)."""
-        planes = self.normal.planes(rows)
-        out = []
-        for g in self.lattices:
-            waves = np.moveaxis(self._waves(planes, g), 1, -1)
-            modes = (np.swapaxes(g.vectors, -1, -2) @ waves[..., None])[..., 0]
-            out.append((modes**2).reshape(len(rows), -1))
-        return np.concatenate(out, axis=1)
+    def _share(self, lattice: _Lattice) -> Any:
+        return 1.0
 
     def _waves(self, planes: Sequence[Floats], g: _Lattice) -> Floats:
         data = np.stack([planes[p][:, c] for p, c in g.members], axis=1)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -77,17 +78,13 @@ class Normal:
         array = self.operator.planes_of[plane]
         if not array.noise_correlation or isinstance(array, ScatteredArray):
             return None
-        out: Floats = np.ones(1)
-        for axis, (count, n, pitch) in enumerate(zip(waves, size, array.grid.spacings)):
+        spectra = []
+        for count, n, pitch in zip(waves, size, array.grid.spacings):
             # The inverse of exp(-|x|/length) on a lattice is tridiagonal.
             part = math.exp(-pitch / array.noise_correlation)
-            wave = (1.0 + part**2 - 2.0 * part * np.cos(2 * np.pi * np.arange(count) / n)) / (1.0 - part**2)
-            out = out * wave.reshape([-1 if i == axis else 1 for i in range(len(size))])
-        return out
-
-    def working(self, plane: int) -> int:
-        """Working taxels of a plane."""
-        return int(self.operator.planes_of[plane].valid.sum())
+            wave = 2.0 * part * np.cos(2 * np.pi * np.arange(count) / n)
+            spectra.append((1.0 + part**2 - wave) / (1.0 - part**2))
+        return np.asarray(reduce(np.multiply.outer, spectra))
 
     def joined(self, planes: Sequence[Floats]) -> Floats:
         """Rows (frame, n) from one array (frame, channel, *array) per plane, missing taxels zero."""
@@ -105,15 +102,17 @@ class Normal:
 
     def traction(self, rows: Floats) -> Floats:
         """W H^T u: (frame, component sought, *surface)."""
-        return self.chunked(self._traction, rows)
+        return self.chunked(lambda some: self.covariance(self.seen(some)), rows)
 
     def readings(self, traction: Floats) -> Floats:
         """H t (frame, n) of (frame, component sought, *surface)."""
-        return self.chunked(self._readings, traction)
+        return self.chunked(
+            lambda some: self.joined(self._whitened(self.operator.forward(some, self.columns))), traction
+        )
 
     def apply(self, rows: Floats) -> Floats:
         """M u."""
-        return self.chunked(lambda some: self._readings(self._traction(some)), rows)
+        return self.chunked(lambda some: self.readings(self.traction(some)), rows)
 
     def covariance(self, traction: Floats) -> Floats:
         """W t."""
@@ -130,12 +129,6 @@ class Normal:
     def seen(self, rows: Floats) -> Floats:
         """A^T N^{-1/2} u: (frame, component sought, *surface)."""
         return np.asarray(self.operator.adjoint(self._whitened(self.planes(rows)), self.columns))
-
-    def _traction(self, rows: Floats) -> Floats:
-        return self.covariance(self.seen(rows))
-
-    def _readings(self, traction: Floats) -> Floats:
-        return self.joined(self._whitened(self.operator.forward(traction, self.columns)))
 
     def _whitened(self, parts: Sequence[Floats]) -> list[Floats]:
         """Multiply by N^{-1/2}, which is symmetric."""

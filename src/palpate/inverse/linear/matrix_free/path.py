@@ -27,6 +27,7 @@ __all__ = [
     "linear_method",
     "linear_model",
     "matrix_free",
+    "system_of",
 ]
 
 #: Largest symmetry block, in readings, for the dense decomposition: about ten seconds of preparation, once, after which a frame takes milliseconds
@@ -47,22 +48,23 @@ def linear_method(
     absolute: bool = False,
 ) -> Linear:
     """The method prepared for a problem, with one prior for each component sought."""
-    linear = _exact_method(problem, priors, filter_factors, parameter, absolute)
+    linear: Regularised | MatrixFree
+    if matrix_free(problem, filter_factors, priors):
+        system = system_of(problem, priors)
+        linear = MatrixFree(system, parameter, absolute=absolute, nuisance=problem.nuisance)
+    else:
+        decomposition = problem.decomposition(priors)
+        linear = Regularised(decomposition, filter_factors, parameter, absolute=absolute, nuisance=problem.nuisance)
     return InDoubt(linear, problem, problem.stated) if problem.stated.any else linear
 
 
-def _exact_method(
-    problem: Problem, priors: Sequence[Prior], filter_factors: Filter, parameter: float | str, absolute: bool
-) -> Regularised | MatrixFree:
-    """The method without uncertainty of the pad."""
-    if matrix_free(problem, filter_factors, priors):
-        check_system(problem.pad, problem.planes, problem.surface, len(problem.columns))
-        key = ("matrix-free system", False, problem.columns, tuple(p.key for p in priors))
-        system = problem.kept.get(key, lambda: System(problem.operator, priors, problem.columns))
-        return MatrixFree(system, parameter, absolute=absolute, nuisance=problem.nuisance)
-    return Regularised(
-        problem.decomposition(priors), filter_factors, parameter, absolute=absolute, nuisance=problem.nuisance
-    )
+def system_of(problem: Problem, priors: Sequence[Prior], *, wide: bool = False) -> System:
+    """The matrix-free system of a problem, with one prior for each component sought; it is cached."""
+    surface = problem.wide_surface if wide else problem.surface
+    check_system(problem.pad, problem.planes, surface, len(problem.columns))
+    operator = problem.wide if wide else problem.operator
+    key = ("matrix-free system", wide and not problem.fixed, problem.columns, tuple(p.key for p in priors))
+    return problem.kept.get(key, lambda: System(operator, priors, problem.columns))
 
 
 def contact_at_size(problem: Problem, *, wide: bool) -> bool:
@@ -82,11 +84,7 @@ def linear_model(problem: Problem, priors: Sequence[Prior], *, wide: bool) -> Li
     """The linear model from which constrained methods start, with one prior for each component sought."""
     if not contact_at_size(problem, wide=wide):
         return problem.decomposition(priors, wide=wide)
-    surface = problem.wide_surface if wide else problem.surface
-    check_system(problem.pad, problem.planes, surface, len(problem.columns))
-    operator = problem.wide if wide else problem.operator
-    key = ("matrix-free system", wide and not problem.fixed, problem.columns, tuple(p.key for p in priors))
-    return LinearAtSize(problem.kept.get(key, lambda: System(operator, priors, problem.columns)))
+    return LinearAtSize(system_of(problem, priors, wide=wide))
 
 
 def matrix_free(problem: Problem, filter_factors: Filter, priors: Sequence[Prior]) -> bool:

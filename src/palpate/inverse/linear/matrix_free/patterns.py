@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.rules import Corrected, Search
 from palpate.inverse.linear.matrix_free.system import System
 from palpate.inverse.linear.parameter import candidates
-from palpate.inverse.linear.patterns import COARSE, Patterns, Removed, Weighed
-from palpate.sensing.operator import Operator
+from palpate.inverse.linear.patterns import COARSE, SIZES, Patterns, Removed
+from palpate.inverse.linear.solution import joined
 
 __all__ = ["SolvedPatterns"]
 
@@ -23,8 +21,6 @@ MOVES = 12
 TOLERANCE, MOST = 1e-5, 300
 #: Solve a frame again if the best candidate is farther than this from its nearest solution (in log lambda).
 MAX_DISTANCE = 0.7
-#: Prior size of a pattern, relative to the noise, when candidates are compared: practically any size.
-LARGEST = 3000.0
 #: Candidates whose solutions are cached.
 CACHE_SIZE = 12
 
@@ -32,31 +28,21 @@ CACHE_SIZE = 12
 class SolvedPatterns(Patterns):
     """The patterns of a system; their solutions are reused for the next frame."""
 
-    def __init__(
-        self,
-        system: System,
-        operator: Operator,
-        scales: Sequence[Floats],
-        kinds: tuple[str, ...] | None,
-        parameter: float | None = None,
-    ) -> None:
+    def __init__(self, system: System, kinds: tuple[str, ...] | None, parameter: float | None = None) -> None:
+        whole = candidates(np.array([system.freedom.top]))[::COARSE]
+        grid = whole if parameter is None else np.array([parameter])
+        super().__init__(system.operator, system.normal.rows, system.scales, kinds, grid)
         self.system = system
-        self._expanded(operator, system.normal.rows, scales, kinds)
-        whole = candidates(np.array([system.freedom.top]))
-        self.grid = whole[::COARSE] if parameter is None else np.array([parameter])
         self._solved: dict[int, Floats] = {}
 
-    def taken_out(self, rows: Floats, floor: Floats | None) -> tuple[Removed, Floats, Floats] | None:
-        """The rows (frame, n) without the patterns, with start parameters and solutions for them; None without
-        patterns.
-        """
-        if not self.members:
-            return None
+    def removed(self, rows: Floats, floor: Floats | None) -> Removed:
+        return self.removed_near(rows, floor)[0]
+
+    def removed_near(self, rows: Floats, floor: Floats | None) -> tuple[Removed, Floats, Floats]:
+        """``rows`` (frame, n) without the patterns, with start parameters and solutions for them."""
         each = [self._of_frame(row[None], None if floor is None else floor[i : i + 1]) for i, row in enumerate(rows)]
-        removed = Removed(
-            *(np.concatenate([getattr(part, name) for part, _, _ in each]) for name in Removed.__dataclass_fields__)
-        )
-        return removed, np.array([lam for _, lam, _ in each]), np.concatenate([near for _, _, near in each])
+        removed, parameter, near = zip(*each)
+        return joined(removed), np.array(parameter), np.concatenate(near)
 
     def _of_frame(self, row: Floats, floor: Floats | None) -> tuple[Removed, float, Floats]:
         search = Search(self.system, "evidence", floor)
@@ -71,47 +57,23 @@ class SolvedPatterns(Patterns):
             self.system.freedom.of(self.grid[some])
             if curves.nearest(self.grid[[place]])[0] > MAX_DISTANCE and (row**2).sum() > 0:
                 near, there = search.solve(curves, row, self.grid[[place]], start=near), float(self.grid[place])
-            tables = self._tables(row, curves, some)
-            best = int(some[self._best(tables, floor)])
+            solved = np.stack([self._at(int(candidate)) for candidate in some])  # D^{-1} B (candidate, pattern, n)
+            middle = np.einsum("gin,jn->gij", solved, self.rows)
+            middle = 0.5 * (middle + np.swapaxes(middle, 1, 2))
+            inner = np.einsum("gin,fn->fgi", solved, row)
+            explained, _, logdet, _ = curves.at(self.grid[some])
+            # Candidates are compared with patterns of practically any size.
+            wide = middle + np.eye(len(self.all)) / SIZES[-1] ** 2
+            left = explained - np.einsum("fgi,gi->fg", inner, np.linalg.solve(wide, inner[0, ..., None])[..., 0])
+            scores, _ = self.score(left, logdet + np.linalg.slogdet(wide)[1], floor)
+            best = int(some[np.argmin(scores[0])])
             if best == place:
                 break
             place = best
-        weighed, explained, logdet, inner = tables
-        removed = self.weighed(row, curves.count, floor, weighed, explained, logdet, inner)
+        removed = self.weighed(row, floor, middle, explained, logdet, inner)
         # The solution is linear in the readings, and the parameter changes the solution of the patterns almost only in
         # size.
-        sizes = removed.sizes[0] / np.where(self.units > 0, self.units, 1.0)
-        return removed, there, near - (sizes @ self._at(place) / there)[None]
-
-    def _tables(
-        self, row: Floats, curves: Corrected, some: np.ndarray[tuple[int], np.dtype[np.intp]]
-    ) -> tuple[list[Weighed], Floats, Floats, Floats]:
-        """The sets of patterns, c^T D^{-1} c, log det D and B^T D^{-1} c at ``some`` candidates."""
-        solved = np.stack([self._at(int(place)) for place in some])  # D^{-1} B (candidate, pattern, n)
-        weighed = []
-        for members in self.members:
-            middle = np.einsum("gin,jn->gij", solved[:, list(members)], self.rows[list(members)])
-            weighed.append(Weighed.of(members, 0.5 * (middle + np.swapaxes(middle, 1, 2))))
-        log, at = np.log(curves.grid)[::-1], np.log(self.grid[some])
-        explained = np.exp(np.interp(at, log, np.log(np.maximum(curves.explained[0], 1e-300))[::-1]))[None]
-        logdet = np.interp(at, log, curves.logdet[::-1])
-        return weighed, explained, logdet, np.einsum("gin,fn->fgi", solved, row)
-
-    def _best(self, tables: tuple[list[Weighed], Floats, Floats, Floats], floor: Floats | None) -> int:
-        """The candidate with the largest evidence, with patterns of any size."""
-        weighed, explained, logdet, inner = tables
-        score = logdet.copy()
-        left = explained[0].copy()
-        for each in weighed:
-            along = np.einsum("gji,gj->gi", each.vectors, inner[0][:, list(each.members)])
-            gain = 1.0 / (LARGEST**-2 + each.values)
-            left -= (along**2 * gain).sum(axis=-1)
-            score += np.log1p(LARGEST**2 * each.values).sum(axis=-1)
-        if floor is None:
-            return int(np.argmin(score + left))
-        n = float(self.system.normal.count)
-        variance = np.maximum(np.maximum(left / n, floor[0]), 1e-300)
-        return int(np.argmin(score + n * np.log(variance) + left / variance))
+        return removed, there, near - ((removed.sizes[0] / self.units) @ self._at(place) / there)[None]
 
     def _at(self, place: int) -> Floats:
         """lambda (M + lambda)^{-1} of the patterns."""
@@ -119,6 +81,6 @@ class SolvedPatterns(Patterns):
             if len(self._solved) >= CACHE_SIZE:
                 self._solved.pop(next(iter(self._solved)))
             lam = np.full(len(self.rows), self.grid[place])
-            found = self.system.solve(self.rows, lam, tolerance=TOLERANCE, most=MOST)
+            found = self.system.space.solve(self.rows, lam, tolerance=TOLERANCE, most=MOST)
             self._solved[place] = lam[:, None] * found.rows
         return self._solved[place]

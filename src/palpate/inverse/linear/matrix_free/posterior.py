@@ -15,15 +15,17 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from typing import Any, Protocol
+from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate._threads import cached_property
 from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
-from palpate.inverse.linear.posterior import Variances
+from palpate.inverse.linear.matrix_free.rules import Search
+from palpate.inverse.linear.matrix_free.system import System
+from palpate.inverse.linear.parameter import Filter, mean_sizes
+from palpate.inverse.linear.posterior import UNEXPLAINED, Frames, Variances, finest
 from palpate.inverse.linear.spectrum import mirrored
 
 __all__ = ["SampledVariances"]
@@ -47,46 +49,50 @@ MAX_EXACT_PARAMETERS = 4
 TIGHT, LONG = 1e-6, 400
 
 
-class Solving(Protocol):
-    """Interface of a linear model that is solved by products; `palpate.inverse.linear.matrix_free.system.System`
-    implements it.
-    """
-
-    @property
-    def operator(self) -> Any: ...
-    @property
-    def columns(self) -> tuple[int, ...]: ...
-    @property
-    def freedom(self) -> Any: ...
-    @property
-    def normal(self) -> Any: ...
-    @property
-    def space(self) -> Any: ...
-    def solve(self, rows: Any, parameter: Any, *, tolerance: float, most: int, checked: bool) -> Any: ...
-    def traction(self, solved: Any) -> Any: ...
-
-
 class SampledVariances(Variances):
     """The part of a system's error bars that does not depend on the frame, computed at first use."""
 
-    def __init__(self, system: Solving) -> None:
-        self.operator, self.grid, self.columns = system.operator, system.operator.surface, system.columns
-        self.system: Any = system
+    def __init__(self, system: System) -> None:
+        super().__init__(system.operator, system.columns)
+        self.system = system
         self._maps: OrderedDict[int, tuple[Floats, Floats]] = OrderedDict()
         self._sums: dict[tuple[str, int], Floats] = {}
         self._few: OrderedDict[tuple[str, float], Floats] = OrderedDict()
 
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
         return sum(a.nbytes + b.nbytes for a, b in self._maps.values())
 
-    @property
-    def mean_seen(self) -> npt.NDArray[np.bool_]:
-        """True for every component: on a free surface the readings determine the mean."""
-        return np.ones(len(self.columns), dtype=bool)
+    def sizes(
+        self, data: Floats, floor: Floats | None, parameter: Floats, filter_factors: Filter
+    ) -> tuple[Floats, Floats]:
+        system, each = self.system, []
+        for i, row in enumerate(data):
+            least = None if floor is None else floor[i : i + 1]
+            each.append(mean_sizes(Search(system, "evidence", least).find(row[None]).curves, least))
+        size, noise = (np.concatenate(values) for values in zip(*each))
+        if floor is not None:
+            left = 1.0 - system.freedom.of(parameter) / system.normal.count
+            space = system.space
+            for blind in np.flatnonzero(left < UNEXPLAINED):
+                least = finest(space.eigenvalues, space.counts, space.powers(data[[blind]]))
+                noise[blind] = max(noise[blind], float(least[0]))
+            nothing = ~data.any(axis=1)
+            size, noise = np.where(nothing, np.nan, size), np.where(nothing, np.nan, noise)
+        return size, noise
+
+    def response(self, frames: Frames, rows: Floats) -> Floats:
+        each = np.repeat(frames.parameter, rows.shape[1])
+        space = self.system.space
+        solved = space.solve(rows.reshape(len(each), -1), each, tolerance=TIGHT, most=LONG)
+        found = space.traction(solved)
+        return found.reshape(*rows.shape[:2], *found.shape[1:])
 
     # -- maps
+
+    def of_cells(self, frames: Frames) -> Floats:
+        maps = [self.maps(float(lam)) for lam in frames.parameter]
+        return np.stack([a * first + s * second for a, s, (first, second) in zip(*frames[:2], maps)])
 
     def maps(self, parameter: float) -> tuple[Floats, Floats]:
         """Diagonals of D_1 and D_2 (component sought, *surface) near a parameter."""
@@ -108,18 +114,13 @@ class SampledVariances(Variances):
             noise = rng.standard_normal((TOGETHER, normal.total))
             if normal.valid is not None:
                 noise *= normal.valid
-            rows = np.concatenate([normal.readings(traction), noise])
-            parameter = np.full(len(rows), lam)
-            solved = self.system.solve(rows, parameter, tolerance=LOOSE, most=MOST, checked=False)
-            found = self.system.traction(solved)
+            found = self._estimates(np.concatenate([normal.readings(traction), noise]), lam)
             first += ((found[:TOGETHER] - traction) ** 2).sum(axis=0)
             second += (found[TOGETHER:] ** 2).sum(axis=0)
         return self._even(first / DRAWS), self._even(second / DRAWS)
 
-    def errors(self, lam: float, size: float, noise: float, count: int, rng: np.random.Generator) -> Floats:
-        """Random errors (draw, component sought, *surface) of estimates, for traction of covariance ``size`` W and
-        noise of variance ``noise``.
-        """
+    def errors(self, frames: Frames, i: int, count: int, rng: np.random.Generator) -> Floats:
+        size, noise, lam = (float(each[i]) for each in frames[:3])
         normal, out = self.system.normal, []
         for first in range(0, count, TOGETHER):
             some = min(TOGETHER, count - first)
@@ -128,24 +129,40 @@ class SampledVariances(Variances):
             if normal.valid is not None:
                 rows *= normal.valid
             rows += normal.readings(traction)
-            solved = self.system.solve(rows, np.full(some, lam), tolerance=LOOSE, most=MOST, checked=False)
-            out.append(self.system.traction(solved) - traction)
+            out.append(self._estimates(rows, lam) - traction)
         return np.concatenate(out)
+
+    def _estimates(self, rows: Floats, lam: float) -> Floats:
+        """Traction of simulated readings (row, n)."""
+        space = self.system.space
+        solved = space.solve(rows, np.full(len(rows), lam), tolerance=LOOSE, most=MOST, checked=False)
+        return space.traction(solved)
 
     def _even(self, variance: Floats) -> Floats:
         """Average over mirror images, if the layout is symmetric."""
-        operator = self.system.operator
-        if mirrored(operator.pad, operator.planes_of, self.grid):
+        if mirrored(self.operator.pad, self.operator.planes_of, self.grid):
             for axis in range(1, variance.ndim):
                 variance = 0.5 * (variance + np.flip(variance, axis))
         return variance
 
     @cached_property
     def prior(self) -> Floats:
-        """The diagonal of W (component sought, *surface)."""
         return np.stack([p.variance() for p in self.system.normal.priors])
 
     # -- sums
+
+    def of_sums(self, frames: Frames, name: str, rows: Floats) -> Floats:
+        size, noise = (each[:, None] for each in frames[:2])
+        first, second = self.sums(name, rows, frames.parameter)
+        return size * first + noise * second
+
+    def of_own_sums(self, frames: Frames, rows: Callable[[slice], Floats]) -> Floats:
+        parts = []
+        for i, (size, noise, lam) in enumerate(zip(*frames[:3])):
+            here = rows(slice(i, i + 1))[0]
+            first, second = self.own(here, np.full(len(here), lam))
+            parts.append(size * first + noise * second)
+        return np.stack(parts)
 
     def sums(self, name: str, rows: Floats, parameter: Floats) -> tuple[Floats, Floats]:
         """w^T D_1 w and w^T D_2 w (frame, row) for ``rows`` w (row, component sought, *surface); ``name`` identifies

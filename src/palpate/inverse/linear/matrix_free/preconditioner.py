@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from palpate.inverse.linear.matrix_free.memory import LONGEST
 from palpate.inverse.linear.matrix_free.normal import Normal
 from palpate.inverse.linear.matrix_free.transforms import Cosine
 
-__all__ = ["Balanced", "LongestCosines", "LongestSines", "approximation"]
+__all__ = ["Balanced", "BalancedInverse", "LongestCosines", "LongestSines", "approximation"]
 
 #: Combinations of cosines whose separation by working taxels is below this count as one.
 MIN_SEPARATION = 1e-8
@@ -31,24 +31,11 @@ def approximation(normal: Normal) -> Approximation:
     return Cosines(normal) if all(find_channel(c).kind.absolute for c in channels) else Padded(normal)
 
 
-class Longest(Protocol):
-    """The longest waves Z of a space, applied as sums over axes: a matrix of them would be read from memory at every
-    step.
-    """
-
-    count: int
-
-    def of(self, rows: Any) -> Any:
-        """Z v (frame, wave) of rows v (frame, n)."""
-        ...
-
-    def rows(self, weights: Any) -> Any:
-        """Z^T c (frame, n) of weights c (frame, wave)."""
-        ...
-
-
 class LongestCosines:
-    """The longest cosines of each channel of regular arrays; missing taxels are zero in them."""
+    """The longest cosines Z of each channel of regular arrays; missing taxels are zero in them.
+
+    They are applied as sums over axes: a matrix of them would be read from memory at every step.
+    """
 
     def __init__(self, normal: Normal) -> None:
         self.normal = normal
@@ -63,7 +50,7 @@ class LongestCosines:
         self.count = sum(self._counts)
 
     def of(self, rows: Any) -> Any:
-        """Z v."""
+        """Z v (frame, wave) of rows v (frame, n)."""
         parts = []
         planes: list[Any] = self.normal.planes(rows)
         for plane, tables in zip(planes, self._tables):
@@ -73,7 +60,7 @@ class LongestCosines:
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def rows(self, weights: Any) -> Any:
-        """Z^T c."""
+        """Z^T c (frame, n) of weights c (frame, wave)."""
         parts, start = [], 0
         for shape, count, tables in zip(self.normal.shapes, self._counts, self._tables):
             first, *second = tables[weights.dtype]
@@ -84,7 +71,7 @@ class LongestCosines:
 
 
 class LongestSines:
-    """Entries ``index`` of rows of ``size`` coefficients."""
+    """As `LongestCosines`, for the sines at the entries ``index`` of rows of ``size`` coefficients."""
 
     def __init__(self, index: Sequence[Any], size: int) -> None:
         self._index, self._size, self.count = np.array(index, dtype=np.intp), size, len(index)
@@ -106,7 +93,10 @@ class Balanced:
     """
 
     def __init__(
-        self, product: Callable[[Floats], Floats], longest: Longest, smooth: Callable[[Floats], Inverse]
+        self,
+        product: Callable[[Floats], Floats],
+        longest: LongestCosines | LongestSines,
+        smooth: Callable[[Floats], Inverse],
     ) -> None:
         self._smooth, self.longest = smooth, longest
         # single precision suffices for a preconditioner

@@ -19,8 +19,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.linear.matrix_free.interpolation import between
 from palpate.inverse.linear.matrix_free.iteration import Solved
 from palpate.inverse.linear.matrix_free.system import System
-from palpate.inverse.linear.parameter import TINY, Tried, candidates, pick, tikhonov
-from palpate.inverse.linear.parameter import SpectrumCurves as Guess
+from palpate.inverse.linear.parameter import TINY, SpectrumCurves, Tried, candidates, pick, tikhonov
 
 __all__ = ["Corrected", "Search"]
 
@@ -50,7 +49,7 @@ class Corrected:
     the approximation there, with their slopes.
     """
 
-    guess: Guess
+    guess: SpectrumCurves
     system: System
     places: list[list[float]]
     shifts: list[list[tuple[float, float, float, float]]]
@@ -61,7 +60,7 @@ class Corrected:
         freedom = system.freedom
         power = (freedom.weights @ freedom.space.powers(rows).T).T
         grid = candidates(np.array([freedom.top]))
-        guess = Guess(Tried(tikhonov, grid, freedom.nodes, freedom.counts), np.maximum(power, 0.0))
+        guess = SpectrumCurves(Tried(tikhonov, grid, freedom.nodes, freedom.counts), np.maximum(power, 0.0))
         return cls(guess, system, [[] for _ in rows], [[] for _ in rows])
 
     def add(
@@ -96,6 +95,15 @@ class Corrected:
                     float(second) - slopes[1],
                 )
             )
+
+    def at(self, parameter: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """explained and residual (frame, parameter), log determinant and free (parameter,) at each ``parameter``."""
+        log, at = np.log(self.grid)[::-1], np.log(parameter)
+        explained, residual = (
+            np.stack([np.exp(np.interp(at, log, np.log(np.maximum(each, TINY))[::-1])) for each in curve])
+            for curve in (self.explained, self.residual)
+        )
+        return explained, residual, np.interp(at, log, self.logdet[::-1]), np.interp(at, log, self.free[::-1])
 
     def nearest(self, parameter: Floats) -> Floats:
         """Distance (in log lambda) of each parameter from the nearest solution of its frame."""
@@ -209,7 +217,7 @@ class Search:
         else:
             parameter = np.array(parameter)
         open_ = np.flatnonzero((rows**2).sum(axis=1) > 0)
-        doubted = self.rule == "gcv" and not self.system.space.whole
+        doubted = self.rule == "gcv" and not self.system.space.of_readings
         for _ in range(ROUNDS):
             if not open_.size:
                 break
@@ -241,7 +249,7 @@ class Search:
         frames = np.arange(len(rows)) if some is None else some
         there = parameter[frames]
         goal: float | Floats = TOLERANCE
-        corrected = self.system.space.corrected
+        corrected = self.system.space.of_readings
         if self.rule == "evidence" and corrected:
             log = np.log(curves.grid)[::-1]
             kept = curves.residual[frames][:, ::-1]
@@ -249,10 +257,10 @@ class Search:
             size = np.linalg.norm(rows[frames], axis=1)
             part = PART if start is None or not start.any() else ANEW
             goal = np.clip(part * np.array(noise) / np.where(size > 0, size, 1.0), LEAST, LOOSEST)
-        solved = self.system.solve(rows[frames], there, tolerance=goal, most=MOST, start=start, checked=False)
+        solved = self.system.space.solve(rows[frames], there, tolerance=goal, most=MOST, start=start, checked=False)
         again = None
         if self.rule in SECOND:
-            again = self.system.solve(
+            again = self.system.space.solve(
                 solved.rows, there, tolerance=AGAIN if corrected else TOLERANCE, most=MOST, checked=False
             )
         curves.add(frames, there, rows[frames], solved, again)

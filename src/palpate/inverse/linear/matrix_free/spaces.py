@@ -8,10 +8,11 @@ times the number of positions per cell.
 
 from __future__ import annotations
 
+import abc
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,26 +39,30 @@ class Sums(NamedTuple):
     cross: Floats | None
 
 
-class Space(Protocol):
-    """A way to solve the system, with an approximate spectrum."""
+class Space(abc.ABC):
+    """A way to solve the system, with an approximate spectrum: ``eigenvalues`` (n,) and their multiplicities ``counts``."""
 
-    #: Eigenvalues (n,) and their multiplicities.
+    normal: Normal
     eigenvalues: Floats
     counts: Floats
     #: Approximate largest eigenvalue of M.
     largest: float
-    #: Whether the squared coefficients of a row add up to its squared length, so that approximate sums can be compared
-    #: with their exact means.
-    whole: bool
-    #: Whether the error of `forms` is the square of the residuals, so that these may be loose.
-    corrected: bool
+    #: Whether the unknowns are readings: the squared coefficients of a row then add up to its squared length, so that
+    #: approximate sums can be compared with their exact means, and the error of `forms` is the square of the residuals.
+    of_readings: bool
     #: The start parameter, if the approximation is too coarse to choose one.
     first: float | None
 
+    @property
+    @abc.abstractmethod
+    def nbytes(self) -> int:
+        """Memory in bytes."""
+
+    @abc.abstractmethod
     def powers(self, rows: Floats) -> Floats:
         """Squared coefficients (frame, n) of rows."""
-        ...
 
+    @abc.abstractmethod
     def solve(
         self,
         rows: Floats,
@@ -65,32 +70,29 @@ class Space(Protocol):
         *,
         tolerance: float | Floats,
         most: int,
-        start: Floats | None,
-        checked: bool,
+        start: Floats | None = None,
+        checked: bool = True,
     ) -> Solved:
         """(M + lambda)^{-1} rows, see `palpate.inverse.linear.matrix_free.iteration.solve`."""
-        ...
 
+    @abc.abstractmethod
     def traction(self, solved: Solved) -> Floats:
         """W H^T u: (frame, component sought, *surface)."""
-        ...
 
     def estimate(
         self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
     ) -> tuple[Solved, Floats]:
         """Solutions, checked, and their traction."""
-        ...
+        solved = self.solve(rows, parameter, tolerance=tolerance, most=most, start=start)
+        return solved, self.traction(solved)
 
     def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
         """y^T u and u^T u (frame,) for ``rows`` y, as accurately as the solutions allow."""
-        ...
+        return (rows * solved.rows).sum(axis=1), (solved.rows**2).sum(axis=1)
 
+    @abc.abstractmethod
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
         """See `Sums`, for sums ``rows`` w (row, component sought, *surface) of the traction, with one parameter each."""
-        ...
-
-    @property
-    def nbytes(self) -> int: ...
 
 
 def space(normal: Normal) -> Space:
@@ -105,7 +107,7 @@ REACHED = 2.0
 SINGLE = 1e-6
 
 
-class OnArray:
+class OnArray(Space):
     """The readings of a regular array: preconditioned by its lattice, with the longest waves solved exactly."""
 
     def __init__(self, normal: Normal) -> None:
@@ -113,14 +115,21 @@ class OnArray:
         self.approximate = approximation(normal)
         self._balanced = Balanced(normal.apply, LongestCosines(normal), self.approximate.at)
         self.eigenvalues, self.counts = self.approximate.eigenvalues, self.approximate.counts
-        self.largest, self.powers = self._balanced.largest, self.approximate.powers
+        self.largest = self._balanced.largest
         # The approximation takes missing readings for edges, and these for signal.
         self.first = (
             _safe(self.eigenvalues, self.counts, self.largest, normal.count) if normal.valid is not None else None
         )
-        self.whole = self.corrected = True
+        self.of_readings = True
         #: Root mean square of the eigenvalues.
         self._mean = math.sqrt(float(self.counts @ self.eigenvalues**2) / float(self.counts.sum()))
+
+    @property
+    def nbytes(self) -> int:
+        return self.approximate.nbytes + self._balanced.nbytes
+
+    def powers(self, rows: Floats) -> Floats:
+        return self.approximate.powers(rows)
 
     def solve(
         self,
@@ -129,10 +138,9 @@ class OnArray:
         *,
         tolerance: float | Floats,
         most: int,
-        start: Floats | None,
-        checked: bool,
+        start: Floats | None = None,
+        checked: bool = True,
     ) -> Solved:
-        """(M + lambda)^{-1} rows."""
         return solve(
             self.normal.apply,
             self._balanced.at(parameter),
@@ -145,18 +153,16 @@ class OnArray:
         )
 
     def traction(self, solved: Solved) -> Floats:
-        """W H^T u."""
         return self.normal.traction(solved.rows)
 
     def estimate(
         self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
     ) -> tuple[Solved, Floats]:
-        """Solutions and their traction, checked by the readings of the traction."""
+        """As `Space.estimate`, checked by the readings of the traction."""
         size = np.linalg.norm(rows, axis=1)
         goal = np.broadcast_to(tolerance, size.shape)
         if start is None or float(goal.min()) < SINGLE:
-            solved = self.solve(rows, parameter, tolerance=tolerance, most=most, start=start, checked=True)
-            return solved, self.traction(solved)
+            return super().estimate(rows, parameter, tolerance=tolerance, most=most, start=start)
         # The start is off by the uncertainty of the parameter; steps in single precision do the rest.
         kind = np.float32 if self._rounded(start, goal * size) else np.float64
         left = rows - self.normal.apply(start.astype(kind)) - parameter[:, None] * start
@@ -185,7 +191,7 @@ class OnArray:
         similarly for the square.
         """
         u, r = solved.rows, solved.rest
-        first, second = (rows * u).sum(axis=1), (u**2).sum(axis=1)
+        first, second = super().forms(rows, parameter, solved)
         if r is None:
             return first, second
         inverse, frames = self._balanced.at(parameter), np.arange(len(rows))
@@ -200,7 +206,6 @@ class OnArray:
         return first, second
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
-        """Return the variances of sums of the traction; see `Sums`."""
         weighted = self.normal.covariance(rows)
         right = self.normal.readings(weighted)
 
@@ -213,11 +218,6 @@ class OnArray:
         cross = (u * inverse(u, 1e-4)).sum(axis=1) if slopes else None
         return Sums(np.maximum(whole - (u * right).sum(axis=1), parameter * size), size, cross)
 
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes."""
-        return self.approximate.nbytes + self._balanced.nbytes
-
 
 #: Number of the longest sines along each axis of a component that are solved exactly.
 LONG_SINES = {2: 5, 1: 16}
@@ -228,7 +228,7 @@ USED = 0.2
 ENERGY = 10.0
 
 
-class OnSurface:
+class OnSurface(Space):
     """The sine coefficients of the traction, with the longest waves solved exactly."""
 
     def __init__(self, normal: Normal) -> None:
@@ -247,12 +247,11 @@ class OnSurface:
         index = [np.ravel_multi_index(place, self._shape) for place in itertools.product(*places)]
         self._balanced = Balanced(self._product, LongestSines(index, self.eigenvalues.size), self._smooth)
         self.largest = self._balanced.largest
-        self.whole = self.corrected = False
-        self.first: float | None = _safe(self.eigenvalues, self.counts, self.largest, normal.count)
+        self.of_readings = False
+        self.first = _safe(self.eigenvalues, self.counts, self.largest, normal.count)
 
     @property
     def nbytes(self) -> int:
-        """Memory in bytes."""
         return 2 * self.eigenvalues.nbytes + self._balanced.nbytes
 
     def powers(self, rows: Floats) -> Floats:
@@ -270,33 +269,21 @@ class OnSurface:
         *,
         tolerance: float | Floats,
         most: int,
-        start: Floats | None,
-        checked: bool,
+        start: Floats | None = None,
+        checked: bool = True,
     ) -> Solved:
         """(M + lambda)^{-1} rows; ``start`` is ignored, because it would have to be far more accurate than it is."""
         found = self._inverse(self._back(rows), parameter, tolerance, most, checked=checked)
         u = (rows - self._forth(found.rows)) / parameter[:, None]
         return Solved(u, found.residual, found.products, found.rows)
 
-    def estimate(
-        self, rows: Floats, parameter: Floats, *, tolerance: float | Floats, most: int, start: Floats | None
-    ) -> tuple[Solved, Floats]:
-        """Solutions and their traction."""
-        solved = self.solve(rows, parameter, tolerance=tolerance, most=most, start=start, checked=True)
-        return solved, self.traction(solved)
-
-    def forms(self, rows: Floats, parameter: Floats, solved: Solved) -> tuple[Floats, Floats]:
-        """Quadratic forms without correction."""
-        return (rows * solved.rows).sum(axis=1), (solved.rows**2).sum(axis=1)
-
     def traction(self, solved: Solved) -> Floats:
-        """Traction C v."""
         if solved.source is None:
             raise RuntimeError("what was solved elsewhere has no coefficients on the surface")
         return self._coloured(solved.source)
 
     def sums(self, rows: Floats, parameter: Floats, *, tolerance: float, most: int, slopes: bool) -> Sums:
-        """Return the variances of sums of the traction: lambda x^T C^T w with x = (H^T H + lambda)^{-1} C^T w, and u = H x."""
+        """As `Space.sums`: lambda x^T C^T w with x = (H^T H + lambda)^{-1} C^T w, and u = H x."""
         right = self._whitened(rows)
         x = self._inverse(right, parameter, tolerance, most, checked=True).rows
         u = self._forth(x)
@@ -321,22 +308,16 @@ class OnSurface:
             energy=True,
         )
 
-    def _smooth(self, parameter: Floats) -> Inverse:
-        def inverse(v: Any, which: Any) -> Any:
-            return v / (self.eigenvalues + parameter[which, None]).astype(v.dtype)
-
-        return inverse
-
     def _product(self, v: Any) -> Any:
         """H^T H v."""
         return self._back(self._forth(v))
 
+    def _smooth(self, parameter: Floats) -> Inverse:
+        return lambda v, which: v / (self.eigenvalues + parameter[which, None]).astype(v.dtype)
+
     def _forth(self, v: Any) -> Any:
         """H v for coefficients in sines (frame, n)."""
-        return self.normal.chunked(self._forth_some, v)
-
-    def _forth_some(self, v: Any) -> Any:
-        return self.normal.readings(self._coloured(v))
+        return self.normal.chunked(lambda some: self.normal.readings(self._coloured(some)), v)
 
     def _coloured(self, v: Any) -> Any:
         """C v: traction (frame, component sought, *surface)."""
@@ -345,15 +326,12 @@ class OnSurface:
 
     def _whitened(self, rows: Any) -> Any:
         """C^T w (row, n)."""
-        parts = [p.whitened(rows[:, i]).reshape(len(rows), -1) for i, p in enumerate(self._priors)]
+        parts = [p.root(rows[:, i]).reshape(len(rows), -1) for i, p in enumerate(self._priors)]
         return np.concatenate(parts, axis=1)
 
     def _back(self, rows: Any) -> Any:
         """H^T y."""
-        return self.normal.chunked(self._back_some, rows)
-
-    def _back_some(self, rows: Any) -> Any:
-        return self._whitened(self.normal.seen(rows))
+        return self.normal.chunked(lambda some: self._whitened(self.normal.seen(some)), rows)
 
     def _modes(self) -> Floats:
         """Approximate diagonal of H^T H in sines: positions per cell, times the influence of a cell, times the prior."""
@@ -372,7 +350,7 @@ class OnSurface:
                 waves = _sines(kernel[c][normal.columns], grid.shape)
                 out = out + density * waves / normal.scale(p, c) ** 2
         self._covered = float(np.mean(covered))
-        return np.asarray(out * np.stack([prior.white() for prior in self._priors]))
+        return np.asarray(out * np.stack([prior.in_sines for prior in self._priors]))
 
 
 def _safe(eigenvalues: Floats, counts: Floats, largest: float, readings: int) -> float:
