@@ -148,8 +148,8 @@ class Contact:
 
     @property
     def size(self) -> float:
-        """Sum of the pressure's magnitudes over the cells, for comparison between frames."""
-        return float(np.abs(self._solution.pressure if self.pushing else self._pulling.traction[-1]).sum())
+        """Sum of the pressure's magnitudes [Pa] over the cells, for comparison between frames."""
+        return float(np.abs(self.traction[-1]).sum())
 
     @property
     def _net_pull(self) -> bool:
