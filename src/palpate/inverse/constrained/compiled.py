@@ -243,7 +243,8 @@ class BandedReadings(FewReadings):
     """`FewReadings` whose chains are `Banded`."""
 
     def __init__(self, made: Core, parts: list[Part], order: Index, blocks: list[Floats], lower: Floats) -> None:
-        self.core, self.parts, self.order, self.blocks, self.lower = made, parts, order, blocks, lower
+        super().__init__(parts, order, blocks, lower)
+        self.core = made
 
     def variances(self, rows: Rows) -> Floats:
         rank = np.empty(len(self.order), dtype=np.intp)

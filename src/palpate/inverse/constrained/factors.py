@@ -289,7 +289,10 @@ class Chain:
 
 @dataclass(frozen=True)
 class Part:
-    """Consecutive free directions, from ``start``, whose penalty is ``scale`` times that of a chain."""
+    """Consecutive free directions, from ``start``, whose penalty is ``scale`` times that of a chain.
+
+    Equal parts are of the same cells: a chain is built once for each set of free cells.
+    """
 
     start: int
     chain: Chain
@@ -298,10 +301,6 @@ class Part:
     @property
     def place(self) -> slice:
         return slice(self.start, self.start + self.chain.size)
-
-    def same(self, other: Part) -> bool:
-        """Whether this is the same penalty on the same directions; a chain is built once for each set of free cells."""
-        return self.chain is other.chain and self.scale == other.scale and self.start == other.start
 
 
 def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False) -> list[Floats]:
@@ -322,25 +321,12 @@ def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False
 class FewReadings:
     """H = G'G + P by the Woodbury identity.
 
-    ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that
-    order. ``blocks`` are G L'^-1 of the parts, P = L L', if known, and ``products`` each of them times its transpose.
+    ``parts`` make up P on the free directions in the order ``order``; ``blocks`` (reading, direction) are G L'^-1 of
+    the parts, P = L L', and ``lower`` is the lower factor of S.
     """
 
-    def __init__(
-        self,
-        parts: Sequence[Part],
-        order: Index,
-        columns: Floats | None,
-        blocks: Sequence[Floats] | None = None,
-        products: Sequence[Floats] | None = None,
-    ) -> None:
-        self.parts, self.order = list(parts), order
-        if blocks is None:
-            blocks = each_of(self.parts, [columns[p.place].T for p in self.parts] if columns is not None else [])
-        self.blocks = list(blocks)
-        found = self.b @ self.b.T if products is None else sum(products[1:], products[0].copy())
-        found.ravel()[:: len(found) + 1] += 1.0
-        self.lower = cholesky(found)
+    def __init__(self, parts: Sequence[Part], order: Index, blocks: Sequence[Floats], lower: Floats) -> None:
+        self.parts, self.order, self.blocks, self.lower = parts, order, blocks, lower
 
     @cached_property
     def b(self) -> Floats:
@@ -351,7 +337,7 @@ class FewReadings:
         """Log marginal likelihood, relative to noise alone, of the Gaussian model with normal equations H x =
         ``linear``.
         """
-        return 0.5 * float(linear @ self.solve(linear)) - float(np.log(np.diagonal(self.lower)).sum())
+        return 0.5 * float(self.squares(linear[None])[0]) - float(np.log(np.diagonal(self.lower)).sum())
 
     def _split(self, rows: Floats) -> list[Floats]:
         return [rows[:, p.place] for p in self.parts]
