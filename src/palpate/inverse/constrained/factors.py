@@ -399,41 +399,7 @@ class FewReadings:
                 here /= math.sqrt(part.scale)
         return out
 
-    def _of_each(self, rows: Rows) -> Floats | None:
-        """Variances of the same rows for each component in turn, if each component is a part with the same free
-        directions; None otherwise.
-        """
-        one, n = rows.one, self.parts[0].chain.size
-        if one is None or rows.others is not None or rows.count != one.count * len(self.parts):
-            return None
-        if any(
-            p.chain.size != n or not np.array_equal(self.order[p.place] - p.start, self.order[:n]) for p in self.parts
-        ):
-            return None
-        if not len(one.col) or self.order[:n].max() != n - 1:
-            return None
-        rank = np.empty(n, dtype=np.intp)
-        rank[self.order[:n]] = np.arange(n)
-        col = rank[one.col]
-        known: dict[int, Floats] = {}
-        out = []
-        for p in self.parts:
-            if id(p.chain) not in known:
-                known[id(p.chain)] = one.variances_of(col, p.chain.entries)
-            out.append(known[id(p.chain)] / p.scale)
-        prior = np.concatenate(out)
-        if np.isnan(prior).any():
-            return None
-        ordered = Rows(one.row, col, one.value, one.count)
-        # Place the readings of all parts side by side: one sparse product.
-        seen = ordered.times(np.concatenate([self._seen[p.place] for p in self.parts], axis=1))
-        told = (seen**2).reshape(one.count, len(self.parts), -1).sum(axis=2)
-        return np.maximum(prior - told.T.ravel(), 0.0)
-
     def variances(self, rows: Rows) -> Floats:
-        of_each = self._of_each(rows)
-        if of_each is not None:
-            return of_each
         rank = np.empty(len(self.order), dtype=np.intp)
         rank[self.order] = np.arange(len(self.order))
         ordered = Rows(rows.row, rank[rows.col], rows.value, rows.count)
