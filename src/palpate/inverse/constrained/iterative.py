@@ -7,6 +7,7 @@ with white e, x has the covariance H^-1 (G. Papandreou, A. Yuille, NIPS 23, 2010
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -54,11 +55,14 @@ class Iterative:
             diagonal = np.einsum("idk,di->ki", face.basis**2, diagonal)
         self.diagonal = diagonal.ravel()[face.index] + more
         self._small = (1.0 / np.sqrt(self.diagonal)).astype(np.float32)
+        component, cell = np.divmod(face.index, n)
+        #: Position in the box of each free direction that is a component.
+        self._places = component * math.prod(hessian.matrix.box.shape) + hessian.matrix.inside[cell]
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
         # Cells last, so that sums run over contiguous memory.
         turned = np.ascontiguousarray(face.basis.transpose(1, 2, 0)) if face.mixed else np.zeros((c, c, 0))
         #: The basis (component, direction, cell) in the precision of what it multiplies.
-        self._turned = {np.dtype(kind): turned.astype(kind) for kind in (np.float32, np.float64)}
+        self._turned: dict[Any, Any] = {np.dtype(kind): turned.astype(kind) for kind in (np.float32, np.float64)}
         self._root_of_more = np.sqrt(more).astype(np.float32)
 
     def _unfolded(self, v: Any) -> Any:
@@ -86,9 +90,14 @@ class Iterative:
         """Approximate H^-1 r for r (k, free), in single precision, by circulants of H
         (`palpate.inverse.constrained.circulant`).
         """
-        matrix, x = self.hessian.matrix, self._unfolded(self._small * r)
-        found: Any = 0.0
-        for part, circulant in self.hessian.circulants:
+        matrix, circulants, r = self.hessian.matrix, self.hessian.circulants, self._small * r
+        if len(circulants) == 1 and not self.face.mixed:  # one copy instead of two
+            shape = len(r), self._shape[0], *matrix.box.shape
+            y = np.zeros((len(r), math.prod(shape[1:])), dtype=r.dtype)
+            y[:, self._places] = r
+            return self._small * circulants[0][1].apply(y.reshape(shape)).reshape(len(r), -1)[:, self._places]
+        x, found = self._unfolded(r), np.float32(0.0)
+        for part, circulant in circulants:
             found = found + part * matrix.from_box(circulant.apply(matrix.in_box(part * x)))
         return self._small * self._folded(found)
 

@@ -127,24 +127,19 @@ class Formed:
 
 
 class Penalty:
-    """Penalties of all components on the same cells: entries (row, col), values (component, entry)."""
+    """Penalties of all components on the same cells: entries (row, col), values (component, entry).
+
+    The penalties ``each`` of the components share one sparsity pattern.
+    """
 
     def __init__(self, cells: Index, each: Sequence[Sparse], shape: tuple[int, ...]) -> None:
         self.cells, self.shape = cells, shape
         self.row, self.col, entry = _within(each[0], cells)
-        if all(q.indices is each[0].indices and q.indptr is each[0].indptr for q in each):
-            self.values = np.stack([q.data[entry] for q in each])
-        else:
-            places = [(self.row, self.col, entry), *(_within(q, cells) for q in each[1:])]
-            first, *others = [(r, k, q.data[e]) for q, (r, k, e) in zip(each, places)]
-            keys = [r * len(cells) + k for r, k, _ in (first, *others)]
-            every = keys[0]
-            if not all(np.array_equal(every, k) for k in keys[1:]):
-                every = np.unique(np.concatenate(keys))
-                self.row, self.col = np.divmod(every, len(cells))
-            self.values = np.zeros((len(each), len(every)))
-            for i, (key, part) in enumerate(zip(keys, (first, *others))):
-                self.values[i, slice(None) if len(key) == len(every) else np.searchsorted(every, key)] = part[2]
+        for name in ("indices", "indptr"):
+            first, *others = (getattr(q, name) for q in each)
+            if not all(o is first or np.array_equal(o, first) for o in others):
+                raise ValueError("the penalties of the components need one sparsity pattern")
+        self.values = np.stack([q.data[entry] for q in each])
         self._order()
 
         #: Cached chains of free cells: the first one (with free shear) and the last.
