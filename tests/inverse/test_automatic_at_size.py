@@ -61,10 +61,8 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("ratio", [1, 2])
 def test_products_are_those_of_the_matrix(ratio: int) -> None:
-    from palpate.inverse.constrained.model import level_operator
-
     skin = skin_of(9, mask=np.arange(81).reshape(9, 9) != 12)
-    operator = level_operator(skin.problem().wide, ratio)
+    operator = skin.problem().wide.finer(ratio)
     readings = Readings(operator, [np.array([1.0, 2.0, 3.0])])
     level = Level(operator, ratio, (0, 2), readings)
     rng = np.random.default_rng(0)
@@ -75,7 +73,6 @@ def test_products_are_those_of_the_matrix(ratio: int) -> None:
     x, rows = rng.standard_normal(matrix.shape[1]), rng.standard_normal((3, matrix.shape[0]))
     assert np.abs(applied @ x - matrix @ x).max() < 1e-11 * np.abs(matrix @ x).max()
     assert np.abs(rows @ applied - rows @ matrix).max() < 1e-11 * np.abs(rows @ matrix).max()
-    assert np.abs(applied.T @ rows[0] - matrix.T @ rows[0]).max() < 1e-11 * np.abs(matrix.T @ rows[0]).max()
     squares = (matrix**2).sum(axis=0)
     assert np.abs(applied.squares - squares).max() < 1e-8 * squares.max()
     part = applied.part(np.arange(5, 20))

@@ -16,6 +16,7 @@ from palpate._threads import beside
 from palpate.inverse.constrained import compiled
 from palpate.inverse.constrained.cone import PATIENCE, Cone, Solution, minimise
 from palpate.inverse.constrained.differences import Differences
+from palpate.inverse.constrained.faces import FREE
 from palpate.inverse.constrained.factors import Dense, FewReadings
 from palpate.inverse.constrained.quadratic import Formed, Penalty, Quadratic, Unformed
 from palpate.inverse.constrained.rows import Rows
@@ -180,7 +181,7 @@ def test_one_cell_and_one_reading(library: str) -> None:
 def test_bad_numbers_are_left_to_python(library: str, bad: float) -> None:
     hessian, linear, *_ = problem(3)
     linear[2, 3] = bad
-    limits = compiled.Limits(1e-9, 0.999, 3e-3, 0.1, 60, 5)
+    limits = compiled.Limits(1e-9, 0.999, 3e-3, 0.1, FREE, 60, 5)
     with using(library), np.errstate(all="ignore"):
         options: dict[str, Any] = {"free": False, "coupled": True, "limits": limits, "keep_face": True}
         found = compiled.newton(hessian, linear, np.zeros_like(linear), **options)
@@ -188,7 +189,7 @@ def test_bad_numbers_are_left_to_python(library: str, bad: float) -> None:
 
 
 def test_a_matrix_that_is_not_positive_definite_is_left_to_python(library: str) -> None:
-    limits = compiled.Limits(1e-9, 0.999, 3e-3, 0.1, 60, 5)
+    limits = compiled.Limits(1e-9, 0.999, 3e-3, 0.1, FREE, 60, 5)
     options: dict[str, Any] = {"free": True, "coupled": False, "limits": limits, "keep_face": True}
     with using(library):
         matrix = Formed(np.array([[1.0, 2.0], [2.0, 1.0]]))
@@ -199,7 +200,7 @@ def test_a_matrix_that_is_not_positive_definite_is_left_to_python(library: str) 
 def test_python_continues_where_the_method_cycles(library: str) -> None:
     hessian, linear, *_ = problem(3)
     options: dict[str, Any] = {"free": False, "coupled": True, "keep_face": False}
-    limits = compiled.Limits(1e-30, 0.999, 3e-3, 0.1, 60, PATIENCE)
+    limits = compiled.Limits(1e-30, 0.999, 3e-3, 0.1, FREE, 60, PATIENCE)
     with using(library):
         assert compiled.newton(hessian, linear, np.zeros_like(linear), limits=limits, **options) is None
         assert minimise(hessian, linear, CONES["friction"], tolerance=1e-30).hard

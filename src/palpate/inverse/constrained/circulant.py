@@ -69,25 +69,13 @@ def symbol_of_penalty(penalty: Penalty, places: npt.NDArray[np.intp], size: Sequ
     """For each component, the mean over cells of the penalty scaled to a unit diagonal, (component, *k); ``places``
     (axis, cell).
     """
-    away = places[:, penalty.col] - places[:, penalty.row]
-    reach = int(np.abs(away).max(initial=0))
-    width = 2 * reach + 1
-    code = np.zeros(away.shape[1], dtype=np.intp)
-    for a in away:
-        code = code * width + a + reach
+    away = np.ravel_multi_index(tuple(places[:, penalty.col] - places[:, penalty.row]), tuple(size), mode="wrap")
     n = len(penalty.cells)
     root = 1.0 / np.sqrt(np.maximum(penalty.diagonal().reshape(-1, n), 1e-300))
     out = []
     for value, r in zip(penalty.values, root):
-        stencil = np.bincount(code, value * r[penalty.row] * r[penalty.col], minlength=width ** len(size)) / n
-        whole = np.zeros(size)
-        for at in np.flatnonzero(stencil):
-            offset, rest = [], int(at)
-            for _ in size:
-                rest, o = divmod(rest, width)
-                offset.append(o - reach)
-            whole[tuple(o % m for o, m in zip(reversed(offset), size))] += stencil[at]
-        out.append(np.maximum(rfftn(whole, tuple(size)).real, 0.0))
+        stencil = np.bincount(away, value * r[penalty.row] * r[penalty.col], minlength=math.prod(size)) / n
+        out.append(np.maximum(rfftn(stencil.reshape(size), tuple(size)).real, 0.0))
     return np.stack(out)
 
 

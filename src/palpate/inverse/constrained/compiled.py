@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.faces import FREE, Face, straight
+from palpate.inverse.constrained.faces import Face, straight
 from palpate.inverse.constrained.factors import Beside, Chain, Dense, Factor, FewReadings, Part
 from palpate.inverse.constrained.quadratic import Formed, Quadratic, Unformed
 from palpate.inverse.constrained.rows import Rows
@@ -42,27 +42,19 @@ class Core(NamedTuple):
     blas: Any
 
 
-class Limits(NamedTuple):
-    """Limits of Newton's method: the constants of `cone`."""
-
-    tolerance: float
-    smaller: float
-    nearly: float
-    turned: float
-    steps: int
-    patience: int
-
-
 class Minimum(NamedTuple):
     """The best point (component, cell) in scaled variables, its residual, the steps taken, and face and factor there."""
 
     x: Floats
     residual: float
     steps: int
-    known: tuple[Face, Factor] | None
+    face: Face | None
+    factor: Factor | None
 
 
-class _Limits(ctypes.Structure):
+class Limits(ctypes.Structure):
+    """Limits of Newton's method: the constants of `cone`, and `faces.FREE`."""
+
     _fields_ = (
         *((name, ctypes.c_double) for name in ("tolerance", "smaller", "nearly", "turned", "free")),
         *((name, ctypes.c_ssize_t) for name in ("steps", "patience")),
@@ -159,8 +151,8 @@ def newton(
     readings, entries = (0, 0) if columns is None or row is None else (columns.shape[1], len(row))
     library = made.library
     state = library.newton_new(
-        made.blas, c, n, free, coupled, ctypes.byref(_Limits(*limits[:4], FREE, *limits[4:])), _at(linear), _at(start),
-        _at(matrix), readings, _at(columns), entries, _at(row), _at(col), _at(values), _at(rank),
+        made.blas, c, n, free, coupled, ctypes.byref(limits), _at(linear), _at(start), _at(matrix), readings,
+        _at(columns), entries, _at(row), _at(col), _at(values), _at(rank),
     )  # fmt: skip
     if not state:
         return None
@@ -169,7 +161,7 @@ def newton(
         while not outcome:
             give_way()
             outcome = library.newton_step(state)
-        x, residual, known = np.empty((c, n)), ctypes.c_double(), None
+        x, residual, face, factor = np.empty((c, n)), ctypes.c_double(), None, None
         sizes = np.zeros(2 + 4 * c, dtype=np.intp)
         if outcome != 1 or (keep_face and not library.newton_finish(state, _at(sizes))):
             return None
@@ -178,8 +170,8 @@ def newton(
             basis, kept = np.empty((n, c, c)) if coupled else straight(n, c), np.empty((c, n))
             take = functools.partial(library.newton_factor, state, _at(basis) if coupled else None, _at(kept))
             factor = _dense(take, sizes, c, n) if readings == 0 else _few(made, take, sizes.tolist(), readings)
-            known = Face(basis, kept, coupled), factor
-        return Minimum(x, residual.value, steps, known)
+            face = Face(basis, kept, coupled)
+        return Minimum(x, residual.value, steps, face, factor)
     finally:
         library.newton_free(state)
 
@@ -243,7 +235,8 @@ class BandedReadings(FewReadings):
     """`FewReadings` whose chains are `Banded`."""
 
     def __init__(self, made: Core, parts: list[Part], order: Index, blocks: list[Floats], lower: Floats) -> None:
-        self.core, self.parts, self.order, self.blocks, self.lower = made, parts, order, blocks, lower
+        super().__init__(parts, order, blocks, lower)
+        self.core = made
 
     def variances(self, rows: Rows) -> Floats:
         rank = np.empty(len(self.order), dtype=np.intp)

@@ -14,18 +14,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from palpate._threads import give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained import compiled
-from palpate.inverse.constrained.faces import Face, slanted, straight
+from palpate.inverse.constrained.faces import FREE, Face, slanted, straight
 from palpate.inverse.constrained.factors import Factor
 from palpate.inverse.constrained.interior import interior
 from palpate.inverse.constrained.quadratic import Formed, Quadratic
 
-__all__ = ["TOLERANCE", "Cone", "Solution", "minimise"]
+__all__ = ["TOLERANCE", "Cone", "Solution", "factored", "minimise", "step_sizes"]
 
 
 @dataclass(frozen=True)
@@ -58,24 +59,21 @@ class Cone:
             out[-1] = 1.0 / float(self.friction or 1.0)
         return out
 
-    def project(self, x: Floats) -> Floats:
-        """Nearest point of K in the scaled variables (component, cell)."""
+    def project(self, x: Any, xp: Any = np) -> Any:
+        """Nearest point of K in the scaled variables (*batch, component, cell), arrays of the namespace ``xp``."""
         if self.free:
             return x
+        shear, p = x[..., :-1, :], x[..., -1:, :]
+        zero = xp.zeros_like(p)
         if not self.coupled:
-            out = x.copy()
-            out[-1] = np.maximum(x[-1], 0.0)
-            return out
-        shear, p = x[:-1], x[-1]
-        size = np.sqrt((shear**2).sum(axis=0))
-        inside = size <= p
-        out = np.empty_like(x)
+            return xp.concat([shear, xp.maximum(p, zero)], axis=-2)
+        size = xp.sqrt(xp.sum(shear**2, axis=-2, keepdims=True))
+        inside, one = size <= p, xp.ones_like(p)
         # below the polar cone, size <= -p, this is 0
-        out[-1] = np.where(inside, p, np.maximum(0.5 * (p + size), 0.0))
+        top = xp.where(inside, p, xp.maximum(0.5 * (p + size), zero))
         # without shear, below the cone's tip, the projection does not rotate
-        rest = np.where(inside | (size == 0.0), 1.0, size)
-        out[:-1] = shear * np.where(inside, 1.0, out[-1] / rest).astype(x.dtype, copy=False)
-        return out
+        kept = xp.where(inside, one, top / xp.where(size > 0, size, one))
+        return xp.concat([shear * kept, top], axis=-2)
 
     def nearest(self, traction: Floats) -> Floats:
         """The traction in K nearest to a traction (component, cell), in the scaled variables."""
@@ -147,7 +145,6 @@ def minimise(
     start: Floats | None = None,
     *,
     tolerance: float = TOLERANCE,
-    steps: int = STEPS,
     keep_face: bool = False,
 ) -> Solution:
     """Minimise 1/2 x'Hx - h'x over the cone.
@@ -175,24 +172,21 @@ def minimise(
         h_matrix = h_matrix.scaled(scale)
     h_vector = linear * scale[:, None]
     start = np.zeros((c, n)) if start is None else start / scale[:, None]
-    limits = compiled.Limits(tolerance, SMALLER, NEARLY, TURNED, steps, PATIENCE)
+    limits = compiled.Limits(tolerance, SMALLER, NEARLY, TURNED, FREE, STEPS, PATIENCE)
     found = compiled.newton(
         h_matrix, h_vector, start, free=cone.free, coupled=cone.coupled, limits=limits, keep_face=keep_face
     )
     if found is not None:
-        if found.known is not None:
-            found.known[0].scales = scale
+        if found.face is not None:
+            found.face.scales = scale
         converged = found.residual <= tolerance
-        return Solution(
-            found.x * scale[:, None], found.residual, found.steps, converged, *(found.known or (None, None))
-        )
-    step_size = c / np.maximum(h_matrix.diagonal().reshape(c, n).sum(axis=0), 1e-300)
+        return Solution(found.x * scale[:, None], found.residual, found.steps, converged, found.face, found.factor)
+    step_size = step_sizes(h_matrix, c)
     x = cone.project(start)
     gradient = h_matrix.product(x) - h_vector
     reference = max(float(np.abs(step_size * h_vector).max()), 1e-300)
     best, best_gradient, best_size, since, taken = x, gradient, np.inf, 0, 0
-    if h_matrix.by_products:
-        steps = min(steps, FEWER_STEPS)
+    steps = FEWER_STEPS if h_matrix.by_products else STEPS
     inside: bool | None = None  # whether the interior-point method converged, if it ran
     known: tuple[Face, Factor] | None = None
     found_at = math.inf  # the residual that the factor was made at
@@ -217,33 +211,33 @@ def minimise(
             known, last = None, math.inf
             continue
         keep = found_at <= NEARLY and size <= TURNED * last
-        before, known = known, _factored(h_matrix, cone, v, step_size, known, keep=keep)
+        before, known = known, factored(h_matrix, cone, v, step_size, known, keep=keep)
         found_at, last = found_at if known is before else size, size
         x = _newton(h_matrix, *known, x, residual, step_size)
         gradient = h_matrix.product(x) - h_vector
         taken += 1
     converged = best_size <= tolerance or bool(inside)
-    if keep_face:
-        face, factor = _factored(
-            h_matrix, cone, best - step_size * best_gradient, step_size, known, keep=found_at <= NEARLY
-        )
-        face.scales = scale
-        known = face, factor
-    return Solution(
-        cone.project(best) * scale[:, None],
-        best_size,
-        taken,
-        converged,
-        *((*known, inside is not None) if keep_face and known is not None else (None, None, inside is not None)),
-    )
+    traction, hard = cone.project(best) * scale[:, None], inside is not None
+    if not keep_face:
+        return Solution(traction, best_size, taken, converged, hard=hard)
+    v = best - step_size * best_gradient
+    face, factor = factored(h_matrix, cone, v, step_size, known, keep=found_at <= NEARLY)
+    face.scales = scale
+    return Solution(traction, best_size, taken, converged, face, factor, hard)
 
 
-def _factored(
+def step_sizes(hessian: Quadratic, components: int) -> Floats:
+    """d of each cell: one over the mean of its diagonal entries."""
+    diagonal = hessian.diagonal().reshape(components, -1)
+    return np.asarray(components / np.maximum(diagonal.sum(axis=0), 1e-300))
+
+
+def factored(
     hessian: Quadratic,
     cone: Cone,
     v: Floats,
     step_size: Floats,
-    known: tuple[Face, Factor] | None,
+    known: tuple[Face, Factor] | None = None,
     *,
     keep: bool = False,
 ) -> tuple[Face, Factor]:

@@ -45,7 +45,7 @@ class Differences:
     @cached_property
     def laplacian(self) -> Sparse:
         """Matrix of int |grad t|^2, without the factor of the cell area."""
-        return self._sum([d.T @ d for d in self.along])
+        return scipy.sparse.csr_array(sum(d.T @ d for d in self.along))
 
     @cached_property
     def squared(self) -> Sparse:
@@ -65,13 +65,6 @@ class Differences:
             shape = tuple(m + (a == axis) for a, m in enumerate(self.grid.shape))
             off.append((there, np.ravel_multi_index(tuple(p[there] for p in places), shape)))
         return np.flatnonzero(apart == 0), off
-
-    @staticmethod
-    def _sum(terms: Sequence[Sparse]) -> Sparse:
-        total = terms[0]
-        for term in terms[1:]:
-            total = total + term
-        return scipy.sparse.csr_array(total)
 
     def even(self, order: int, weights: Sequence[float]) -> list[Sparse]:
         """Matrix of weight * int |D^order t|^2 for each weight. All share one sparsity pattern."""

@@ -289,7 +289,10 @@ class Chain:
 
 @dataclass(frozen=True)
 class Part:
-    """Consecutive free directions, from ``start``, whose penalty is ``scale`` times that of a chain."""
+    """Consecutive free directions, from ``start``, whose penalty is ``scale`` times that of a chain.
+
+    Equal parts are of the same cells: a chain is built once for each set of free cells.
+    """
 
     start: int
     chain: Chain
@@ -298,10 +301,6 @@ class Part:
     @property
     def place(self) -> slice:
         return slice(self.start, self.start + self.chain.size)
-
-    def same(self, other: Part) -> bool:
-        """Whether this is the same penalty on the same directions; a chain is built once for each set of free cells."""
-        return self.chain is other.chain and self.scale == other.scale and self.start == other.start
 
 
 def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False) -> list[Floats]:
@@ -322,25 +321,12 @@ def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False
 class FewReadings:
     """H = G'G + P by the Woodbury identity.
 
-    ``parts`` make up P on the free directions in the order ``order``; ``columns`` (direction, reading) is G' in that
-    order. ``blocks`` are G L'^-1 of the parts, P = L L', if known, and ``products`` each of them times its transpose.
+    ``parts`` make up P on the free directions in the order ``order``; ``blocks`` (reading, direction) are G L'^-1 of
+    the parts, P = L L', and ``lower`` is the lower factor of S.
     """
 
-    def __init__(
-        self,
-        parts: Sequence[Part],
-        order: Index,
-        columns: Floats | None,
-        blocks: Sequence[Floats] | None = None,
-        products: Sequence[Floats] | None = None,
-    ) -> None:
-        self.parts, self.order = list(parts), order
-        if blocks is None:
-            blocks = each_of(self.parts, [columns[p.place].T for p in self.parts] if columns is not None else [])
-        self.blocks = list(blocks)
-        found = self.b @ self.b.T if products is None else sum(products[1:], products[0].copy())
-        found.ravel()[:: len(found) + 1] += 1.0
-        self.lower = cholesky(found)
+    def __init__(self, parts: Sequence[Part], order: Index, blocks: Sequence[Floats], lower: Floats) -> None:
+        self.parts, self.order, self.blocks, self.lower = parts, order, blocks, lower
 
     @cached_property
     def b(self) -> Floats:
@@ -351,7 +337,7 @@ class FewReadings:
         """Log marginal likelihood, relative to noise alone, of the Gaussian model with normal equations H x =
         ``linear``.
         """
-        return 0.5 * float(linear @ self.solve(linear)) - float(np.log(np.diagonal(self.lower)).sum())
+        return 0.5 * float(self.squares(linear[None])[0]) - float(np.log(np.diagonal(self.lower)).sum())
 
     def _split(self, rows: Floats) -> list[Floats]:
         return [rows[:, p.place] for p in self.parts]
@@ -413,41 +399,7 @@ class FewReadings:
                 here /= math.sqrt(part.scale)
         return out
 
-    def _of_each(self, rows: Rows) -> Floats | None:
-        """Variances of the same rows for each component in turn, if each component is a part with the same free
-        directions; None otherwise.
-        """
-        one, n = rows.one, self.parts[0].chain.size
-        if one is None or rows.others is not None or rows.count != one.count * len(self.parts):
-            return None
-        if any(
-            p.chain.size != n or not np.array_equal(self.order[p.place] - p.start, self.order[:n]) for p in self.parts
-        ):
-            return None
-        if not len(one.col) or self.order[:n].max() != n - 1:
-            return None
-        rank = np.empty(n, dtype=np.intp)
-        rank[self.order[:n]] = np.arange(n)
-        col = rank[one.col]
-        known: dict[int, Floats] = {}
-        out = []
-        for p in self.parts:
-            if id(p.chain) not in known:
-                known[id(p.chain)] = one.variances_of(col, p.chain.entries)
-            out.append(known[id(p.chain)] / p.scale)
-        prior = np.concatenate(out)
-        if np.isnan(prior).any():
-            return None
-        ordered = Rows(one.row, col, one.value, one.count)
-        # Place the readings of all parts side by side: one sparse product.
-        seen = ordered.times(np.concatenate([self._seen[p.place] for p in self.parts], axis=1))
-        told = (seen**2).reshape(one.count, len(self.parts), -1).sum(axis=2)
-        return np.maximum(prior - told.T.ravel(), 0.0)
-
     def variances(self, rows: Rows) -> Floats:
-        of_each = self._of_each(rows)
-        if of_each is not None:
-            return of_each
         rank = np.empty(len(self.order), dtype=np.intp)
         rank[self.order] = np.arange(len(self.order))
         ordered = Rows(rows.row, rank[rows.col], rows.value, rows.count)

@@ -24,8 +24,7 @@ import numpy.typing as npt
 
 from palpate._threads import few_threads
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.cone import Cone, minimise
-from palpate.inverse.constrained.faces import Face
+from palpate.inverse.constrained.cone import Cone, factored, minimise, step_sizes
 from palpate.inverse.constrained.quadratic import Formed
 
 __all__ = ["minima", "pulled_back", "together"]
@@ -106,7 +105,7 @@ def _alternating(h: Any, matrix: Any, inverse: Any, weight: float, step: Any, co
     shape = (h.shape[0], len(cone.components), -1)
 
     def project(v: Any) -> Any:
-        return xp.reshape(_projected(xp, xp.reshape(v, shape), cone), h.shape)
+        return xp.reshape(cone.project(xp.reshape(v, shape), xp), h.shape)
 
     x, u = xp.zeros_like(h), xp.zeros_like(h)
     for count in range(1, MOST + 1):
@@ -119,20 +118,6 @@ def _alternating(h: Any, matrix: Any, inverse: Any, weight: float, step: Any, co
             if bool(xp.all(solved)):
                 break
     return x, solved
-
-
-def _projected(xp: Any, v: Any, cone: Cone) -> Any:
-    """`Cone.project` for an array (problem, component, cell)."""
-    if cone.free:
-        return v
-    shear, p = v[:, :-1], v[:, -1:]
-    if not cone.coupled:
-        return xp.concat([shear, xp.where(p > 0, p, 0.0 * p)], axis=1)
-    size = xp.sqrt(xp.sum(shear**2, axis=1, keepdims=True))
-    inside, half = size <= p, 0.5 * (p + size)
-    top = xp.where(inside, p, xp.where(half > 0, half, 0.0 * half))
-    kept = xp.where(inside, 1.0 + 0.0 * size, top / xp.where(size > 0, size, 1.0 + 0.0 * size))
-    return xp.concat([shear * kept, top], axis=1)
 
 
 def pulled_back(
@@ -154,21 +139,17 @@ def pulled_back(
             quadratic = Formed(matrix)
             if (cone.scales != 1.0).any():
                 quadratic = quadratic.scaled(cone.scales)
-            step = c / np.maximum(quadratic.diagonal().reshape(c, -1).sum(axis=0), 1e-300)
+            step = step_sizes(quadratic, c)
             for i in where:
                 if not np.isfinite(x[i]).all() or not np.isfinite(g[i]).all():
                     out[i] = np.nan
                     continue
                 u = x[i].reshape(c, -1) / scale
                 v = u - step * (quadratic.product(u) - h[i].reshape(c, -1) * scale)
-                face = Face(*cone.directions(v), cone.coupled)
-                curved = (
-                    (1.0 - face.kept) / (face.kept * face.spread(step)) if cone.coupled else np.zeros(len(face.index))
-                )
+                face, factor = factored(quadratic, cone, v, step)
                 right = face.rotate(g[i].reshape(c, -1) * scale).ravel()[face.index]
                 found = np.zeros(u.size)
-                if len(face.index):
-                    found[face.index] = quadratic.factor(face, curved).solve(right)
+                found[face.index] = factor.solve(right)
                 out[i] = (face.unrotate(found.reshape(u.shape)) * scale).ravel()
     return out
 

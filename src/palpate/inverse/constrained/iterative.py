@@ -60,55 +60,46 @@ class Iterative:
         self._places = component * math.prod(hessian.matrix.box.shape) + hessian.matrix.inside[cell]
         self._drawn: Floats = np.zeros((0, len(self.diagonal)))
         # Cells last, so that sums run over contiguous memory.
-        turned = face.basis.transpose(1, 2, 0) if face.mixed else np.zeros((c, c, 0))
-        self._turned = np.ascontiguousarray(turned, dtype=np.float32)
+        turned = np.ascontiguousarray(face.basis.transpose(1, 2, 0)) if face.mixed else np.zeros((c, c, 0))
+        #: The basis (component, direction, cell) in the precision of what it multiplies.
+        self._turned: dict[Any, Any] = {np.dtype(kind): turned.astype(kind) for kind in (np.float32, np.float64)}
         self._root_of_more = np.sqrt(more).astype(np.float32)
+
+    def _unfolded(self, v: Any) -> Any:
+        """W v (k, component, cell) of values in the free directions (k, free)."""
+        whole = np.zeros((len(v), self._shape[0] * self._shape[1]), dtype=v.dtype)
+        whole[:, self.face.index] = v
+        x = whole.reshape(len(v), *self._shape)
+        return np.einsum("dki,ski->sdi", self._turned[v.dtype], x) if self.face.mixed else x
+
+    def _folded(self, x: Any) -> Any:
+        """W'x (k, free), the transpose of `_unfolded`."""
+        if self.face.mixed:
+            x = np.einsum("dki,sdi->ski", self._turned[x.dtype], x)
+        return x.reshape(len(x), -1)[:, self.face.index]
 
     def _apply(self, v: Any, *, about: bool = False) -> Any:
         """The product with H (k, free). ``about`` allows the approximate product of `Products.many`: the exact
         residual is computed after each Newton step, and error bars need no higher accuracy.
         """
-        face = self.face
-        whole = np.zeros((len(v), self._shape[0] * self._shape[1]), dtype=v.dtype)
-        whole[:, face.index] = v
-        x = whole.reshape(len(v), *self._shape)
-        if face.mixed:
-            x = np.einsum("dki,ski->sdi", self._turned, x)
-        out = self.hessian.many(x, about=about)
-        if face.mixed:
-            out = np.einsum("dki,sdi->ski", self._turned, out)
         # Scale by one root at a time: nearly fixed directions exceed single precision.
         root = self._root_of_more
-        return out.reshape(len(v), -1)[:, face.index] + root * (root * v)
+        return self._folded(self.hessian.many(self._unfolded(v), about=about)) + root * (root * v)
 
     def _near(self, r: Any) -> Any:
         """Approximate H^-1 r for r (k, free), in single precision, by circulants of H
         (`palpate.inverse.constrained.circulant`).
         """
-        matrix, face = self.hessian.matrix, self.face
-        c, n = self._shape
-        r = self._small * r
-        circulants = self.hessian.circulants
-        box = circulants[0][1].shape
-        if len(circulants) == 1 and not face.mixed:
-            y = np.zeros((len(r), c * math.prod(box)), dtype=r.dtype)
+        matrix, circulants, r = self.hessian.matrix, self.hessian.circulants, self._small * r
+        if len(circulants) == 1 and not self.face.mixed:  # one copy instead of two
+            shape = len(r), self._shape[0], *matrix.box.shape
+            y = np.zeros((len(r), math.prod(shape[1:])), dtype=r.dtype)
             y[:, self._places] = r
-            out = circulants[0][1].apply(y.reshape(len(r), c, *box))
-            return self._small * out.reshape(len(r), -1)[:, self._places]
-        whole = np.zeros((len(r), c * n), dtype=r.dtype)
-        whole[:, face.index] = r
-        x = whole.reshape(-1, c, n)
-        if face.mixed:
-            x = np.einsum("dki,ski->sdi", self._turned, x)
-        found: Any = 0.0
+            return self._small * circulants[0][1].apply(y.reshape(shape)).reshape(len(r), -1)[:, self._places]
+        x, found = self._unfolded(r), np.float32(0.0)
         for part, circulant in circulants:
-            y = np.zeros((len(r), c, math.prod(box)), dtype=r.dtype)
-            y[:, :, matrix.inside] = part * x
-            out = circulant.apply(y.reshape(len(r), c, *box))
-            found = found + part * out.reshape(len(r), c, -1)[:, :, matrix.inside]
-        if face.mixed:
-            found = np.einsum("dki,sdi->ski", self._turned, found)
-        return self._small * found.reshape(len(r), -1)[:, face.index]
+            found = found + part * matrix.from_box(circulant.apply(matrix.in_box(part * x)))
+        return self._small * self._folded(found)
 
     def solve(self, right: Floats) -> Floats:
         found = self._solved(right[None], STEP)[0]
@@ -120,38 +111,35 @@ class Iterative:
         errors are unknown.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._descended(right, tolerance, about=about)
-
-    def _descended(self, right: Floats, tolerance: float, *, about: bool) -> Floats:
-        size = np.sqrt((right**2 / self.diagonal).sum(axis=1))
-        there = np.flatnonzero(size > 0)
-        out = np.zeros(right.shape)
-        if not len(there) or not right.shape[1]:
-            return out
-        r = (right[there] / size[there, None]).astype(np.float32)
-        x = np.zeros_like(r)
-        here = np.arange(len(there))
-        z = self._near(r)
-        direction, rz = z.copy(), _dots(r, z)
-        small = tolerance**2 * rz
-        for _ in range(MAX_STEPS):
-            moved = self._apply(direction, about=about)
-            curvature = _dots(direction, moved)
-            good = curvature > 0
-            step = np.where(good, rz / np.where(good, curvature, 1.0), 0.0)[:, None].astype(np.float32)
-            x[here] += step * direction
-            r = r - step * moved
+            size = np.sqrt((right**2 / self.diagonal).sum(axis=1))
+            there = np.flatnonzero(size > 0)
+            out = np.zeros(right.shape)
+            if not len(there) or not right.shape[1]:
+                return out
+            r = (right[there] / size[there, None]).astype(np.float32)
+            x = np.zeros_like(r)
+            here = np.arange(len(there))
             z = self._near(r)
-            new = _dots(r, z)
-            going = (new > small) & good
-            if not going.all():
-                here, rz, new, small = here[going], rz[going], new[going], small[going]
-                r, z, direction = r[going], z[going], direction[going]
-                if not len(here):
-                    break
-            direction = z + (new / rz)[:, None].astype(np.float32) * direction
-            rz = new
-        out[there] = x.astype(np.float64) * size[there, None]
+            direction, rz = z.copy(), _dots(r, z)
+            small = tolerance**2 * rz
+            for _ in range(MAX_STEPS):
+                moved = self._apply(direction, about=about)
+                curvature = _dots(direction, moved)
+                good = curvature > 0
+                step = np.where(good, rz / np.where(good, curvature, 1.0), 0.0)[:, None].astype(np.float32)
+                x[here] += step * direction
+                r = r - step * moved
+                z = self._near(r)
+                new = _dots(r, z)
+                going = (new > small) & good
+                if not going.all():
+                    here, rz, new, small = here[going], rz[going], new[going], small[going]
+                    r, z, direction = r[going], z[going], direction[going]
+                    if not len(here):
+                        break
+                direction = z + (new / rz)[:, None].astype(np.float32) * direction
+                rz = new
+            out[there] = x.astype(np.float64) * size[there, None]
         return out
 
     def inverse(self, right: Floats) -> Floats:
@@ -173,10 +161,7 @@ class Iterative:
         """
         while len(self._drawn) < count:
             rng = np.random.default_rng(len(self._drawn))
-            shaken = self.hessian.perturbed(rng, FEW)
-            if self.face.mixed:
-                shaken = np.einsum("idk,sdi->ski", self.face.basis, shaken, optimize=True)
-            right = shaken.reshape(FEW, -1)[:, self.face.index]
+            right = self._folded(self.hessian.perturbed(rng, FEW))
             right = right + np.sqrt(self.more) * rng.standard_normal(right.shape)
             self._drawn = np.concatenate([self._drawn, self._solved(right, SAMPLE)])
         return self._drawn[:count]
@@ -188,15 +173,10 @@ class Iterative:
 
     def taken(self) -> Floats:
         """Degrees of freedom that H uses of each reading."""
-        matrix, face = self.hessian.matrix, self.face
+        matrix = self.hessian.matrix
         if not len(self.diagonal):
             return np.zeros(matrix.shape[0])
-        whole = np.zeros((FEW, self._shape[0] * self._shape[1]))
-        whole[:, face.index] = self.samples(FEW)
-        x = whole.reshape(FEW, *self._shape)
-        if face.mixed:
-            x = np.einsum("idk,ski->sdi", face.basis, x, optimize=True)
-        seen = matrix.forward(x * self.hessian.scales[None, :, None])
+        seen = matrix.forward(self._unfolded(self.samples(FEW)) * self.hessian.scales[None, :, None])
         return np.asarray((seen**2).mean(axis=0))
 
 

@@ -33,7 +33,6 @@ __all__ = [
     "Picked",
     "Rounds",
     "dilated",
-    "level_operator",
     "scattered",
 ]
 
@@ -47,11 +46,6 @@ MAX_CACHED_UNKNOWNS = 4096
 MAX_DOWNDATES = 16
 #: Growth factor of the memory for cells when some are added.
 ROOM = 1.25
-
-
-def level_operator(operator: Operator, ratio: int) -> Operator:
-    """The operator on cells ``ratio`` times finer."""
-    return operator.finer(ratio)
 
 
 #: Largest contact (cells, and entries of their columns: 200 MB) along a ray for which a matrix is formed, even if the
@@ -105,15 +99,12 @@ class Level:
             linear = self.readings.white(y[observed], observed) @ applied
             return Normal(self, cells, applied, linear.reshape(-1, len(cells)))
         recent = None if kept is None else kept.get(self.ratio)
-        lost = None if recent is None else recent.lost(observed)
-        scale = None if recent is None or lost is None else recent.scale_of(noise, observed)
-        position = None if recent is None or scale is None else recent.places(cells)
-        if recent is None or lost is None or scale is None or position is None:
-            recent, scale, position = Columns(self, cells, noise, observed), 1.0, np.arange(len(cells))
-            lost = np.zeros(0, dtype=np.intp)
+        picked = None if recent is None else recent.pick(cells, noise, observed)
+        if picked is None:
+            recent = Columns(self, cells, noise, observed)
             if kept is not None and len(self.columns) * len(cells) <= MAX_CACHED_UNKNOWNS:
                 kept[self.ratio] = recent
-        picked = Picked(recent, position, scale, lost)
+            picked = Picked(recent, np.arange(len(cells)), 1.0, np.zeros(0, dtype=np.intp))
         return Normal(self, cells, picked, picked.linear(self.readings.white(y[observed], observed)))
 
 
@@ -195,14 +186,15 @@ class Columns:
             return None
         return np.flatnonzero(gone[self.observed])
 
-    def scale_of(self, noise: Floats, observed: Flags) -> float | None:
-        """The common factor of the columns for another noise level; None if the factor differs between readings."""
+    def pick(self, cells: Index, noise: Floats, observed: Flags) -> Picked | None:
+        """The columns of cells with another noise and fewer readings, after adding missing cells; None if these are too
+        many, or if the noise differs by more than a common factor.
+        """
+        lost = self.lost(observed)
         ratio = self.noise[observed] / noise[observed]
-        first = float(ratio[0]) if len(ratio) else 1.0
-        return first if bool((np.abs(ratio - first) <= 1e-13 * abs(first)).all()) else None
-
-    def places(self, cells: Index) -> Index | None:
-        """Positions of cells in the cache, after adding missing cells; None if these are too many."""
+        scale = float(ratio[0]) if len(ratio) else 1.0
+        if lost is None or (np.abs(ratio - scale) > 1e-13 * abs(scale)).any():
+            return None
         new = cells[self.place[cells] < 0]
         if len(new) and self.components * (self.count + len(new)) > MAX_CACHED_UNKNOWNS:
             return None
@@ -225,7 +217,7 @@ class Columns:
                 self._gram[old, both] = cross.T
                 self._gram[both, both] = added @ added.T
             self.place[new] = np.arange(n, n + k)
-        return np.asarray(self.place[cells])
+        return Picked(self, self.place[cells], scale, lost)
 
     def picks(self, position: Index) -> Index:
         """Indices of the rows (component, cell) of the cells at these positions."""
@@ -268,13 +260,6 @@ class Picked:
         found = (kept.rows @ white).take(kept.picks(self.position))
         return np.asarray(found.reshape(kept.components, -1) * self.scale)
 
-    def lengths(self) -> Floats:
-        """Norm of each column (component * cell,); readings that were lost count."""
-        kept = self.columns
-        return np.asarray(
-            self.scale * np.sqrt(np.einsum("ij,ij->i", kept.rows, kept.rows)).take(kept.picks(self.position))
-        )
-
     def matrix(self) -> Floats:
         """The matrix (reading, component * cell)."""
         rows = self.columns.rows.take(self.columns.picks(self.position), axis=0)
@@ -296,24 +281,14 @@ class Picked:
         return found
 
 
+@dataclass(frozen=True)
 class Later:
-    """Lazy columns of ``readings``: ``make`` computes them at first use, restricted to ``picks``. With a known normal matrix few problems need them."""
+    """A matrix (reading, component * cell) of ``readings`` rows that ``matrix`` computes at first use. With a known
+    normal matrix few problems need it.
+    """
 
-    def __init__(self, make: Callable[[], Floats], readings: int, picks: Index | None = None) -> None:
-        self._make, self.readings, self._picks = make, readings, picks
-
-    def part(self, picks: Index) -> Later:
-        """Some of the columns."""
-        return Later(self._make, self.readings, picks if self._picks is None else self._picks[picks])
-
-    def matrix(self) -> Floats:
-        """(reading, component * cell)."""
-        found = self._make()
-        return found if self._picks is None else found.take(self._picks, axis=1)
-
-    def gram(self) -> Floats:
-        found = self.matrix()
-        return np.asarray(found.T @ found)
+    matrix: Callable[[], Floats]
+    readings: int
 
 
 @dataclass
@@ -345,17 +320,14 @@ class Normal:
         """The normal matrix, computed at first use."""
         if self.known is not None:
             return self.known
-        return self.given.gram() if isinstance(self.given, Picked | Later) else self.matrix.T @ self.matrix
+        return self.given.gram() if isinstance(self.given, Picked) else self.matrix.T @ self.matrix
 
     def significance(self, white: Floats) -> Floats:
         """Standard deviations by which a residual of whitened readings differs from noise along each column (component,
         cell).
         """
-        if isinstance(self.given, Picked):
-            slope, unit = self.given.linear(white), self.given.lengths()
-        else:
-            slope, unit = white @ self.matrix, np.sqrt((self.matrix**2).sum(axis=0))
-        return np.asarray((slope.ravel() / np.maximum(unit, 1e-300)).reshape(self.linear.shape))
+        unit = np.sqrt(np.einsum("ij,ij->j", self.matrix, self.matrix))
+        return np.asarray((white @ self.matrix / np.maximum(unit, 1e-300)).reshape(self.linear.shape))
 
     def part(self, position: Index) -> Normal:
         """The normal equations of some of the cells."""
@@ -367,7 +339,7 @@ class Normal:
         if isinstance(self.given, Picked):
             given: Any = self.given.part(position)
         else:
-            given = self.given.part(picks) if isinstance(self.given, Later) else self.matrix.take(picks, axis=1)
+            given = Later(lambda: self.matrix.take(picks, axis=1), self.readings)
         return Normal(self.level, self.cells[position], given, self.linear[:, position], known)
 
     def as_matrix(self) -> Normal:

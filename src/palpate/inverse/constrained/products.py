@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -139,7 +139,7 @@ class Boxes:
         key = tuple((s.start, s.stop) for s in place)
         found = self._kept.get(key)
         if found is None:
-            found = Box(self.operator, self.columns, place, self.correlated)
+            found = Box(self.operator, self.columns, place)
             self._kept[key] = found
             while len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
@@ -148,9 +148,9 @@ class Boxes:
         return found
 
     def correlated(self, box: Box) -> Correlated | None:
-        """`Box.cell_correlation`, shared by boxes of one shape."""
+        """`Box.correlated`, shared by boxes of one shape."""
         if box.shape not in self._correlated:
-            self._correlated[box.shape] = box.cell_correlation()
+            self._correlated[box.shape] = box.correlated()
             while len(self._correlated) > KEPT:
                 self._correlated.popitem(last=False)
         return self._correlated[box.shape]
@@ -159,16 +159,10 @@ class Boxes:
 class Box:
     """Products with the influences of the cells of a box."""
 
-    def __init__(
-        self,
-        operator: Operator,
-        columns: tuple[int, ...],
-        place: tuple[slice, ...],
-        correlated: Callable[[Box], Correlated | None],
-    ) -> None:
+    def __init__(self, operator: Operator, columns: tuple[int, ...], place: tuple[slice, ...]) -> None:
         from scipy.fft import next_fast_len
 
-        self.place, self.columns, self._of_shape = place, columns, correlated
+        self.place, self.columns = place, columns
         self.shape = tuple(s.stop - s.start for s in place)
         self.arrays, self.axes = operator.planes_of, operator.surface.axes
         self.valid = [np.flatnonzero(np.tile(a.valid.ravel(), len(a.channels))) for a in operator.planes_of]
@@ -193,16 +187,11 @@ class Box:
         return rfftn(np.roll(padded, [-(n - 1) for n in self.shape], axis=tuple(range(2, 2 + d))), size)
 
     @cached_property
-    def correlated(self) -> Correlated | None:
-        """The correlation of two cells, see `cell_correlation`."""
-        return self._of_shape(self)
-
-    @cached_property
     def folded(self) -> tuple[tuple[int, ...], list[Any]]:
         """See `palpate.inverse.constrained.circulant.folded`."""
         return folded(self.shape, [(plane.kernel[:, list(self.columns)], plane.ratios) for plane, *_ in self.planes])
 
-    def cell_correlation(self) -> Correlated | None:
+    def correlated(self) -> Correlated | None:
         """For each plane, the size of a grid and the transform (channel, component, component, *k) of the correlation
         between the influences of two cells under an endless array. None if the real array differs too much: cells
         finer than the pitch, or displacement, which every load changes everywhere.
@@ -288,7 +277,7 @@ class Box:
 class Applied:
     """The whitened influences (observed reading, component * cell) of some cells, as products.
 
-    Stands for a matrix: supports ``matrix @ x``, ``rows @ matrix`` and ``matrix.T``.
+    Stands for a matrix: supports ``matrix @ x`` and ``rows @ matrix``.
     """
 
     #: NumPy arrays leave products to this class.
@@ -343,7 +332,7 @@ class Applied:
         """Transforms of the normal matrix of an endless array; None if the real one differs too much."""
         if np.count_nonzero(~self.observed) > FEW_MISSING:
             return None
-        found = None if self._near_an_edge() else self.box.correlated
+        found = None if self._near_an_edge() else self.boxes.correlated(self.box)
         if found is None:
             return None
         out, start = [], 0
@@ -389,23 +378,30 @@ class Applied:
         """
         if self.endless is None:
             return self.adjoint(self.forward(x))
-        if self.ray is not None:
-            x = self.ray.astype(x.dtype)[None, :, None] * x
-        whole = np.zeros((len(x), len(self.box.columns), math.prod(self.box.shape)), dtype=x.dtype)
+        return self._from_box(self.box.together(self._in_box(x), self.endless))
+
+    def in_box(self, x: Any) -> Any:
+        """Values (k, component, cell) on the box (k, component, *box); 0 in its other cells."""
+        whole = np.zeros((*x.shape[:2], math.prod(self.box.shape)), dtype=x.dtype)
         whole[:, :, self.inside] = x
-        out = self.box.together(whole.reshape(len(x), -1, *self.box.shape), self.endless)
-        out = out.reshape(len(x), len(self.box.columns), -1)[:, :, self.inside]
-        if self.ray is not None:
-            out = np.tensordot(out, self.ray.astype(x.dtype), (1, 0))[:, None]
-        return out
+        return whole.reshape(*x.shape[:2], *self.box.shape)
+
+    def from_box(self, x: Any) -> Any:
+        """The cells' values (k, component, cell) of values on the box."""
+        return x.reshape(*x.shape[:2], -1)[:, :, self.inside]
+
+    def _in_box(self, x: Any) -> Any:
+        """Traction on the box of unknowns (k, component, cell)."""
+        return self.in_box(x if self.ray is None else self.ray.astype(x.dtype)[None, :, None] * x)
+
+    def _from_box(self, x: Any) -> Any:
+        """The transpose of `_in_box`."""
+        out = self.from_box(x)
+        return out if self.ray is None else np.tensordot(out, self.ray.astype(out.dtype), (1, 0))[:, None]
 
     def forward(self, x: Any) -> Any:
         """Readings (k, observed reading) for x (k, component, cell)."""
-        if self.ray is not None:
-            x = self.ray.astype(x.dtype)[None, :, None] * x
-        whole = np.zeros((len(x), len(self.box.columns), math.prod(self.box.shape)), dtype=x.dtype)
-        whole[:, :, self.inside] = x
-        out = self.box.forward(whole.reshape(len(x), -1, *self.box.shape))
+        out = self.box.forward(self._in_box(x))
         out *= self.weight.astype(x.dtype)
         return out if self.observed.all() else out[:, self.observed]
 
@@ -415,24 +411,16 @@ class Applied:
             whole = np.zeros((len(rows), len(self.observed)), dtype=rows.dtype)
             whole[:, self.observed] = rows
             rows = whole
-        out = self.box.adjoint(rows * self.weight.astype(rows.dtype))
-        out = out.reshape(len(rows), len(self.box.columns), -1)[:, :, self.inside]
-        if self.ray is not None:
-            out = np.tensordot(out, self.ray.astype(rows.dtype), (1, 0))[:, None]
-        return out
+        return self._from_box(self.box.adjoint(rows * self.weight.astype(rows.dtype)))
 
     @cached_property
     def squares(self) -> Floats:
         """The diagonal (component * cell,) of the normal matrix."""
-        if self.ray is not None:
-            # For rays, neglect the coupling of components: this only affects the number of iterations.
-            whole = copy.copy(self)
-            whole.ray = None
-            each = Applied.squares.func(whole).reshape(len(self.ray), -1)
-            return np.asarray((self.ray**2) @ each)
         rows = np.where(self.observed, self.weight**2, 0.0)[None]
-        found = self.box.adjoint(rows, squared=True).reshape(len(self.box.columns), -1)[:, self.inside]
-        return np.asarray(np.maximum(found, 1e-9 * float(found.max())).ravel())
+        found = self.from_box(self.box.adjoint(rows, squared=True))[0]
+        found = np.maximum(found, 1e-9 * float(found.max()))
+        # For rays, neglect the coupling of components: this only affects the number of iterations.
+        return np.asarray(found.ravel() if self.ray is None else self.ray**2 @ found)
 
     def __matmul__(self, x: Floats) -> Floats:
         many = x.reshape(len(x), -1).T.reshape(-1, self.components, len(self.cells))
@@ -451,25 +439,6 @@ class Applied:
         rng = np.random.default_rng(0)
         signs = np.where(rng.random((SKETCH, len(each))) < 0.5, -1.0, 1.0)
         return (signs * each) @ self / math.sqrt(SKETCH)
-
-    @property
-    def T(self) -> Transposed:
-        return Transposed(self)
-
-
-class Transposed:
-    """G' of `Applied`."""
-
-    __array_ufunc__ = None
-
-    def __init__(self, of: Applied) -> None:
-        self.T = of
-
-    def __matmul__(self, x: Floats) -> Floats:
-        return np.asarray((x.T @ self.T).T)
-
-    def __rmatmul__(self, rows: Floats) -> Floats:
-        return np.asarray((self.T @ rows.T).T)
 
 
 class Products:

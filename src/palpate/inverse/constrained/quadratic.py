@@ -127,24 +127,19 @@ class Formed:
 
 
 class Penalty:
-    """Penalties of all components on the same cells: entries (row, col), values (component, entry)."""
+    """Penalties of all components on the same cells: entries (row, col), values (component, entry).
+
+    The penalties ``each`` of the components share one sparsity pattern.
+    """
 
     def __init__(self, cells: Index, each: Sequence[Sparse], shape: tuple[int, ...]) -> None:
         self.cells, self.shape = cells, shape
         self.row, self.col, entry = _within(each[0], cells)
-        if all(q.indices is each[0].indices and q.indptr is each[0].indptr for q in each):
-            self.values = np.stack([q.data[entry] for q in each])
-        else:
-            places = [(self.row, self.col, entry), *(_within(q, cells) for q in each[1:])]
-            first, *others = [(r, k, q.data[e]) for q, (r, k, e) in zip(each, places)]
-            keys = [r * len(cells) + k for r, k, _ in (first, *others)]
-            every = keys[0]
-            if not all(np.array_equal(every, k) for k in keys[1:]):
-                every = np.unique(np.concatenate(keys))
-                self.row, self.col = np.divmod(every, len(cells))
-            self.values = np.zeros((len(each), len(every)))
-            for i, (key, part) in enumerate(zip(keys, (first, *others))):
-                self.values[i, slice(None) if len(key) == len(every) else np.searchsorted(every, key)] = part[2]
+        for name in ("indices", "indptr"):
+            first, *others = (getattr(q, name) for q in each)
+            if not all(o is first or np.array_equal(o, first) for o in others):
+                raise ValueError("the penalties of the components need one sparsity pattern")
+        self.values = np.stack([q.data[entry] for q in each])
         self._order()
 
         #: Cached chains of free cells: the first one (with free shear) and the last.
@@ -297,9 +292,9 @@ class Unformed:
     def __init__(self, columns: Floats, penalty: Penalty) -> None:
         #: G' as ``columns`` (component * cell, reading).
         self.columns, self.penalty = columns, penalty
-        #: Cached G L'^-1 of the parts of the last factor, and its Gram matrix: free shear does not change between
+        #: The parts of the last factor, with their G L'^-1 and its Gram matrix: free shear does not change between
         #: steps.
-        self._known: dict[int, tuple[Part, Floats, Floats]] = {}
+        self._known: list[tuple[Part, Floats, Floats]] = []
 
     def product(self, x: Floats) -> Floats:
         return (self.columns @ (x.ravel() @ self.columns)).reshape(x.shape) + self.penalty.product(x)
@@ -311,21 +306,16 @@ class Unformed:
         rows = np.repeat(scales, len(self.columns) // len(scales))
         return Unformed(self.columns * rows[:, None], self.penalty.scaled(scales))
 
-    def few(self, face: Face) -> FewReadings:
-        """The factor on the free directions of a face whose directions are the components."""
-        parts, order = self.penalty.parts(face, np.zeros(len(face.index)))
-        return FewReadings(parts, order, face.gathered(self.columns, order))
-
-    def factor(self, face: Face, more: Floats) -> Factor:
+    def factor(self, face: Face, more: Floats) -> FewReadings:
         parts, order = self.penalty.parts(face, more)
-        if face.mixed or more.any():
-            return FewReadings(parts, order, face.gathered(self.columns, order))
-        new = [i for i, p in enumerate(parts) if i not in self._known or not self._known[i][0].same(p)]
-        places = face.index[order]
-        found = each_of([parts[i] for i in new], [self.columns[places[parts[i].place]].T for i in new])
-        self._known |= {i: (parts[i], b, b @ b.T) for i, b in zip(new, found)}
-        known = [self._known[i] for i in range(len(parts))]
-        return FewReadings(parts, order, None, [b for _, b, _ in known], [p for *_, p in known])
+        known = [next((k for k in self._known if k[0] == p), None) for p in parts]
+        new = [p for p, k in zip(parts, known) if k is None]
+        found = iter(each_of(new, [face.gathered(self.columns, order[p.place]).T for p in new]))
+        self._known = [k or (p, b := next(found), b @ b.T) for p, k in zip(parts, known)]
+        total = np.eye(self.columns.shape[1])
+        for *_, product in self._known:
+            total += product
+        return FewReadings(parts, order, [b for _, b, _ in self._known], cholesky(total))
 
     def exactly(self) -> Unformed:
         return self
@@ -357,7 +347,7 @@ def work_of_few(unknowns: int, readings: int, reach: int) -> float:
 def prior_factor(penalty: Penalty, face: Face) -> Factor:
     """Factor of the penalty alone on the free directions of a face."""
     parts, order = penalty.scaled(face.scales).parts(face, np.zeros(len(face.index)))
-    return FewReadings(parts, order, np.zeros((len(order), 0)))
+    return FewReadings(parts, order, [np.zeros((0, p.chain.size)) for p in parts], np.zeros((0, 0)))
 
 
 def _within(q: Sparse, cells: Index) -> tuple[Index, Index, Index]:

@@ -29,8 +29,6 @@ class Rows:
     value: Floats
     count: int
     others: Floats | None = None
-    #: The rows over cells that these rows repeat for each component.
-    one: Rows | None = None
 
     @classmethod
     def of(cls, matrix: Any) -> Rows:
@@ -46,7 +44,6 @@ class Rows:
             (self.col + i * cells).ravel(),
             np.tile(self.value, components),
             self.count * components,
-            one=self,
         )
 
     def times(self, dense: Floats) -> Floats:
@@ -59,12 +56,8 @@ class Rows:
 
     def variances(self, entries: Callable[[Index, Index], Floats]) -> Floats:
         """Diagonal of rows C rows', where ``entries(i, j)`` returns entries of C, i >= j."""
-        return self.variances_of(self.col, entries)
-
-    def variances_of(self, col: Index, entries: Callable[[Index, Index], Floats]) -> Floats:
-        """Return the variances of the rows if the columns are renumbered by ``col``."""
         row, first, other, weight = self._pairs
-        i, j = col[first], col[other]
+        i, j = self.col[first], self.col[other]
         each = weight * entries(np.maximum(i, j), np.minimum(i, j))
         return np.asarray(np.bincount(row, each, minlength=self.count), dtype=np.float64)
 

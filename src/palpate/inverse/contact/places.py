@@ -11,7 +11,7 @@ import scipy.linalg
 
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.model import Level, level_operator
+from palpate.inverse.constrained.model import Level
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import MODEL_ERROR
@@ -373,7 +373,7 @@ class Places:
     def _level(self, ratio: int) -> Level:
         """The operator on cells ``ratio`` times finer; built once."""
         if ratio not in self._levels:
-            operator = self.problem.kept.get(("level", False, ratio), lambda: level_operator(self.operator, ratio))
+            operator = self.problem.kept.get(("level", False, ratio), lambda: self.operator.finer(ratio))
             self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
         return self._levels[ratio]
 

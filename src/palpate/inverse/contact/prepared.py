@@ -23,7 +23,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.constrained.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.constrained.differences import Sparse
-from palpate.inverse.constrained.model import MAX_CACHED_UNKNOWNS, ContactModel, Level, Normal, Rounds, level_operator
+from palpate.inverse.constrained.model import MAX_CACHED_UNKNOWNS, ContactModel, Level, Normal, Rounds
 from palpate.inverse.constrained.products import AT_SIZE, Products, can_be_applied
 from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.constrained.responses import Responses
@@ -178,7 +178,7 @@ class PreparedContact(ABC):
     def level(self, ratio: int) -> Level:
         """The operator on cells ``ratio`` times finer; built once."""
         if ratio not in self._levels:
-            operator = self.problem.kept.get(("level", self.wide, ratio), lambda: level_operator(self.operator, ratio))
+            operator = self.problem.kept.get(("level", self.wide, ratio), lambda: self.operator.finer(ratio))
             self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
         return self._levels[ratio]
 

@@ -33,7 +33,7 @@ def log_evidence(data: Normal, penalty: Penalty) -> float:
     hessian, linear = data.quadratic(penalty), data.linear.ravel()
     if isinstance(hessian, Unformed):
         free = Face(*Cone((), tension=True).directions(data.linear), mixed=False)
-        return hessian.few(free).log_evidence(linear)
+        return hessian.factor(free, np.zeros(linear.size)).log_evidence(linear)
     factor = cholesky(hessian.dense().copy())
     half = scipy.linalg.solve_triangular(factor, linear, lower=True, check_finite=False)
     n = data.linear.shape[1]
@@ -53,7 +53,7 @@ def expanded(one: ContactModel, data: Normal, ray: Floats, changes: Floats) -> C
         raise RuntimeError("the solution was found without its face")
     free = face.free[0]
     turned = (changes[:, :, None] * pressure).reshape(len(changes), len(ray) * len(pressure))
-    pull = (turned @ part.matrix.T) @ part.matrix
+    pull = (part.matrix @ turned.T).T @ part.matrix
     border = np.einsum("c,kcn->kn", ray, pull.reshape(len(changes), len(ray), len(pressure)))[:, free]
     factor = Bordered.of(one.solution.factor, border.T, pull @ turned.T)
     solution = replace(one.solution, traction=ray[:, None] * pressure, face=Ray(ray, free, turned), factor=factor)
