@@ -30,7 +30,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.edges import outside_taxels
 from palpate.inverse.contact.places import Data, Member, Places, Start
 from palpate.inverse.estimate import Errors, Estimate, Stated, among_frames, batch_of, frames_of
-from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability, neighbours
+from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability, neighbours, rms, unfitted
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import TINY, tikhonov
@@ -179,7 +179,7 @@ class LocalEstimator:
             told=1.0 - float(weights @ [m.taken for m in members]) / len(self.readings.std),
             shared=self._shared(seen) if shared == 1.0 else shared,
             fit=self._fit(data, seen, members, weights, whole, noise / shared),
-            residual=float(np.sqrt(np.mean(left[data.observed] ** 2) * shared / max(noise, TINY))),
+            residual=rms(left[data.observed]) * math.sqrt(shared / max(noise, TINY)),
             left=left,
             broken=~data.observed,
             sizes=mean * self.places.units,
@@ -216,7 +216,7 @@ class LocalEstimator:
         if columns.shape[1]:
             # A residual that an inexactly known pad would cause is no misfit.
             rows = self.places.white(columns.T).T * data.observed[:, None]
-            left = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
+            left = unfitted(left, rows)
             taken += columns.shape[1]
         detail = math.hypot(MODEL_DETAIL, self.problem.doubts.stated_gain) * float(
             np.abs(data.y[data.observed]).max(initial=0.0)

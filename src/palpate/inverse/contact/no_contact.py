@@ -12,11 +12,12 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
 from palpate.inverse.contact.prepared import PreparedContact
+from palpate.inverse.contact.proposals.levels import reach
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.unbounded import even_press
 from palpate.inverse.estimate import Errors
-from palpate.inverse.fit import PROVEN
+from palpate.inverse.fit import PROVEN, rms
 from palpate.inverse.linear.evidence import log_evidence
 
 __all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise"]
@@ -49,8 +50,8 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     if more_than_noise(found.gain, loud, policy):
         return None
     noise = 1.0 if estimator.noise_known else None
-    reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in shifts.T]
-    prior = float(np.log(np.maximum(np.array(reach) * policy.explanations.largest_nuisance, 1e-300)).sum())
+    largest = policy.explanations.largest_nuisance * reach(shifts, data)
+    prior = float(np.log(np.maximum(largest, 1e-300)).sum())
     alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
     if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
         return None
@@ -64,9 +65,9 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
         even = even_press(estimator, np.where(present, none, 0.0))
         if even is not None and even[-1] > 0:
             return None  # after a zero, a press is likelier than such a drift
-    left = (data - estimator.shifts @ np.where(present, none, 0.0)) / estimator.readings.std
-    noise_left = float(np.sqrt(np.mean(estimator.readings.white(left[observed], observed) ** 2)))
-    return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)
+    sizes = np.where(present, none, 0.0)
+    left = rms(estimator.readings.whitened(data - estimator.shifts @ sizes, observed))
+    return Explanation(1, replace(nothing, left=left), sizes, present)
 
 
 def short_line_load(estimator: PreparedContact, run: Solved) -> Floats | None:
@@ -86,18 +87,16 @@ def short_line_load(estimator: PreparedContact, run: Solved) -> Floats | None:
         or not policy.parts.few_cells
     ):
         return None
-    white = estimator.readings.white((run.data / estimator.readings.std)[run.observed], run.observed)
-    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
+    readings, observed = estimator.readings, run.observed
+    total = rms(readings.whitened(run.data, observed))
     if not total > 0.0:
         return None
     grid = estimator.operator.surface
     out = np.zeros(len(grid.components))
     for sign in (1, -1) if -1 in estimator.signs else (1,):
-        found = rough(estimator, sign * run.data, run.observed, total, None, policy.detection.short_line_noise * total)
-        left = white - sign * estimator.readings.white(
-            (found.explained / estimator.readings.std)[run.observed], run.observed
-        )
-        if math.sqrt(float(np.mean(left**2))) < policy.detection.short_line_left * total:
+        found = rough(estimator, sign * run.data, observed, total, None, policy.detection.short_line_noise * total)
+        left = rms(readings.whitened(sign * run.data - found.explained, observed))
+        if left < policy.detection.short_line_left * total:
             force = grid.cell * np.abs(found.traction[:, estimator.inside.ravel()].sum(axis=1))
             out[list(estimator.columns)] = np.maximum(out[list(estimator.columns)], force)
     return out if out.any() else None
