@@ -54,19 +54,13 @@ def framed(prepared: PreparedContact, run: Solved, observed: Observed, rng: np.r
         for m in run.members:
             share(prepared, m, run, deviation, at_limit)
         fit, left, free = fit_of(prepared, run)
-        result = combined(prepared, run, each, fit, left, rng)
-        # The models use a finer grid and may fit readings that surface cells cannot.
-        pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
-        turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
+        result = combined(prepared, run, each, fit, left, free, rng)
         result = replace(
             result,
-            traction=-result.traction if h.sign < 0 else result.traction,
-            draws=turned,
             outliers=left_out,
-            pushed=pushed,
+            # The models use a finer grid and may fit readings that surface cells cannot.
+            pushed=(run.pushed or left <= prepared.policy.detection.unexplained) and h.sign == 1,
             adrift=run.adrift > 0.5,
-            free=free,
-            models=None if result.models is None else replace(result.models, free=free),
             discrepancy=proportional_part(prepared, run),
         )
     bounds = offset_as_load(prepared, h, result.traction)
@@ -90,32 +84,32 @@ def combined(
     noise: Floats,
     fit: float,
     left: float,
+    free: float,
     rng: np.random.Generator | None,
     also: Solved | None = None,
 ) -> Frame:
     """The weighted mean of the models of a run (and of a second run ``also``), with errors that include the spread
-    between models.
+    between models. ``noise``, ``fit``, ``left`` and ``free`` are its noise, misfit probability, residual and degrees
+    of freedom.
     """
-    policy = prepared.policy
+    policy, sign = prepared.policy, -1 if run.explanation.sign < 0 else 1
     runs = [run] if also is None else [run, also]
     members = [m for r in runs for m in r.members]
     large = any(m.data.at_size for m in members)
     summary = Summary(members, prepared.posterior)
     summary.gain = prepared.problem.uncertainty.assumed_gain
-    summary.whites = [
-        prepared.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
-    ]
-    weights = np.array([m.weight for m in members])
+    summary.whites = [prepared.readings.whitened(r.data, r.observed, r.noise) for r in runs for _ in r.members]
     sampled = None
     if prepared.draws:
-        sampled = prepared.posterior.draws(members, weights, prepared.draws, rng or np.random.default_rng(0))
+        sampled = sign * prepared.posterior.draws(members, prepared.draws, rng or np.random.default_rng(0))
     alone = single_taxel_share(
         prepared.operator.planes_of, run, np.abs(summary.mean[-1]), prepared.operator.surface, policy
     )
     summary.doubted = 0.5 / STATED * alone if policy.errors.much < alone < 1.0 - policy.errors.much else 0.0
     summary.in_gaps = load_in_gaps(prepared, run, summary.mean)
+    models = Models.of(prepared, *runs)
     return Frame(
-        summary.mean,
+        sign * summary.mean,
         summary if large else summary.errors(),
         run.parameter,
         noise,
@@ -131,7 +125,8 @@ def combined(
         alone=alone,
         beyond=prepared.posterior.beyond(summary.mean),
         hangs=0.0 if prepared.given_ends or not prepared.readings.independent else summary.largest_part(),
-        models=Models.of(prepared, *runs),
+        free=free,
+        models=None if models is None else replace(models, free=free),
     )
 
 

@@ -74,7 +74,7 @@ class Explanation:
 class Solved:
     """A solved explanation: its models, and the data, noise and settings used. No models means no contact.
 
-    ``drift``: see `misfit.drift_probability`; ``adrift``: total weight of the models whose normal force may be drift
+    ``doubtful``: see `systematic.doubtful`; ``drift``: see `misfit.drift_probability`; ``adrift``: total weight of the models whose normal force may be drift
     (`systematic.add_hidden_drift`).
     """
 
@@ -87,7 +87,6 @@ class Solved:
     scale: float
     levels: Floats | None
     pushed: bool
-    limit: float
-    doubtful: tuple[Floats, Floats]
+    doubtful: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros((0, 0)), np.zeros(0)))
     drift: float = math.nan
     adrift: float = 0.0

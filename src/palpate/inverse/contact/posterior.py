@@ -170,7 +170,7 @@ class Posterior:
             **self.outside_parts(np.zeros(shape)),
         )
 
-    def draws(self, members: Sequence[ContactModel], weights: Floats, count: int, rng: np.random.Generator) -> Floats:
+    def draws(self, members: Sequence[ContactModel], count: int, rng: np.random.Generator) -> Floats:
         """Samples of the traction: each minimises one model with perturbed readings and prior.
 
         The minimiser of 1/2 x'Hx - (h + H^{1/2} z)'x over the cone is a projection of a Gaussian posterior sample onto
@@ -179,6 +179,7 @@ class Posterior:
         """
         grid = self.operator.surface
         out = np.zeros((count, len(grid.components), *grid.shape))
+        weights = np.array([m.weight for m in members])
         picks = rng.choice(len(members), size=count, p=weights / weights.sum())
         for i, member in enumerate(members):
             chosen = np.flatnonzero(picks == i)

@@ -144,7 +144,6 @@ def _run(free: PreparedContact, run: Solved, size: Floats, region: Flags) -> tup
         parameter=evidence[1].parameter,
         scale=scale,
         levels=levels,
-        limit=math.inf,
     )
     return solved, models
 

@@ -93,16 +93,15 @@ def _mean(
     """Weighted mean of two solved explanations; the second has this ``weight``."""
     fit = (1.0 - weight) * frame.fit + weight * other.fit
     part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
-    found = combined(estimator, part, frame.noise, fit, frame.residual, rng, more)
-    sign = -1 if run.explanation.sign < 0 else 1
+    found = combined(estimator, part, frame.noise, fit, frame.residual, frame.free, rng, more)
     sizes = (1.0 - weight) * frame.nuisance + weight * other.nuisance
     between = weight * (1.0 - weight) * (frame.nuisance - other.nuisance) ** 2
     within = (1.0 - weight) * frame.nuisance_std**2 + weight * other.nuisance_std**2
     return replace(
         frame,
-        traction=sign * found.traction,
+        traction=found.traction,
         errors=found.errors,
-        draws=None if found.draws is None else sign * found.draws,
+        draws=found.draws,
         fit=fit,
         nuisance=sizes,
         nuisance_std=np.sqrt(within + between),
@@ -110,7 +109,7 @@ def _mean(
         alone=found.alone,
         beyond=found.beyond,
         hangs=found.hangs,
-        models=None if found.models is None else replace(found.models, free=frame.free),
+        models=found.models,
         converged=frame.converged and other.converged,
     )
 

@@ -60,14 +60,13 @@ def rough(
     for turn in range(policy.screening.rounds):
         found = estimator.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
-        weight = found.parameter / found.scale**2
         first, explained, model = even_contact(
             estimator,
             found.traction,
             data / noise,
             noise,
             observed,
-            weight,
+            found.weight,
             near,
             keep_face=used > 0 or shifts is not None,
         )
@@ -152,9 +151,8 @@ def _solved_beside(estimator: PreparedContact, h: Explanation, data: Floats, obs
     found = estimator.evidence(
         estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known
     )
-    weight = found.parameter / found.scale**2
     _, explained, model = even_contact(
-        estimator, found.traction, clean / noise, noise, observed, weight, h.rough.traction, keep_face=True
+        estimator, found.traction, clean / noise, noise, observed, found.weight, h.rough.traction, keep_face=True
     )
     return _beside(estimator, model, estimator.shifts, clean - explained, noise, observed)
 
