@@ -17,6 +17,7 @@ __all__ = [
     "MODEL_DETAIL",
     "POOR_FIT",
     "PROVEN",
+    "Pairs",
     "misfit_probability",
     "neighbours",
     "rms",

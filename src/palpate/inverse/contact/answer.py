@@ -27,6 +27,7 @@ from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.estimate import Errors
+from palpate.inverse.fit import rms
 
 __all__ = ["combined", "framed", "hidden", "nothing_known", "unexplained"]
 
@@ -142,11 +143,11 @@ def _nothing(
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
     # Use the readings as the residual: without contact all of it is noise.
-    rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
-    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
+    size = rms(data / prepared.readings.std)
+    errors = prepared.undetected(scale if prepared.noise_known else size, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
     noise = np.full(prepared.noise.count, scale)
-    left = rms if prepared.noise_known or not scale > 0.0 else rms / scale
+    left = size if prepared.noise_known or not scale > 0.0 else size / scale
     return Frame(np.zeros(shape), errors, parameter, noise, left, True, False, outliers, empty)
 
 

@@ -96,7 +96,7 @@ def _doubted(estimator: PreparedContact, frame: Frame, data: Floats) -> Frame:
     if not doubt > 0.0:
         return frame
     sizes = data / estimator.readings.std
-    left = frame.residual * rms(frame.noise) / max(rms(sizes), 1e-300)
+    left = frame.left / max(rms(sizes), 1e-300)
     found = math.sqrt(doubt) * _posterior(min(left, 1.0), frame.free, sizes, estimator.policy)
     return replace(frame, discrepancy=max(frame.discrepancy, found))
 
@@ -149,7 +149,7 @@ def _with_shares(
     share: float | None = None if hopeless else policy.fit.shares[0]
     while share is not None:
         factor, found = solved(share)
-        left = found.residual * rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
+        left = found.left / max(ratio, 1e-300) if found.contact else 1.0
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if _explains(level, found):

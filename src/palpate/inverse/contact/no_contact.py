@@ -20,7 +20,7 @@ from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import PROVEN, rms
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise"]
+__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load"]
 
 #: Half-width of a 95 % interval, in standard deviations.
 WIDE = 1.96
@@ -32,7 +32,7 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     """The explanation of a frame by noise, with or without offsets; None if contact is needed."""
     policy = estimator.policy
     rows = estimator.readings.planes(data)
-    loud = uneven_noise(estimator, data, observed, None)
+    loud = estimator.noise.uneven(data, observed, None)
     none = np.zeros(len(estimator.terms))
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
@@ -115,8 +115,3 @@ def detection_limit(estimator: PreparedContact, run: Solved, fit: float, errors:
     if force is not None:
         why, errors = 2, replace(errors, force=np.maximum(errors.force, force / WIDE))
     return errors, why
-
-
-def uneven_noise(estimator: PreparedContact, data: Floats, observed: Flags, known: float | None) -> float:
-    """Log likelihood gained by one noise level per channel (`ChannelNoise.uneven`)."""
-    return estimator.noise.uneven(data, observed, known) if estimator.policy.parts.uneven_evidence else 0.0

@@ -60,7 +60,7 @@ class ChannelNoise:
         A contact is accepted only if its log evidence exceeds this gain (`score.more_than_noise`): channels whose noise
         is unequal must not look like contact.
         """
-        if self.known or self.count == 1:
+        if self.known or self.count == 1 or not self.policy.parts.uneven_evidence:
             return 0.0
         channel = self.index[observed]
         white = self.readings.whitened(data, observed)

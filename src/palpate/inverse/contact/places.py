@@ -12,6 +12,7 @@ import scipy.linalg
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import Level, level_operator
+from palpate.inverse.fit import rms
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import MODEL_ERROR
@@ -126,7 +127,7 @@ class Places:
         patterns = alone.patterns
         self.patterns = [] if patterns is None else patterns.all
         rows = [self.white(p.rows[None])[0] for p in self.patterns]
-        size = [math.sqrt(float(np.mean(r**2))) or 1.0 for r in rows]
+        size = [rms(r) or 1.0 for r in rows]
         #: Patterns scaled to a root mean square of one, and the size of each in its own unit.
         self.units = np.array([1.0 / s for s in size])
         self.rows = np.stack(rows) * self.units[:, None] if rows else np.zeros((0, len(self.every)))

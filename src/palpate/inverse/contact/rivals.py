@@ -45,11 +45,7 @@ def with_rivals(
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
             simpler = h.present.any() and not rival.present.any()
-            odds = (
-                worth_of(rival, policy)
-                - worth_of(h, policy)
-                + louder(_noise_of(frame), _noise_of(other), len(run.data), policy)
-            )
+            odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
             if other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0):
                 return other
     elif frame.sign == h.sign and run.members:
@@ -74,11 +70,6 @@ def with_rivals(
                     else _mean(estimator, run, second, frame, other, weight, rng)
                 )
     return frame
-
-
-def _noise_of(frame: Frame) -> float:
-    """Root mean square of the residual in units of the given noise."""
-    return frame.residual * float(np.sqrt(np.mean(frame.noise**2)))
 
 
 def _mean(

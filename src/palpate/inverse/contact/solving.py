@@ -23,7 +23,6 @@ from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.few_cells import contact_in_few_cells
-from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.outliers import loaded_above
 from palpate.inverse.contact.prepared import PreparedContact
@@ -151,7 +150,7 @@ class _Solving:
 
     def _touches(self) -> bool:
         """Whether the readings are more than noise, by evidence or because contact in a few cells was found."""
-        of_channels = uneven_noise(self.estimator, self.data, self.observed, self.known)
+        of_channels = self.estimator.noise.uneven(self.data, self.observed, self.known)
         evident = more_than_noise(self.evidence[1].gain, of_channels, self.policy)
         return self.scale > 0 and (evident or self.h.noise is not None)
 
