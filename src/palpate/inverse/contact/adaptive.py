@@ -157,7 +157,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             return self.normal(self.level(ratio), cells, y, noise, observed), start
 
         parameter, weight = evidence[1].parameter, evidence[1].weight
-        ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
+        ratio = self._ratio(self.taxels * c, self.start.freedom(parameter), count * c)
         white = self.readings.white(y[observed], observed)
         whole, start = refined(ratio)
         data, start = self._certain(whole, start, white, weight)

@@ -37,7 +37,7 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
-    plain = estimator.evidence(linear, rows, None)
+    plain = estimator.start.evidence(linear, rows, None)
     trace.decided("log evidence of contact over noise alone", plain.gain, policy.detection.evidence + loud)
     if not more_than_noise(plain.gain, loud, policy):
         return Explanation(1, nothing, none, none > 0)

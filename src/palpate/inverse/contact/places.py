@@ -18,6 +18,7 @@ from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.patterns import SIZES
 from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.linear.spectrum import in_components
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.problem import Problem
 from palpate.sensing.arrays import ScatteredArray
@@ -358,8 +359,7 @@ class Places:
         """Whitened readings (unknown, reading) that fields (unknown, component sought, *surface) cause."""
         if not len(fields):
             return np.zeros((0, len(self.every)))
-        whole = np.zeros((len(fields), len(self.grid.components), *self.grid.shape))
-        whole[:, list(self.columns)] = fields
+        whole = in_components(fields, self.columns, len(self.grid.components), self.grid.dimensions)
         planes = self.operator.forward(whole)
         return self.white(np.stack([self.readings.flat([p[i] for p in planes]) for i in range(len(fields))]))
 

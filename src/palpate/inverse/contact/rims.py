@@ -120,7 +120,7 @@ def _run(free: PreparedContact, run: Solved, size: Floats, region: Flags) -> tup
     levels: Floats | None = None
     for turn in range(policy.noise.turns):
         evidence: Mapping[int, LinearEvidence] = {
-            o: free.evidence(each, rows, known) for o, each in free.orders.items()
+            o: free.start.evidence(each, rows, known) for o, each in free.orders.items()
         }
         scale = max(evidence[1].scale, floor)
         noise = readings.std * (scale if levels is None else np.maximum(levels[free.noise.index], floor))

@@ -58,7 +58,7 @@ def rough(
     used = 0 if patterns is None else patterns.shape[1]
     left, free, gain = total, float(observed.sum() - used), -math.inf
     for turn in range(policy.screening.rounds):
-        found = estimator.evidence(linear, readings.planes(filled), known)
+        found = estimator.start.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
         first, explained, model = even_contact(
             estimator,
@@ -148,7 +148,7 @@ def _solved_beside(estimator: PreparedContact, h: Explanation, data: Floats, obs
     clean = h.sign * (data - estimator.shifts @ h.sizes)
     known = max(h.rough.left, floor, 1.0 if estimator.noise_known else 0.0)
     noise = readings.std * known
-    found = estimator.evidence(
+    found = estimator.start.evidence(
         estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known
     )
     _, explained, model = even_contact(

@@ -84,7 +84,7 @@ class _Solving:
         estimator = self.estimator
         if estimator.noise_known or not self.h.sign:
             return False
-        alone = estimator.evidence(estimator.orders[1], self.rows, None)
+        alone = estimator.start.evidence(estimator.orders[1], self.rows, None)
         return alone.scale < self.policy.noise.followed * self.h.rough.left
 
     def _noise_at_first(self) -> tuple[float | None, float, float]:
@@ -141,7 +141,7 @@ class _Solving:
         """Fit the linear models, and set the noise of each reading."""
         estimator = self.estimator
         self.evidence: dict[int, LinearEvidence] = {
-            order: estimator.evidence(linear, self.rows, self.known) for order, linear in estimator.orders.items()
+            order: estimator.start.evidence(linear, self.rows, self.known) for order, linear in estimator.orders.items()
         }
         self.scale = self.evidence[1].scale
         self.floor = max(estimator.least_noise(self.data), self.rounding)

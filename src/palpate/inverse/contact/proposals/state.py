@@ -116,7 +116,7 @@ class Search:
             return h.rough.left > policy.noise.again
         if not estimator.at_size:
             return True
-        linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(self.data), None)
+        linear = estimator.start.evidence(estimator.orders[1], estimator.readings.planes(self.data), None)
         return h.rough.left > policy.noise.again * linear.scale
 
     @cached_property
