@@ -61,10 +61,8 @@ def without_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("ratio", [1, 2])
 def test_products_are_those_of_the_matrix(ratio: int) -> None:
-    from palpate.inverse.constrained.model import level_operator
-
     skin = skin_of(9, mask=np.arange(81).reshape(9, 9) != 12)
-    operator = level_operator(skin.problem().wide, ratio)
+    operator = skin.problem().wide.finer(ratio)
     readings = Readings(operator, [np.array([1.0, 2.0, 3.0])])
     level = Level(operator, ratio, (0, 2), readings)
     rng = np.random.default_rng(0)

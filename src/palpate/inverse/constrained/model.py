@@ -33,7 +33,6 @@ __all__ = [
     "Picked",
     "Rounds",
     "dilated",
-    "level_operator",
     "scattered",
 ]
 
@@ -47,11 +46,6 @@ MAX_CACHED_UNKNOWNS = 4096
 MAX_DOWNDATES = 16
 #: Growth factor of the memory for cells when some are added.
 ROOM = 1.25
-
-
-def level_operator(operator: Operator, ratio: int) -> Operator:
-    """The operator on cells ``ratio`` times finer."""
-    return operator.finer(ratio)
 
 
 #: Largest contact (cells, and entries of their columns: 200 MB) along a ray for which a matrix is formed, even if the

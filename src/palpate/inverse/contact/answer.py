@@ -46,7 +46,7 @@ def framed(prepared: PreparedContact, run: Solved, observed: Observed, rng: np.r
         # A single reading that stands out may be a small contact directly above a shallow taxel.
         alone = np.where(shallow(prepared.operator.planes_of, prepared.policy), observed.data, 0.0)
         nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
-        fit = misfit_of(prepared, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
+        fit = misfit_of(prepared, run, rest, 0.0)
         errors, unknown = detection_limit(prepared, run, fit, nothing.known)
         result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
     else:

@@ -25,7 +25,7 @@ def fit_of(estimator: PreparedContact, run: Solved) -> tuple[float, float, float
     taken = sum(m.weight / total * taken_by(m) for m in run.members)
     residual = np.zeros(len(observed))
     residual[observed] = misfit
-    fit = misfit_of(estimator, run, residual, taken, float(np.abs(run.data / run.noise)[observed].max(initial=0.0)))
+    fit = misfit_of(estimator, run, residual, taken)
     return fit, rms(misfit), float(observed.sum()) - taken
 
 
@@ -57,15 +57,15 @@ def proportional_part(estimator: PreparedContact, run: Solved) -> float:
     return float(shares[chosen]) if best[0] - best[chosen] > estimator.policy.fit.shows else 0.0
 
 
-def misfit_of(estimator: PreparedContact, run: Solved, residual: Floats, taken: float, largest: float) -> float:
+def misfit_of(estimator: PreparedContact, run: Solved, residual: Floats, taken: float) -> float:
     """Misfit probability of a frame: from size and whiteness (`palpate.inverse.fit.misfit_probability`) and from drift
     (`drift_probability`).
 
-    ``residual`` (reading,) and ``largest``, the largest reading, are in units of the noise; ``taken`` is the number of
-    degrees of freedom used by the contact.
+    ``residual`` (reading,) is in units of the noise; ``taken`` is the number of degrees of freedom used by the contact.
     """
     known, columns, observed = estimator.noise_known, run.doubtful[0], run.observed
     stretch = float(np.median(run.noise / estimator.readings.std)) if known else 1.0
+    largest = float(np.abs(run.data / np.where(run.noise > 0, run.noise, 1.0))[observed].max(initial=0.0))
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * largest
     taken += columns.shape[1]
     if columns.shape[1]:

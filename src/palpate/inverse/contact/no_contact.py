@@ -33,14 +33,14 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     policy = estimator.policy
     rows = estimator.readings.planes(data)
     loud = estimator.noise.uneven(data, observed, None)
-    none = np.zeros(len(estimator.terms))
+    sizes = np.zeros(len(estimator.terms))
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
     plain = estimator.start.evidence(linear, rows, None)
     trace.decided("log evidence of contact over noise alone", plain.gain, policy.detection.evidence + loud)
     if not more_than_noise(plain.gain, loud, policy):
-        return Explanation(1, nothing, none, none > 0)
+        return Explanation(1, nothing, sizes)
     if not estimator.terms:
         return None
     shifts = estimator.shifts[:, : estimator.usual]
@@ -57,17 +57,15 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
         return None
     # Noise alone, around an offset.
     unit = np.sqrt((patterns**2).sum(axis=1))
-    sizes = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
-    present = none > 0
-    present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
-    none[: estimator.usual] = sizes
-    if (present & estimator.since_zero).any():
-        even = even_press(estimator, np.where(present, none, 0.0))
+    offsets = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
+    significant = np.abs(offsets) * unit > policy.explanations.nuisance * found.scale
+    sizes[: estimator.usual] = np.where(significant, offsets, 0.0)
+    if sizes[estimator.since_zero].any():
+        even = even_press(estimator, sizes)
         if even is not None and even[-1] > 0:
             return None  # after a zero, a press is likelier than such a drift
-    sizes = np.where(present, none, 0.0)
     left = rms(estimator.readings.whitened(data - estimator.shifts @ sizes, observed))
-    return Explanation(1, replace(nothing, left=left), sizes, present)
+    return Explanation(1, replace(nothing, left=left), sizes)
 
 
 def short_line_load(estimator: PreparedContact, run: Solved) -> Floats | None:

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
-from palpate.inverse.constrained.model import Level, level_operator
+from palpate.inverse.constrained.model import Level
 from palpate.inverse.fit import rms
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
@@ -237,7 +237,7 @@ class Places:
             )
             if solved is None:
                 continue
-            found, inverse, _, taken, evidence, used, final = solved
+            found, inverse, taken, evidence, used, final = solved
             fields = math.sqrt(part) * around
             spread = np.concatenate([inverse[:, i * n : (i + 1) * n] @ side for i, side in enumerate(sides)], axis=1)
             traction = np.zeros((c, keep.size))
@@ -275,9 +275,9 @@ class Places:
 
     def _solved(
         self, gram: Floats, linear: Floats, rows: Floats, y: Floats, noise: float, floor: float, *, told: bool
-    ) -> tuple[Floats, Floats, Floats, float, float, float, float] | None:
-        """Posterior for unknowns with prior variance 1: mean, root of the covariance, residual of ``y``, degrees of
-        freedom used, log evidence, noise variance estimated, noise variance used.
+    ) -> tuple[Floats, Floats, float, float, float, float] | None:
+        """Posterior for unknowns with prior variance 1: mean, root of the covariance, degrees of freedom used, log
+        evidence, noise variance estimated, noise variance used.
         """
         known = told or self.known
         used = 1.0 if known and not told else noise
@@ -296,7 +296,7 @@ class Places:
             if not known:
                 used = max(float(left @ left) / max(len(y) - taken, 1.0), floor)
         evidence = -0.5 * float(y @ left / noise + 2.0 * np.log(np.diag(lower)).sum() + len(y) * math.log(noise))
-        return found, inverse, left, taken, evidence, used, noise
+        return found, inverse, taken, evidence, used, noise
 
     def _nothing(self, data: Data) -> float:
         """Log evidence of noise and nuisances alone, comparable with `Member.evidence`."""
@@ -374,7 +374,7 @@ class Places:
     def _level(self, ratio: int) -> Level:
         """The operator on cells ``ratio`` times finer; built once."""
         if ratio not in self._levels:
-            operator = self.problem.kept.get(("level", False, ratio), lambda: level_operator(self.operator, ratio))
+            operator = self.problem.kept.get(("level", False, ratio), lambda: self.operator.finer(ratio))
             self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
         return self._levels[ratio]
 

@@ -24,7 +24,7 @@ from palpate.elastic.pad import Floats
 from palpate.errors import Unsupported
 from palpate.inverse.constrained.cone import TOLERANCE, Cone, minimise
 from palpate.inverse.constrained.differences import Sparse
-from palpate.inverse.constrained.model import MAX_CACHED_UNKNOWNS, ContactModel, Level, Normal, Rounds, level_operator
+from palpate.inverse.constrained.model import MAX_CACHED_UNKNOWNS, ContactModel, Level, Normal, Rounds
 from palpate.inverse.constrained.products import AT_SIZE, Products, can_be_applied
 from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.constrained.responses import Responses
@@ -179,7 +179,7 @@ class PreparedContact(ABC):
     def level(self, ratio: int) -> Level:
         """The operator on cells ``ratio`` times finer; built once."""
         if ratio not in self._levels:
-            operator = self.problem.kept.get(("level", self.wide, ratio), lambda: level_operator(self.operator, ratio))
+            operator = self.problem.kept.get(("level", self.wide, ratio), lambda: self.operator.finer(ratio))
             self._levels[ratio] = Level(operator, ratio, self.columns, self.readings)
         return self._levels[ratio]
 
@@ -232,18 +232,21 @@ class PreparedContact(ABC):
         kept = [t for t in self.terms if t.of_image or not self.removed]
         if len(kept) == len(self.terms):
             return self
+        return self._with_terms(kept, sum(t.of_image for t in self.terms[: self.usual]))
+
+    def _with_terms(self, terms: list[Nuisance], usual: int) -> PreparedContact:
+        """A copy with other nuisances, the first ``usual`` of which may be present without contact."""
         out = copy.copy(self)
-        out.terms, out.usual = kept, sum(t.of_image for t in self.terms[: self.usual])
-        out.__dict__.pop("shifts", None)
+        out.terms, out.usual = terms, usual
+        for made in ("shifts", "settled"):
+            out.__dict__.pop(made, None)
         return out
 
     def as_they_are(self) -> PreparedContact:
         """A copy that takes all readings as they are: no saturation, no outliers, no offsets."""
-        out = copy.copy(self)
+        out = self._with_terms([], 0)
         out.policy = replace(self.policy, parts=replace(self.policy.parts, screening=False, outliers=False))
-        out.given_ends, out.terms, out.usual = None, [], 0
-        for made in ("shifts", "settled"):
-            out.__dict__.pop(made, None)
+        out.given_ends = None
         even = out.__dict__.pop("even_noise", None)
         if even is not None:
             out.__dict__["even_noise"] = even.as_they_are()

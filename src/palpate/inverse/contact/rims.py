@@ -71,7 +71,7 @@ def with_rims(
     h = replace(h, rough=replace(h.rough, edge=estimator.edge_load(size)))
     free = _without_cone(estimator)
     # An offset found together with a push may really be a rim, so try without it first.
-    without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))
+    without = replace(h, sizes=np.zeros_like(h.sizes))
     for each in [without, h] if h.present.any() else [h]:
         data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
         whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))

@@ -40,7 +40,7 @@ Index = npt.NDArray[np.intp]
 SUMS = ("force", "moment", "center")
 
 
-def widened(variance: Floats, cells: int = 1) -> Floats:
+def widened(variance: Floats, cells: int) -> Floats:
     """Give the cells just outside the contact an error from the cells at its edge: their mean error next to the edge, their largest error farther out."""
     import scipy.ndimage
 

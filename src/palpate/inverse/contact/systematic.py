@@ -82,7 +82,7 @@ def change_of_nuisances(
     noise: Floats,
     observed: Flags,
     *,
-    sure: bool = False,
+    sure: bool,
 ) -> Floats:
     """Change of the nuisances when they are solved together with the contact, on its face.
 

@@ -71,7 +71,7 @@ class Search:
             self.first_noise,
             shifts=self.estimator.shifts if self.terms else None,
         )
-        return Explanation(sign, found, self.none, self.none > 0)
+        return Explanation(sign, found, self.none)
 
     def promises(self, sign: int, sought: Flags) -> bool:
         """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of them, together with
