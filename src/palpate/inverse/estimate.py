@@ -105,6 +105,15 @@ class Stated:
         return Stated(**_times(self, factor))
 
     @classmethod
+    def gathered(cls, parts: Sequence[Stated | None], gather: Callable[[list[Any]], Any]) -> Stated | None:
+        """Concatenate the arrays of the parts; zero where a part is None, None if all are."""
+        known = next((p for p in parts if p is not None), None)
+        if known is None:
+            return None
+        none = cls(**{f.name: np.zeros_like(getattr(known, f.name)) for f in fields(cls)})
+        return cls(**{f.name: gather([getattr(p or none, f.name) for p in parts]) for f in fields(cls)})
+
+    @classmethod
     def added(cls, one: Stated | None, more: Mapping[str, Any]) -> Stated:
         """The standard deviations ``one`` (0 if None) with others by the same names, in quadrature."""
         return cls(**{name: np.hypot(0.0 if one is None else getattr(one, name), v) for name, v in more.items()})
@@ -129,8 +138,7 @@ class Estimate:
     of each; ``at_limit`` (*batch, reading) marks readings at an end of their range. ``discrepancy`` (*batch) is the
     fraction of the readings that the model of the pad leaves unexplained. The following are flags (*batch):
     ``unexplained``, no contact explains the readings; ``undecided``, noise or an offset explains them, and so may a
-    contact; ``one_penalty``, the contact was estimated with a single uniform penalty; ``overload``, readings at the
-    end of their range leave the load without an upper limit. ``force_bounds`` (*batch, component, 2) are further net
+    contact; ``overload``, readings at the end of their range leave the load without an upper limit. ``force_bounds`` (*batch, component, 2) are further net
     forces that the readings do not exclude, NaN if there are none.
     """
 
@@ -161,7 +169,6 @@ class Estimate:
     unexplained: npt.NDArray[np.bool_] | None = None
     undecided: npt.NDArray[np.bool_] | None = None
     overload: npt.NDArray[np.bool_] | None = None
-    one_penalty: npt.NDArray[np.bool_] | None = None
     force_bounds: Floats | None = None
 
     def status(self) -> npt.NDArray[np.int8] | None:

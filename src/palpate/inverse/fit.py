@@ -11,7 +11,18 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.sensing.arrays import Array, ScatteredArray
 
-__all__ = ["DISCREPANCY", "MIN_DEGREES", "MODEL_DETAIL", "POOR_FIT", "PROVEN", "misfit_probability", "neighbours"]
+__all__ = [
+    "DISCREPANCY",
+    "MIN_DEGREES",
+    "MODEL_DETAIL",
+    "POOR_FIT",
+    "PROVEN",
+    "Pairs",
+    "misfit_probability",
+    "neighbours",
+    "rms",
+    "unfitted",
+]
 
 Pairs = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
@@ -30,6 +41,16 @@ PROVEN = 0.1
 DISCREPANCY = 0.15
 #: With fewer pairs of neighbours, or degrees of freedom, a test is not meaningful.
 MIN_DEGREES = 6
+
+
+def rms(values: Floats) -> float:
+    """Root mean square; 0 of no values."""
+    return math.sqrt(float(np.mean(np.square(values)))) if np.size(values) else 0.0
+
+
+def unfitted(residual: Floats, columns: Floats) -> Floats:
+    """The residual (reading,) without the part that the ``columns`` (reading, unknown) can explain."""
+    return np.asarray(residual - columns @ np.linalg.lstsq(columns, residual, rcond=1e-8)[0])
 
 
 def neighbours(planes: Sequence[Array]) -> Pairs:

@@ -497,7 +497,7 @@ class Contact:
         """Degrees of freedom that the contact uses of ``count`` readings, at most one less than these."""
         freedom = self._errors.taken
         if math.isnan(freedom) and not self.pushing:
-            freedom = self._estimator.effective_freedom(self._parameter)
+            freedom = self._estimator.start.freedom(self._parameter)
         elif math.isnan(freedom):
             freedom = self._estimator.taken(self._solution.pressure, self._parameter)
         return min(freedom, count - 1.0)
@@ -571,7 +571,7 @@ class Contact:
             residual = self._pull(frame)
         # Traction with as many degrees of freedom as readings fits anything.
         used = float((~residual.unused).sum())
-        free = used - self._estimator.effective_freedom(self._parameter)
+        free = used - self._estimator.start.freedom(self._parameter)
         return residual._replace(fits=residual.fits and free >= LEAST_FREE * used)
 
     # -- cells ----------------------------------------------------------------------------------------------------------

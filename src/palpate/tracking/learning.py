@@ -175,10 +175,10 @@ class Learning:
 
         def learned() -> tuple[float, float, float, float, float]:
             linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
-            evidence = estimator.evidence(linear, rows, known)
+            evidence = estimator.start.evidence(linear, rows, known)
             if evidence.scale < floor:
                 # Noise below the accuracy of the pad: the detail that it would show is not real.
-                evidence = estimator.evidence(linear, rows, floor)
+                evidence = estimator.start.evidence(linear, rows, floor)
             # A residual below this is no sign that the linear model fits noise, nor that cells are too wide.
             little = evidence.scale / FOLLOWED if known is None else known / TOLD
             # (For channels that cannot separate pressure from shear, this comparison is not valid.)
@@ -186,7 +186,7 @@ class Learning:
             if known is None or not estimator.ambiguous:
                 # As smooth as this noise requires.
                 few = len(y) <= FEW_READINGS
-                left = math.inf if few else leaves(estimator.evidence(linear, rows, little).parameter)
+                left = math.inf if few else leaves(estimator.start.evidence(linear, rows, little).parameter)
             give_way()
             if left > little:
                 left = min(left, self._left(y, little))
@@ -197,7 +197,7 @@ class Learning:
             if follows:
                 # With shallow taxels a linear model fits noise, and what wide cells cannot represent. A penalty for
                 # that model lets pressure and shear grow against each other.
-                evidence = estimator.evidence(linear, rows, max(left, floor))
+                evidence = estimator.start.evidence(linear, rows, max(left, floor))
             coarse = math.sqrt(left**2 - known**2) / size if wide and known is not None else 0.0
             return evidence.parameter, max(evidence.scale, floor if known is None else 0.0), energy, signal, coarse
 

@@ -34,7 +34,7 @@ def make_ready(estimator: ConstrainedEstimator, equations: NormalEquations) -> N
         traction[-1] = patch.ravel()
         readings = estimator.explained_by(traction)
         readings += NOISE * np.abs(readings).max() * np.random.default_rng(0).standard_normal(count)
-        found = estimator.evidence(estimator.orders[1], estimator.readings.planes(readings), None)
+        found = estimator.start.evidence(estimator.orders[1], estimator.readings.planes(readings), None)
         # A contact begins with a small load, and the penalty is learned repeatedly while it grows. These computations
         # took four fifths of that time.
         freedom = estimator.orders[1].system.freedom

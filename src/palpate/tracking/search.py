@@ -93,7 +93,7 @@ class Search:
         ``y`` (reading,) and ``noise`` are in units of the readings' standard deviations; ``parameter`` is the penalty.
         """
         estimator, std = self._estimator, self._estimator.readings.std
-        linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(y * std), noise)
+        linear = estimator.start.evidence(estimator.orders[1], estimator.readings.planes(y * std), noise)
         weight = parameter / noise**2
         traction, explained, _ = even_contact(estimator, linear.traction, y / noise, noise * std, ~unused, weight)
         return traction[-1], explained / std

@@ -431,14 +431,18 @@ class ContactModel:
         return self.data.cells
 
     @property
+    def explained(self) -> Floats:
+        """The whitened readings that it predicts."""
+        return np.asarray(self.data.matrix @ self.solution.traction.ravel())
+
+    @property
     def squares(self) -> float:
         """Squares of the residuals, minus those of the readings, in units of the noise."""
         t = self.solution.traction
         if self.data.formed:
             explained = float(t.ravel() @ (self.data.gram @ t.ravel()))
         else:
-            seen = self.data.matrix @ t.ravel()
-            explained = float(seen @ seen)
+            explained = float((self.explained**2).sum())
         return explained - 2.0 * float((t * self.data.linear).sum())
 
     @property

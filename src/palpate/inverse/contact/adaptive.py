@@ -156,11 +156,11 @@ class AdaptiveEstimator(ConstrainedEstimator):
             start = fields[:, cells]
             return self.normal(self.level(ratio), cells, y, noise, observed), start
 
-        parameter, scale = evidence[1].parameter, evidence[1].scale
-        ratio = self._ratio(self.taxels * c, self.effective_freedom(parameter), count * c)
+        parameter, weight = evidence[1].parameter, evidence[1].weight
+        ratio = self._ratio(self.taxels * c, self.start.freedom(parameter), count * c)
         white = self.readings.white(y[observed], observed)
         whole, start = refined(ratio)
-        data, start = self._certain(whole, start, white, parameter / scale**2)
+        data, start = self._certain(whole, start, white, weight)
         found = self._compact(data, first, white, noise, observed, parameter, possible)
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
@@ -170,7 +170,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         slides: list[tuple[Floats, Floats, float]] = []
         if self.cone.coupled and policy.parts.sliding:
             coarse = whole if ratio == 1 else refined(1)[0]
-            precisions = self.precisions(coarse.level, 1, parameter / scale**2)
+            precisions = self.precisions(coarse.level, 1, weight)
             given = coarse, first, precisions
             if coarse.at_size:
                 given = in_blocks(*given, policy)
@@ -183,7 +183,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         alone.columns, alone.cone, alone.variances = self.columns[-1:], Cone(self.cone.components[-1:]), [1.0]
         if slides and not coarse.at_size:
             # Pressure alone has fewer unknowns than the data determine, so that a finer grid is worth its cost.
-            freedom = alone._freedom_along(coarse.along(slides[0][0]), parameter / scale**2)
+            freedom = alone._freedom_along(coarse.along(slides[0][0]), weight)
             finer = alone._ratio(count, freedom, count)
             if (
                 policy.parts.finer_sliding
@@ -214,7 +214,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """
         if not self.policy.parts.compact or data.at_size:
             return None
-        left = white - self.readings.white((self.explained_by(first) / noise)[observed], observed)
+        left = white - self.readings.whitened(self.explained_by(first), observed, noise)
         return discs(self, data, first, white, float(left @ left), self.taken(first[-1], parameter), possible)
 
     def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
@@ -256,8 +256,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
 
         def solved(order: int) -> ContactModel:
             nonlocal data, start
-            found = evidence[order]
-            precisions = self.precisions(level, order, found.parameter / found.scale**2)
+            precisions = self.precisions(level, order, evidence[order].weight)
             whole = self.model(data, precisions, start)
             kept = self._trimmed(whole, precisions, y)
             # Other orders need only the cells near those that this one kept.

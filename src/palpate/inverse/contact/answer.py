@@ -27,6 +27,7 @@ from palpate.inverse.contact.summary import Summary
 from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
 from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.estimate import Errors
+from palpate.inverse.fit import rms
 
 __all__ = ["combined", "framed", "hidden", "nothing_known", "unexplained"]
 
@@ -45,7 +46,7 @@ def framed(prepared: PreparedContact, run: Solved, observed: Observed, rng: np.r
         # A single reading that stands out may be a small contact directly above a shallow taxel.
         alone = np.where(shallow(prepared.operator.planes_of, prepared.policy), observed.data, 0.0)
         nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
-        fit = misfit_of(prepared, run, rest, 0.0, float(np.abs(rest).max(initial=0.0)))
+        fit = misfit_of(prepared, run, rest, 0.0)
         errors, unknown = detection_limit(prepared, run, fit, nothing.known)
         result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
     else:
@@ -54,19 +55,13 @@ def framed(prepared: PreparedContact, run: Solved, observed: Observed, rng: np.r
         for m in run.members:
             share(prepared, m, run, deviation, at_limit)
         fit, left, free = fit_of(prepared, run)
-        result = combined(prepared, run, each, fit, left, rng)
-        # The models use a finer grid and may fit readings that surface cells cannot.
-        pushed = (run.pushed or result.residual <= run.limit) and h.sign == 1
-        turned = result.draws if result.draws is None or h.sign >= 0 else -result.draws
+        result = combined(prepared, run, each, fit, left, free, rng)
         result = replace(
             result,
-            traction=-result.traction if h.sign < 0 else result.traction,
-            draws=turned,
             outliers=left_out,
-            pushed=pushed,
+            # The models use a finer grid and may fit readings that surface cells cannot.
+            pushed=(run.pushed or left <= prepared.policy.detection.unexplained) and h.sign == 1,
             adrift=run.adrift > 0.5,
-            free=free,
-            models=None if result.models is None else replace(result.models, free=free),
             discrepancy=proportional_part(prepared, run),
         )
     bounds = offset_as_load(prepared, h, result.traction)
@@ -90,32 +85,32 @@ def combined(
     noise: Floats,
     fit: float,
     left: float,
+    free: float,
     rng: np.random.Generator | None,
     also: Solved | None = None,
 ) -> Frame:
     """The weighted mean of the models of a run (and of a second run ``also``), with errors that include the spread
-    between models.
+    between models. ``noise``, ``fit``, ``left`` and ``free`` are its noise, misfit probability, residual and degrees
+    of freedom.
     """
-    policy = prepared.policy
+    policy, sign = prepared.policy, -1 if run.explanation.sign < 0 else 1
     runs = [run] if also is None else [run, also]
     members = [m for r in runs for m in r.members]
     large = any(m.data.at_size for m in members)
     summary = Summary(members, prepared.posterior)
     summary.gain = prepared.problem.uncertainty.assumed_gain
-    summary.whites = [
-        prepared.readings.white((r.data / r.noise)[r.observed], r.observed) for r in runs for _ in r.members
-    ]
-    weights = np.array([m.weight for m in members])
+    summary.whites = [prepared.readings.whitened(r.data, r.observed, r.noise) for r in runs for _ in r.members]
     sampled = None
     if prepared.draws:
-        sampled = prepared.posterior.draws(members, weights, prepared.draws, rng or np.random.default_rng(0))
+        sampled = sign * prepared.posterior.draws(members, prepared.draws, rng or np.random.default_rng(0))
     alone = single_taxel_share(
         prepared.operator.planes_of, run, np.abs(summary.mean[-1]), prepared.operator.surface, policy
     )
     summary.doubted = 0.5 / STATED * alone if policy.errors.much < alone < 1.0 - policy.errors.much else 0.0
     summary.in_gaps = load_in_gaps(prepared, run, summary.mean)
+    models = Models.of(prepared, *runs)
     return Frame(
-        summary.mean,
+        sign * summary.mean,
         summary if large else summary.errors(),
         run.parameter,
         noise,
@@ -131,7 +126,8 @@ def combined(
         alone=alone,
         beyond=prepared.posterior.beyond(summary.mean),
         hangs=0.0 if prepared.given_ends or not prepared.readings.independent else summary.largest_part(),
-        models=Models.of(prepared, *runs),
+        free=free,
+        models=None if models is None else replace(models, free=free),
     )
 
 
@@ -147,11 +143,11 @@ def _nothing(
     grid, names = prepared.operator.surface, prepared.operator.surface.components
     shape = (len(names), *grid.shape)
     # Use the readings as the residual: without contact all of it is noise.
-    rms = float(np.sqrt(np.mean((data / prepared.readings.std) ** 2)))
-    errors = prepared.undetected(scale if prepared.noise_known else rms, np.where(outliers, alone, data))
+    size = rms(data / prepared.readings.std)
+    errors = prepared.undetected(scale if prepared.noise_known else size, np.where(outliers, alone, data))
     empty = np.zeros((prepared.draws, *shape)) if prepared.draws else None
     noise = np.full(prepared.noise.count, scale)
-    left = rms if prepared.noise_known or not scale > 0.0 else rms / scale
+    left = size if prepared.noise_known or not scale > 0.0 else size / scale
     return Frame(np.zeros(shape), errors, parameter, noise, left, True, False, outliers, empty)
 
 

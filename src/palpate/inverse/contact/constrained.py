@@ -74,7 +74,7 @@ class ConstrainedEstimator(PreparedContact):
 
         policy = self.policy
         level = self.level(1)
-        parameter, scale = evidence[1].parameter, evidence[1].scale
+        precisions = self.precisions(level, 1, evidence[1].weight)
         region = dilated(
             (first[-1] > policy.extent.faint * first[-1].max()).reshape(level.grid.shape), policy.extent.margin
         )
@@ -88,19 +88,9 @@ class ConstrainedEstimator(PreparedContact):
         largest = max(weight, key=lambda patch: weight[patch])
         kept = [patch for patch, w in weight.items() if w > policy.detection.patch or patch == largest]
         position = np.flatnonzero(np.isin(patches, kept))
-        model = self.model(
-            data.part(position),
-            self.precisions(level, 1, parameter / scale**2),
-            first[:, cells[position]],
-            keep_face=True,
-        )
+        model = self.model(data.part(position), precisions, first[:, cells[position]], keep_face=True)
         pressure = model.solution.traction[-1]
         sure = np.flatnonzero(pressure >= policy.extent.faint * pressure.max())  # all of them where nothing presses
-        model.contact = self.model(
-            model.data.part(sure),
-            self.precisions(level, 1, parameter / scale**2),
-            model.solution.traction[:, sure],
-            keep_face=True,
-        )
+        model.contact = self.model(model.data.part(sure), precisions, model.solution.traction[:, sure], keep_face=True)
         model.weight = 1.0
         yield model

@@ -32,7 +32,7 @@ from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.contact.policy import Fit, Policy
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.search import search
-from palpate.inverse.fit import DISCREPANCY, POOR_FIT
+from palpate.inverse.fit import DISCREPANCY, POOR_FIT, rms
 
 __all__ = ["degrees_of_share", "posterior", "solve_with_model_error"]
 
@@ -53,7 +53,7 @@ def solve_with_model_error(
     ratio = data / estimator.readings.std
     far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
     few = zeroed and far and len(data) <= policy.detection.few_readings
-    if (zeroed and far and _rms(ratio) * policy.fit.shares[0] > policy.fit.faint) or (
+    if (zeroed and far and rms(ratio) * policy.fit.shares[0] > policy.fit.faint) or (
         few and len(data) <= policy.fit.proves
     ):
         return _with_shares(estimator, readings, data, None, rng)
@@ -96,7 +96,7 @@ def _doubted(estimator: PreparedContact, frame: Frame, data: Floats) -> Frame:
     if not doubt > 0.0:
         return frame
     sizes = data / estimator.readings.std
-    left = frame.residual * _rms(frame.noise) / max(_rms(sizes), 1e-300)
+    left = frame.left / max(rms(sizes), 1e-300)
     found = math.sqrt(doubt) * _posterior(min(left, 1.0), frame.free, sizes, estimator.policy)
     return replace(frame, discrepancy=max(frame.discrepancy, found))
 
@@ -130,7 +130,7 @@ def _with_shares(
     policy = estimator.policy
     level = estimator.even_noise
     sizes = data / level.readings.std
-    ratio = _rms(sizes)
+    ratio = rms(sizes)
 
     @cache
     def solved(share: float) -> tuple[float, Frame]:
@@ -149,7 +149,7 @@ def _with_shares(
     share: float | None = None if hopeless else policy.fit.shares[0]
     while share is not None:
         factor, found = solved(share)
-        left = found.residual * _rms(found.noise) / max(ratio, 1e-300) if found.contact else 1.0
+        left = found.left / max(ratio, 1e-300) if found.contact else 1.0
         if found.contact:
             found = replace(found, fit=_size_probability(found, len(data)))
         if _explains(level, found):
@@ -251,7 +251,3 @@ def _posterior(left: float, free: float, readings: Floats, policy: Policy) -> fl
     free = max(free, 0.0) if math.isfinite(free) else 0.0
     share = left * math.sqrt(len(readings) / free) if free > 0.0 else 0.0
     return posterior(share, degrees_of_share(share, free, readings), policy.fit)
-
-
-def _rms(values: Floats) -> float:
-    return math.sqrt(float(np.mean(np.square(values)))) if np.size(values) else 0.0

@@ -53,7 +53,7 @@ class Explanation:
     """One hypothesis about a frame: the sign of the contact, and which nuisances (offsets, ramps) are in the readings.
 
     ``sign`` is 1 if contact pushes, -1 if it pulls, 0 if it does both. ``sizes`` are the sizes of the nuisances (0 if
-    absent) and ``present`` marks those present. ``rivals`` are the alternatives with nuisances, best first; ``coarser``
+    absent). ``rivals`` are the alternatives with nuisances, best first; ``coarser``
     are those for a frame that it does not explain (`score.coarser_of`). ``noise`` is the residual of a contact in a few
     cells, if the linear model would take the readings for noise (`palpate.inverse.contact.few_cells`). ``choice`` is the
     log of the number of candidates from which its nuisances were chosen, and what drift of their size costs;
@@ -63,18 +63,22 @@ class Explanation:
     sign: int
     rough: Rough
     sizes: Floats
-    present: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     noise: float | None = None
     choice: float = 0.0
     rivals: tuple[Explanation, ...] = ()
     coarser: tuple[Explanation, ...] = ()
+
+    @property
+    def present(self) -> Flags:
+        """Mask of the nuisances in the readings."""
+        return self.sizes != 0.0
 
 
 @dataclass
 class Solved:
     """A solved explanation: its models, and the data, noise and settings used. No models means no contact.
 
-    ``drift``: see `misfit.drift_probability`; ``adrift``: total weight of the models whose normal force may be drift
+    ``doubtful``: see `systematic.doubtful`; ``drift``: see `misfit.drift_probability`; ``adrift``: total weight of the models whose normal force may be drift
     (`systematic.add_hidden_drift`).
     """
 
@@ -87,7 +91,6 @@ class Solved:
     scale: float
     levels: Floats | None
     pushed: bool
-    limit: float
-    doubtful: tuple[Floats, Floats]
+    doubtful: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros((0, 0)), np.zeros(0)))
     drift: float = math.nan
     adrift: float = 0.0

@@ -47,9 +47,8 @@ def contact_in_few_cells(estimator: PreparedContact, data: Floats, observed: Fla
     channel = estimator.noise.index[observed]
     if not policy.parts.few_cells or not _stands_out(data[observed], channel, policy):
         return None
-    white = readings.white((data / readings.std)[observed], observed)
-    rows = (estimator.shifts[:, : estimator.usual] / readings.std[:, None])[observed]
-    base, _ = np.linalg.qr(readings.white(rows, observed)) if rows.shape[1] else (np.zeros((len(white), 0)), None)
+    white = readings.whitened(data, observed)
+    base = np.linalg.qr(readings.whitened(estimator.shifts[:, : estimator.usual], observed)).Q
     left = white - base @ (base.T @ white)
     free = len(white) - base.shape[1]
     if free < 2 or not (left != 0.0).any():

@@ -12,6 +12,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.again import Models
 from palpate.inverse.contact.summary import Summary
 from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.fit import rms
 
 __all__ = ["Frame"]
 
@@ -68,6 +69,11 @@ class Frame:
     free: float = math.nan
     resolution: float = math.nan
     models: Models | None = None
+
+    @property
+    def left(self) -> float:
+        """Root mean square of the residual in units of the given noise."""
+        return self.residual * rms(self.noise)
 
     @property
     def known(self) -> Errors:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,9 @@ def gathered(estimator: PreparedContact, frames: Sequence[Frame], batch: tuple[i
         whole = np.stack([estimator.cut(part) for part in parts] if fields else parts)
         return np.asarray(whole.reshape((*batch, *whole.shape[1:])))
 
-    def numbers(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
-        return np.array([getattr(f, name) for f in frames], dtype=kind).reshape(batch)
+    def of_each(name: str, kind: type = np.float64) -> npt.NDArray[Any]:
+        values: npt.NDArray[Any] = np.array([getattr(f, name) for f in frames], dtype=kind)
+        return values.reshape((*batch, *values.shape[1:]))
 
     interpolated = estimator.problem.surface.shape != estimator.surface.shape
     if len(frames) == 1 and isinstance(frames[0].errors, Summary) and not interpolated:
@@ -44,55 +45,36 @@ def gathered(estimator: PreparedContact, frames: Sequence[Frame], batch: tuple[i
         within = [unresolved(f.traction, estimator.surface.shape) for f in frames]
         errors = replace(errors, traction=np.hypot(errors.traction, stacked(within)))
     keep(frames[-1].models if frames[-1].contact else None, notes_of_contact(frames[-1:], (), estimator.policy))
-    values = np.stack([estimator.cut(f.traction) for f in frames])
-    sampled = None
-    if estimator.draws:
-        sampled = np.stack([estimator.cut(f.draws) for f in frames if f.draws is not None])
-        sampled = sampled.reshape((*batch, *sampled.shape[1:]))
-    outliers = np.stack([f.outliers for f in frames])
-    noise = np.stack([f.noise for f in frames]).reshape((*batch, -1))
+    noise = of_each("noise")
     return Estimate(
-        from_numpy(values.reshape((*batch, *values.shape[1:])), like),
-        numbers("parameter"),
+        from_numpy(stacked([f.traction for f in frames]), like),
+        of_each("parameter"),
         noise,
-        numbers("residual"),
+        of_each("residual"),
         errors,
-        numbers("converged", bool),
-        numbers("contact", bool),
-        outliers.reshape((*batch, -1)),
-        sampled,
-        pushed=numbers("pushed", bool),
+        of_each("converged", bool),
+        of_each("contact", bool),
+        of_each("outliers", bool),
+        stacked([f.draws for f in frames if f.draws is not None]) if estimator.draws else None,
+        pushed=of_each("pushed", bool),
         resolution=np.array(
             [estimator.resolution(f.parameter) if math.isnan(f.resolution) else f.resolution for f in frames]
         ).reshape(batch),
-        sliding=numbers("sliding") if estimator.finds_sliding else None,
+        sliding=of_each("sliding") if estimator.finds_sliding else None,
         said=notes_of(frames, batch, estimator.policy),
         noise_std=noise * np.concatenate(estimator.scales),
-        fit=numbers("fit"),
-        sign=numbers("sign", int),
-        nuisance=np.stack([f.nuisance for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
-        nuisance_std=np.stack([f.nuisance_std for f in frames]).reshape((*batch, -1)) if estimator.terms else None,
+        fit=of_each("fit"),
+        sign=of_each("sign", int),
+        nuisance=of_each("nuisance") if estimator.terms else None,
+        nuisance_std=of_each("nuisance_std") if estimator.terms else None,
         nuisance_names=tuple((t.label, t.unit) for t in estimator.terms),
-        at_limit=np.stack([f.at_limit for f in frames]).reshape((*batch, -1))
-        if estimator.policy.parts.screening
-        else None,
-        stated=_stated(frames, stacked),
-        discrepancy=numbers("discrepancy"),
-        unexplained=numbers("unexplained", bool),
-        undecided=numbers("undecided", bool),
-        overload=numbers("overload", bool),
-        one_penalty=numbers("one_penalty", bool),
+        at_limit=of_each("at_limit", bool) if estimator.policy.parts.screening else None,
+        stated=Stated.gathered([f.stated for f in frames], stacked),
+        discrepancy=of_each("discrepancy"),
+        unexplained=of_each("unexplained", bool),
+        undecided=of_each("undecided", bool),
+        overload=of_each("overload", bool),
         force_bounds=np.stack(
             [np.broadcast_to(f.bounds, (len(estimator.operator.surface.components), 2)) for f in frames]
         ).reshape((*batch, -1, 2)),
     )
-
-
-def _stated(frames: Sequence[Frame], stacked: Callable[[Sequence[Floats]], Floats]) -> Stated | None:
-    """Errors of the frames due to pad properties that are not known exactly; zero for frames without contact."""
-    known = next((f.stated for f in frames if f.stated is not None), None)
-    if known is None:
-        return None
-    none = Stated(**{f.name: np.zeros_like(getattr(known, f.name)) for f in fields(Stated)})
-    each = [f.stated or none for f in frames]
-    return Stated(**{f.name: stacked([getattr(s, f.name) for s in each]) for f in fields(Stated)})

@@ -30,7 +30,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.edges import outside_taxels
 from palpate.inverse.contact.places import Data, Member, Places, Start
 from palpate.inverse.estimate import Errors, Estimate, Stated, among_frames, batch_of, frames_of
-from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability, neighbours
+from palpate.inverse.fit import MODEL_DETAIL, POOR_FIT, misfit_probability, neighbours, rms, unfitted
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import TINY, tikhonov
@@ -38,6 +38,7 @@ from palpate.inverse.linear.patterns import SURE
 from palpate.inverse.linear.posterior import UNEXPLAINED, LinearErrors, center_rows, moment_rows
 from palpate.inverse.linear.regularised import Regularised
 from palpate.inverse.linear.solution import BLIND
+from palpate.inverse.linear.spectrum import in_components
 from palpate.inverse.linear.stated import InDoubt, deviations
 from palpate.inverse.problem import Problem
 
@@ -179,7 +180,7 @@ class LocalEstimator:
             told=1.0 - float(weights @ [m.taken for m in members]) / len(self.readings.std),
             shared=self._shared(seen) if shared == 1.0 else shared,
             fit=self._fit(data, seen, members, weights, whole, noise / shared),
-            residual=float(np.sqrt(np.mean(left[data.observed] ** 2) * shared / max(noise, TINY))),
+            residual=rms(left[data.observed]) * math.sqrt(shared / max(noise, TINY)),
             left=left,
             broken=~data.observed,
             sizes=mean * self.places.units,
@@ -189,12 +190,7 @@ class LocalEstimator:
 
     def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
         """Expand fields (..., component sought, *surface) to all components of the surface."""
-        d = self.grid.dimensions
-        lead = sought.shape[: -1 - d]
-        out = np.full((*lead, len(self.grid.components), *self.grid.shape), fill)
-        rows: Any = (..., list(self.columns), *(slice(None),) * d)
-        out[rows] = sought
-        return out
+        return np.asarray(in_components(sought, self.columns, len(self.grid.components), self.grid.dimensions, fill))
 
     def _again(self, members: list[Member], rows: list[Floats]) -> Floats:
         """Traction (row, component, *surface) that the models estimate from other readings (row, channel, *array) per
@@ -216,7 +212,7 @@ class LocalEstimator:
         if columns.shape[1]:
             # A residual that an inexactly known pad would cause is no misfit.
             rows = self.places.white(columns.T).T * data.observed[:, None]
-            left = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
+            left = unfitted(left, rows)
             taken += columns.shape[1]
         detail = math.hypot(MODEL_DETAIL, self.problem.doubts.stated_gain) * float(
             np.abs(data.y[data.observed]).max(initial=0.0)
@@ -321,7 +317,7 @@ class LocalEstimator:
         stated = None
         if self.doubts is not None:
             parts = [f.stated if f else _picked(found.stated, batch, i) for i, f in enumerate(frames)]
-            stated = Stated(**{x.name: joined([getattr(p, x.name) for p in parts]) for x in fields(Stated)})
+            stated = Stated.gathered(parts, joined)
         draws = None
         if self.draws:
             empty = np.full((self.draws, *given.shape[1:]), math.nan)
@@ -337,7 +333,7 @@ class LocalEstimator:
             None,
             scale.reshape(batch),
             residual.reshape(batch),
-            errors=Errors(**{x.name: joined([getattr(e, x.name) for e in errors]) for x in fields(Errors)}),
+            errors=Errors.gathered(errors, joined),
             stated=stated,
             draws=draws,
             outliers=joined([f.broken if f else np.zeros(len(self.places.every), dtype=bool) for f in frames]),
@@ -392,7 +388,8 @@ class Frame:
 def _picked(errors: Any, batch: tuple[int, ...], i: int) -> Any:
     """One frame ``i`` of `Errors` or `Stated`."""
     place = np.unravel_index(i, batch) if batch else ()
-    return type(errors)(**{x.name: np.asarray(getattr(errors, x.name))[place] for x in fields(type(errors))})
+    kind = Stated if isinstance(errors, Stated) else Errors
+    return kind(**{x.name: np.asarray(getattr(errors, x.name))[place] for x in fields(kind)})
 
 
 def _errors_of(errors: Errors | None, batch: tuple[int, ...], i: int) -> Errors:
@@ -400,5 +397,4 @@ def _errors_of(errors: Errors | None, batch: tuple[int, ...], i: int) -> Errors:
     if not isinstance(errors, LinearErrors):
         raise RuntimeError("a linear method works its errors out")
     place = np.unravel_index(i, batch) if batch else ()
-    one = errors.changed(lambda values: np.asarray(to_numpy(values))[place])
-    return Errors(**{x.name: np.asarray(getattr(one, x.name)) for x in fields(Errors)})
+    return _picked(errors.changed(lambda values: np.asarray(to_numpy(values))[place]), (), 0)

@@ -15,6 +15,7 @@ from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.local import LocalEstimator
 from palpate.inverse.contact.notes import notes_of
@@ -22,7 +23,7 @@ from palpate.inverse.contact.policy import Policy
 from palpate.inverse.estimate import Errors, Estimate, Stated, among_frames, batch_of
 from palpate.inverse.linear.matrix_free.path import Linear
 from palpate.inverse.linear.methods import Tikhonov
-from palpate.inverse.linear.stated import among, with_offsets
+from palpate.inverse.linear.stated import with_offsets
 from palpate.inverse.method import Method, Needs, Prepared, count, number
 from palpate.inverse.problem import Problem
 
@@ -226,21 +227,13 @@ class AutomaticEstimator:
         """Traction from one readings array (*batch, channel, *array) per plane; every frame is decided alone."""
         batch = batch_of(readings, self.pushing.operator)
         frames = self.pushing.frames(readings, rng)
-        found = gathered(self.pushing, frames, batch, readings[0])
-        method = np.full(batch, Adaptive.name, dtype=f"<U{len(Constrained.name)}")
-        if found.one_penalty is not None:
-            method[found.one_penalty] = Constrained.name
-        if self._pulling is None or found.pushed is None or found.sign is None:
-            return replace(found, method=method)
-        # A frame that pulls as a whole is solved as a push with the opposite sign, and a push with pull around it is
-        # solved too: neither needs the linear method.
-        pulls = ~found.pushed & (found.sign >= 0) & (found.sign < 2)
-        for answered in (found.unexplained, found.undecided, found.overload):
-            if answered is not None:
-                pulls &= ~answered
+        method = np.array([Constrained.name if f.one_penalty else Adaptive.name for f in frames]).reshape(batch)
+        method = method.astype(f"<U{len(Constrained.name)}")
+        found = replace(gathered(self.pushing, frames, batch, readings[0]), method=method)
+        pulls = np.array([_needs_pull(f) for f in frames]).reshape(batch)
         # the linear method needs every reading
-        if not pulls.any() or any(np.isnan(to_numpy(r)).any() for r in readings):
-            return replace(found, method=method)
+        if self._pulling is None or not pulls.any() or any(np.isnan(to_numpy(r)).any() for r in readings):
+            return found
         trace.step("contact that only pushes does not fit: the linear method answers")
         if pulls.all():
             return replace(self._pulling().solve(readings), pushed=found.pushed, method=np.full(batch, Tikhonov.name))
@@ -253,15 +246,24 @@ class AutomaticEstimator:
         return replace(_merged(found, other, pulls), method=method, said=said)
 
 
+def _needs_pull(frame: Frame) -> bool:
+    """Whether the linear method has to solve a frame. A frame that pulls as a whole is solved as a push with the
+    opposite sign, and a push with pull around it is solved too.
+    """
+    answered = frame.pushed or frame.unexplained or frame.undecided or frame.overload
+    return not answered and 0 <= frame.sign < 2
+
+
 def _both_stated(mine: Stated | None, theirs: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:
-    """Errors stated for the pad: ``theirs`` for the frames ``where``, ``mine`` for the others."""
-    if mine is None:
-        return theirs
+    """Errors stated for the pad: ``theirs``, of the frames ``where`` only, and ``mine`` for the others."""
+    if mine is None and theirs is None:
+        return None
     out = {}
     for f in fields(Stated):
-        value = np.array(getattr(mine, f.name))
-        value[where] = 0.0 if theirs is None else getattr(theirs, f.name)[where]
-        out[f.name] = value
+        value = getattr(theirs, f.name, 0.0)
+        whole = np.zeros((*where.shape, *np.shape(value)[1:])) if mine is None else np.array(getattr(mine, f.name))
+        whole[where] = value
+        out[f.name] = whole
     return Stated(**out)
 
 
@@ -288,38 +290,22 @@ def _merged(found: Estimate, other: Estimate, pulls: npt.NDArray[np.bool_]) -> E
             values[pulls] = np.nan
         return values
 
-    traction = from_numpy(filled(found.traction, other.traction), found.traction)
+    def errors_of(name: str) -> Any:
+        return filled(getattr(found.errors, name), getattr(other.errors, name, None))
+
     scale = None if other.noise_scale is None else other.noise_scale[..., None]
-    errors = found.errors
-    if errors is not None:
-        theirs = other.errors
-        errors = Errors(
-            **{
-                f.name: filled(getattr(errors, f.name), None if theirs is None else getattr(theirs, f.name))
-                for f in fields(Errors)
-            }
-        )
-    outliers = filled(found.outliers, None)
-    if outliers is not None:
-        outliers[pulls] = False  # the linear method uses every reading
+    both = {name: filled(getattr(found, name), getattr(other, name)) for name in ("parameter", "noise_std", "residual")}
+    unknown = ("draws", "resolution", "sliding", "fit", "nuisance", "nuisance_std", "force_bounds")
     return replace(
         found,
-        traction=traction,
-        parameter=filled(found.parameter, other.parameter),
+        **both,
+        **{name: filled(getattr(found, name), None) for name in unknown},
+        traction=from_numpy(filled(found.traction, other.traction), found.traction),
         noise_scale=filled(found.noise_scale, scale),
-        noise_std=filled(found.noise_std, other.noise_std),
-        residual=filled(found.residual, other.residual),
-        errors=errors,
-        stated=_both_stated(found.stated, among(other.stated, pulls), pulls),
-        outliers=outliers,
-        converged=None if found.converged is None else filled(found.converged | pulls, other.converged, True),
-        contact=None if found.contact is None else found.contact | pulls,
-        draws=filled(found.draws, None),
-        resolution=filled(found.resolution, None),
-        sliding=filled(found.sliding, None),
-        fit=filled(found.fit, None),
-        nuisance=filled(found.nuisance, None),
-        nuisance_std=filled(found.nuisance_std, None),
+        errors=None if found.errors is None else Errors(**{f.name: errors_of(f.name) for f in fields(Errors)}),
+        stated=_both_stated(found.stated, other.stated, pulls),
+        outliers=filled(found.outliers, None, False),  # the linear method uses every reading
+        converged=filled(found.converged, other.converged, True),
+        contact=filled(found.contact, None, True),
         discrepancy=filled(found.discrepancy, None, 0.0),  # that of a push is no error of the linear method
-        force_bounds=filled(found.force_bounds, None),
     )

@@ -10,7 +10,8 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.variances import carried, face_of, taken_by
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.prepared import PreparedContact
-from palpate.inverse.fit import MIN_DEGREES, MODEL_DETAIL, misfit_probability
+from palpate.inverse.contact.systematic import shear_like_pressure
+from palpate.inverse.fit import MIN_DEGREES, MODEL_DETAIL, misfit_probability, rms, unfitted
 
 __all__ = ["drift_probability", "fit_of", "misfit_of", "proportional_part"]
 
@@ -19,14 +20,19 @@ def fit_of(estimator: PreparedContact, run: Solved) -> tuple[float, float, float
     """Misfit probability (`misfit_of`) of the weighted models of a frame; root mean square of the residual, in units
     of the noise; degrees of freedom of the residual.
     """
-    y, observed, total = run.data / run.noise, run.observed, sum(m.weight for m in run.members)
-    found = sum(m.weight / total * (m.data.matrix @ m.solution.traction.ravel()) for m in run.members)
-    misfit = estimator.readings.white(y[observed], observed) - found
+    observed, total = run.observed, sum(m.weight for m in run.members)
+    misfit = estimator.readings.whitened(run.data, observed, run.noise) - _predicted(run)
     taken = sum(m.weight / total * taken_by(m) for m in run.members)
-    residual = np.zeros(len(y))
+    residual = np.zeros(len(observed))
     residual[observed] = misfit
-    fit = misfit_of(estimator, run, residual, taken, float(np.abs(y[observed]).max(initial=0.0)))
-    return fit, float(np.sqrt(np.mean(misfit**2))), float(observed.sum()) - taken
+    fit = misfit_of(estimator, run, residual, taken)
+    return fit, rms(misfit), float(observed.sum()) - taken
+
+
+def _predicted(run: Solved) -> Floats:
+    """Weighted mean of the whitened readings (observed reading,) that the models predict."""
+    total = sum(m.weight for m in run.members)
+    return np.sum([m.weight / total * m.explained for m in run.members], axis=0)
 
 
 def proportional_part(estimator: PreparedContact, run: Solved) -> float:
@@ -36,13 +42,12 @@ def proportional_part(estimator: PreparedContact, run: Solved) -> float:
     Maximum likelihood for residuals r ~ N(0, a^2 + share^2 m^2), where m are the predicted readings, compared with
     share = 0 by a likelihood ratio.
     """
-    observed, total = run.observed, sum(m.weight for m in run.members)
     if estimator.noise_known or not estimator.readings.independent:
         return 0.0
-    found = sum(m.weight / total * (m.data.matrix @ m.solution.traction.ravel()) for m in run.members)
-    residual = run.data[observed] / run.noise[observed] - found
+    found = _predicted(run)
+    residual = estimator.readings.whitened(run.data, run.observed, run.noise) - found
     sizes = np.abs(found)
-    level = max(float(np.sqrt(np.mean(residual**2))), 1e-300)
+    level = max(rms(residual), 1e-300)
     # Evaluate the likelihood on a grid of a (as a fraction of the residual) and share.
     even, shares = level * np.geomspace(0.1, 1.5, 12), np.r_[0.0, np.geomspace(0.02, 0.6, 12)]
     variance = even[:, None, None] ** 2 + (shares[None, :, None] * sizes) ** 2
@@ -52,23 +57,21 @@ def proportional_part(estimator: PreparedContact, run: Solved) -> float:
     return float(shares[chosen]) if best[0] - best[chosen] > estimator.policy.fit.shows else 0.0
 
 
-def misfit_of(estimator: PreparedContact, run: Solved, residual: Floats, taken: float, largest: float) -> float:
+def misfit_of(estimator: PreparedContact, run: Solved, residual: Floats, taken: float) -> float:
     """Misfit probability of a frame: from size and whiteness (`palpate.inverse.fit.misfit_probability`) and from drift
     (`drift_probability`).
 
-    ``residual`` (reading,) and ``largest``, the largest reading, are in units of the noise; ``taken`` is the number of
-    degrees of freedom used by the contact.
+    ``residual`` (reading,) is in units of the noise; ``taken`` is the number of degrees of freedom used by the contact.
     """
     known, columns, observed = estimator.noise_known, run.doubtful[0], run.observed
     stretch = float(np.median(run.noise / estimator.readings.std)) if known else 1.0
+    largest = float(np.abs(run.data / np.where(run.noise > 0, run.noise, 1.0))[observed].max(initial=0.0))
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * largest
     taken += columns.shape[1]
     if columns.shape[1]:
         # A residual that an inexactly known pad would cause is no misfit.
-        rows = estimator.readings.white(columns[observed], observed)
-        left = residual[observed]
         residual = residual.copy()
-        residual[observed] = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-8)[0]
+        residual[observed] = unfitted(residual[observed], estimator.readings.white(columns[observed], observed))
     return misfit_probability(
         residual * stretch,
         observed,
@@ -106,22 +109,19 @@ def drift_probability(estimator: PreparedContact, run: Solved) -> float:
     drifts = np.stack([t.rows for t in estimator.drifts], axis=1)
     columns = np.concatenate([run.doubtful[0], drifts / run.noise[:, None]], axis=1)
     columns = estimator.readings.white(columns[observed], observed)
-    y = estimator.readings.white((run.data / run.noise)[observed], observed)
+    y = estimator.readings.whitened(run.data, observed, run.noise)
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * float(np.abs(y).max(initial=0.0))
     chances: list[float] = []
     for m in members:
         if many and max(chances, default=0.0) > policy.fit.accepted:
             break
         t, matrix = m.solution.traction, m.data.matrix
-        ways = np.zeros((len(t) - 1, *t.shape))
-        for i, way in enumerate(ways):
-            way[i] = t[-1]
-        drag = [matrix @ way.ravel() for way in ways]
+        drag = [matrix @ way.ravel() for way in shear_like_pressure(t)]
         first = len(drag) + run.doubtful[0].shape[1]
         each = np.concatenate([*(d[:, None] for d in drag), columns], axis=1)
         size = np.sqrt((each**2).sum(axis=0))
         each = each / np.where(size > 0, size, 1.0)
-        rows, misfit = each.T @ matrix, y - matrix @ t.ravel()
+        rows, misfit = each.T @ matrix, y - m.explained
         along, face = each.T @ misfit, face_of(m.solution)[0]
         local, moved = face.columns(rows), carried(m.solution, rows)
         if m.data.at_size:

@@ -12,14 +12,15 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough, Solved
 from palpate.inverse.contact.prepared import PreparedContact
+from palpate.inverse.contact.proposals.levels import reach
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import more_than_noise
 from palpate.inverse.contact.unbounded import even_press
 from palpate.inverse.estimate import Errors
-from palpate.inverse.fit import PROVEN
+from palpate.inverse.fit import PROVEN, rms
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load", "uneven_noise"]
+__all__ = ["WIDE", "detection_limit", "explained_by_noise", "short_line_load"]
 
 #: Half-width of a 95 % interval, in standard deviations.
 WIDE = 1.96
@@ -31,15 +32,15 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     """The explanation of a frame by noise, with or without offsets; None if contact is needed."""
     policy = estimator.policy
     rows = estimator.readings.planes(data)
-    loud = uneven_noise(estimator, data, observed, None)
-    none = np.zeros(len(estimator.terms))
+    loud = estimator.noise.uneven(data, observed, None)
+    sizes = np.zeros(len(estimator.terms))
     flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
     nothing = Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0)
     linear = estimator.orders[1]
-    plain = estimator.evidence(linear, rows, None)
+    plain = estimator.start.evidence(linear, rows, None)
     trace.decided("log evidence of contact over noise alone", plain.gain, policy.detection.evidence + loud)
     if not more_than_noise(plain.gain, loud, policy):
-        return Explanation(1, nothing, none, none > 0)
+        return Explanation(1, nothing, sizes)
     if not estimator.terms:
         return None
     shifts = estimator.shifts[:, : estimator.usual]
@@ -49,24 +50,22 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     if more_than_noise(found.gain, loud, policy):
         return None
     noise = 1.0 if estimator.noise_known else None
-    reach = [np.abs(data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in shifts.T]
-    prior = float(np.log(np.maximum(np.array(reach) * policy.explanations.largest_nuisance, 1e-300)).sum())
+    largest = policy.explanations.largest_nuisance * reach(shifts, data)
+    prior = float(np.log(np.maximum(largest, 1e-300)).sum())
     alone = log_evidence(found.objective, found.logdet, found.freedom, noise) - found.gain - prior
     if alone < log_evidence(plain.objective, plain.logdet, plain.freedom, noise):
         return None
     # Noise alone, around an offset.
     unit = np.sqrt((patterns**2).sum(axis=1))
-    sizes = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
-    present = none > 0
-    present[: estimator.usual] = np.abs(sizes) * unit > policy.explanations.nuisance * found.scale
-    none[: estimator.usual] = sizes
-    if (present & estimator.since_zero).any():
-        even = even_press(estimator, np.where(present, none, 0.0))
+    offsets = np.linalg.lstsq(patterns.T, estimator.start.projected(rows), rcond=None)[0]
+    significant = np.abs(offsets) * unit > policy.explanations.nuisance * found.scale
+    sizes[: estimator.usual] = np.where(significant, offsets, 0.0)
+    if sizes[estimator.since_zero].any():
+        even = even_press(estimator, sizes)
         if even is not None and even[-1] > 0:
             return None  # after a zero, a press is likelier than such a drift
-    left = (data - estimator.shifts @ np.where(present, none, 0.0)) / estimator.readings.std
-    noise_left = float(np.sqrt(np.mean(estimator.readings.white(left[observed], observed) ** 2)))
-    return Explanation(1, replace(nothing, left=noise_left), np.where(present, none, 0.0), present)
+    left = rms(estimator.readings.whitened(data - estimator.shifts @ sizes, observed))
+    return Explanation(1, replace(nothing, left=left), sizes)
 
 
 def short_line_load(estimator: PreparedContact, run: Solved) -> Floats | None:
@@ -86,18 +85,16 @@ def short_line_load(estimator: PreparedContact, run: Solved) -> Floats | None:
         or not policy.parts.few_cells
     ):
         return None
-    white = estimator.readings.white((run.data / estimator.readings.std)[run.observed], run.observed)
-    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
+    readings, observed = estimator.readings, run.observed
+    total = rms(readings.whitened(run.data, observed))
     if not total > 0.0:
         return None
     grid = estimator.operator.surface
     out = np.zeros(len(grid.components))
     for sign in (1, -1) if -1 in estimator.signs else (1,):
-        found = rough(estimator, sign * run.data, run.observed, total, None, policy.detection.short_line_noise * total)
-        left = white - sign * estimator.readings.white(
-            (found.explained / estimator.readings.std)[run.observed], run.observed
-        )
-        if math.sqrt(float(np.mean(left**2))) < policy.detection.short_line_left * total:
+        found = rough(estimator, sign * run.data, observed, total, None, policy.detection.short_line_noise * total)
+        left = rms(readings.whitened(sign * run.data - found.explained, observed))
+        if left < policy.detection.short_line_left * total:
             force = grid.cell * np.abs(found.traction[:, estimator.inside.ravel()].sum(axis=1))
             out[list(estimator.columns)] = np.maximum(out[list(estimator.columns)], force)
     return out if out.any() else None
@@ -116,8 +113,3 @@ def detection_limit(estimator: PreparedContact, run: Solved, fit: float, errors:
     if force is not None:
         why, errors = 2, replace(errors, force=np.maximum(errors.force, force / WIDE))
     return errors, why
-
-
-def uneven_noise(estimator: PreparedContact, data: Floats, observed: Flags, known: float | None) -> float:
-    """Log likelihood gained by one noise level per channel (`ChannelNoise.uneven`)."""
-    return estimator.noise.uneven(data, observed, known) if estimator.policy.parts.uneven_evidence else 0.0

@@ -60,10 +60,10 @@ class ChannelNoise:
         A contact is accepted only if its log evidence exceeds this gain (`score.more_than_noise`): channels whose noise
         is unequal must not look like contact.
         """
-        if self.known or self.count == 1:
+        if self.known or self.count == 1 or not self.policy.parts.uneven_evidence:
             return 0.0
         channel = self.index[observed]
-        white = self.readings.white((data / self.readings.std)[observed], observed)
+        white = self.readings.whitened(data, observed)
         power, count = np.bincount(channel, white**2), np.bincount(channel)
         power, count = power[power > 0], count[power > 0]
         if not len(power) or (count < self.policy.noise.fewest).any():
@@ -84,8 +84,7 @@ class ChannelNoise:
         if self.count == 1:
             return None
         channel, limit = self.index[observed], policy.noise.unequal
-        matrix = member.data.matrix
-        misfit = matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
+        misfit = member.explained - self.readings.white(y[observed], observed)
         count = np.bincount(channel, minlength=self.count)
         alive = count > 0
         if (count[alive] < policy.noise.fewest).any():
@@ -106,7 +105,7 @@ class ChannelNoise:
     def left(self, member: ContactModel, y: Floats, observed: Flags, took: float) -> float:
         """Root mean square of the whitened residual per degree of freedom that the contact, which uses ``took``, leaves."""
         free = max(float(observed.sum()) - took, 1.0)
-        misfit = member.data.matrix @ member.solution.traction.ravel() - self.readings.white(y[observed], observed)
+        misfit = member.explained - self.readings.white(y[observed], observed)
         return float(np.sqrt((misfit**2).sum() / free))
 
     def outliers(self, data: Floats, explained: Floats, noise: Floats) -> Flags:

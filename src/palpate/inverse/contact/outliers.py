@@ -14,6 +14,7 @@ from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.rough import rough
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.contact.screening import loads_above, shallow
+from palpate.inverse.fit import rms
 
 __all__ = ["loaded_above", "without_outliers"]
 
@@ -30,11 +31,9 @@ def without_outliers(
     readings, n = estimator.readings, len(data)
     if h.sign == 0 or not h.rough.traction[-1].any():
         return h, observed
-    columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else np.zeros((n, 0))
-    clean = h.sign * (data - columns @ h.sizes)
+    clean = h.sign * (data - estimator.shifts @ h.sizes)
     counted = observed.copy()
-    white = readings.white((clean / readings.std)[counted], counted)
-    total = math.sqrt(float(np.mean(white**2)))
+    total = rms(readings.whitened(clean, counted))
     best = h.rough
     for _ in range(max(int(policy.screening.most * observed.sum()), 1)):
         size = np.abs(clean) / readings.std
@@ -74,12 +73,12 @@ def loaded_above(estimator: PreparedContact, place: int, residual: Floats, obser
     reading out: then it is contact that coarse cells cannot follow.
     """
     policy, readings = estimator.policy, estimator.readings
-    left = readings.white((residual / readings.std)[observed], observed)
+    left = readings.whitened(residual, observed)
     without = abs(residual[place]) / readings.std[place]
     most = 0.0
     c = len(estimator.columns)
     for i, load in enumerate(loads_above(estimator.operator, estimator.columns, readings, place, policy)):
-        column = readings.white((load / readings.std)[observed], observed)
+        column = readings.whitened(load, observed)
         part = float(column @ left) / max(float(np.linalg.norm(column)), 1e-300)
         most = max(most, part if i % c == c - 1 else abs(part))  # pressure only pushes
     return most**2 > policy.screening.explained * without**2

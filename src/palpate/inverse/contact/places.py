@@ -12,11 +12,13 @@ import scipy.linalg
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import Level
+from palpate.inverse.fit import rms
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.solver import MatrixFree
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.patterns import SIZES
 from palpate.inverse.linear.regularised import Regularised
+from palpate.inverse.linear.spectrum import in_components
 from palpate.inverse.linear.whitening import Readings
 from palpate.inverse.problem import Problem
 from palpate.sensing.arrays import ScatteredArray
@@ -126,7 +128,7 @@ class Places:
         patterns = alone.patterns
         self.patterns = [] if patterns is None else patterns.all
         rows = [self.white(p.rows[None])[0] for p in self.patterns]
-        size = [math.sqrt(float(np.mean(r**2))) or 1.0 for r in rows]
+        size = [rms(r) or 1.0 for r in rows]
         #: Patterns scaled to a root mean square of one, and the size of each in its own unit.
         self.units = np.array([1.0 / s for s in size])
         self.rows = np.stack(rows) * self.units[:, None] if rows else np.zeros((0, len(self.every)))
@@ -235,7 +237,7 @@ class Places:
             )
             if solved is None:
                 continue
-            found, inverse, _, taken, evidence, used, final = solved
+            found, inverse, taken, evidence, used, final = solved
             fields = math.sqrt(part) * around
             spread = np.concatenate([inverse[:, i * n : (i + 1) * n] @ side for i, side in enumerate(sides)], axis=1)
             traction = np.zeros((c, keep.size))
@@ -273,9 +275,9 @@ class Places:
 
     def _solved(
         self, gram: Floats, linear: Floats, rows: Floats, y: Floats, noise: float, floor: float, *, told: bool
-    ) -> tuple[Floats, Floats, Floats, float, float, float, float] | None:
-        """Posterior for unknowns with prior variance 1: mean, root of the covariance, residual of ``y``, degrees of
-        freedom used, log evidence, noise variance estimated, noise variance used.
+    ) -> tuple[Floats, Floats, float, float, float, float] | None:
+        """Posterior for unknowns with prior variance 1: mean, root of the covariance, degrees of freedom used, log
+        evidence, noise variance estimated, noise variance used.
         """
         known = told or self.known
         used = 1.0 if known and not told else noise
@@ -294,7 +296,7 @@ class Places:
             if not known:
                 used = max(float(left @ left) / max(len(y) - taken, 1.0), floor)
         evidence = -0.5 * float(y @ left / noise + 2.0 * np.log(np.diag(lower)).sum() + len(y) * math.log(noise))
-        return found, inverse, left, taken, evidence, used, noise
+        return found, inverse, taken, evidence, used, noise
 
     def _nothing(self, data: Data) -> float:
         """Log evidence of noise and nuisances alone, comparable with `Member.evidence`."""
@@ -357,8 +359,7 @@ class Places:
         """Whitened readings (unknown, reading) that fields (unknown, component sought, *surface) cause."""
         if not len(fields):
             return np.zeros((0, len(self.every)))
-        whole = np.zeros((len(fields), len(self.grid.components), *self.grid.shape))
-        whole[:, list(self.columns)] = fields
+        whole = in_components(fields, self.columns, len(self.grid.components), self.grid.dimensions)
         planes = self.operator.forward(whole)
         return self.white(np.stack([self.readings.flat([p[i] for p in planes]) for i in range(len(fields))]))
 

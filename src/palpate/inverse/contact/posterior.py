@@ -65,16 +65,21 @@ class Posterior:
         self.operator, self.columns, self.cone = operator, tuple(columns), cone
         self.inside, self.outside, self.reach, self.policy = inside, outside, reach, policy
         self.ambiguity = ambiguity
+        #: Cells at the outermost taxels, if the surface does not end there.
+        self.at_edge = dilated(outside, 1) & ~outside
+
+    def _sizes(self, traction: Floats) -> Floats:
+        """Magnitude of the traction (*grid) in the cells of the result."""
+        return np.asarray(np.sqrt((traction**2).sum(axis=0)) * self.inside)
 
     def beyond(self, traction: Floats) -> tuple[float, float, float]:
         """Three fractions. First, the load beyond the outermost taxels over the whole load (sums of magnitudes). Second, the largest traction there over the largest anywhere. Third, the largest traction at the outermost taxels over the largest anywhere (0 if the surface ends there)."""
-        size = np.sqrt((traction**2).sum(axis=0)) * self.inside
+        size = self._sizes(traction)
         there, largest = size[self.outside], max(float(size.max()), 1e-300)
-        at = dilated(self.outside, 1) & ~self.outside
         return (
             float(there.sum()) / max(float(size.sum()), 1e-300),
             float(there.max(initial=0.0)) / largest,
-            float(size[at].max(initial=0.0)) / largest,
+            float(size[self.at_edge].max(initial=0.0)) / largest,
         )
 
     def going_on(self, traction: Floats) -> tuple[Floats, Floats]:
@@ -85,8 +90,7 @@ class Posterior:
         symmetric about the edge has as much beyond it.
         """
         policy = self.policy
-        grid, at = self.operator.surface, dilated(self.outside, 1) & ~self.outside
-        size = np.sqrt((traction**2).sum(axis=0)) * self.inside
+        grid, at, size = self.operator.surface, self.at_edge, self._sizes(traction)
         loaded = size > policy.extent.faint * max(float(size.max()), 1e-300)
         here = at & loaded
         if not here.any() or float(size[at].max()) < policy.extent.at_edge * float(size.max()):
@@ -170,7 +174,7 @@ class Posterior:
             **self.outside_parts(np.zeros(shape)),
         )
 
-    def draws(self, members: Sequence[ContactModel], weights: Floats, count: int, rng: np.random.Generator) -> Floats:
+    def draws(self, members: Sequence[ContactModel], count: int, rng: np.random.Generator) -> Floats:
         """Samples of the traction: each minimises one model with perturbed readings and prior.
 
         The minimiser of 1/2 x'Hx - (h + H^{1/2} z)'x over the cone is a projection of a Gaussian posterior sample onto
@@ -179,6 +183,7 @@ class Posterior:
         """
         grid = self.operator.surface
         out = np.zeros((count, len(grid.components), *grid.shape))
+        weights = np.array([m.weight for m in members])
         picks = rng.choice(len(members), size=count, p=weights / weights.sum())
         for i, member in enumerate(members):
             chosen = np.flatnonzero(picks == i)

@@ -8,6 +8,7 @@ a `PreparedContact`. It stores nothing about a frame, except the cache `rounds` 
 from __future__ import annotations
 
 import copy
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -37,7 +38,7 @@ from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import neighbours
 from palpate.inverse.linear.evidence import LinearEvidence
-from palpate.inverse.linear.matrix_free.path import LinearModel, contact_at_size, linear_model
+from palpate.inverse.linear.matrix_free.path import contact_at_size, linear_model
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.whitening import Readings
@@ -188,16 +189,12 @@ class PreparedContact(ABC):
         """
         return level.differences.even(order, [weight / v for v in self.variances])
 
-    def effective_freedom(self, parameter: float) -> float:
-        """Degrees of freedom of the traction that are determined by the data rather than by the penalty."""
-        return self.start.freedom(parameter)
-
     def taken(self, pressure: Floats, parameter: float) -> float:
         """Degrees of freedom that a solution with this pressure takes, estimated without its factor
         (`variances.taken_by`): those of the linear model, times the number of loaded cells per taxel. On a surface much
         larger than the array these are too many.
         """
-        return min(float(np.count_nonzero(pressure)) / self.taxels, 1.0) * self.effective_freedom(parameter)
+        return min(float(np.count_nonzero(pressure)) / self.taxels, 1.0) * self.start.freedom(parameter)
 
     def resolution(self, parameter: float) -> float:
         """Finest detail that the data determine [m]: the side of the area (on a line, the length) per degree of
@@ -207,7 +204,7 @@ class PreparedContact(ABC):
         points = np.concatenate([a.points for a in arrays])
         spans = np.ptp(points, axis=0) + np.asarray(self.operator.surface.spacings)
         return float(
-            (np.prod(spans) * len(self.columns) / max(self.effective_freedom(parameter), 1.0)) ** (1.0 / len(spans))
+            (np.prod(spans) * len(self.columns) / max(self.start.freedom(parameter), 1.0)) ** (1.0 / len(spans))
         )
 
     @cached_property
@@ -235,18 +232,21 @@ class PreparedContact(ABC):
         kept = [t for t in self.terms if t.of_image or not self.removed]
         if len(kept) == len(self.terms):
             return self
+        return self._with_terms(kept, sum(t.of_image for t in self.terms[: self.usual]))
+
+    def _with_terms(self, terms: list[Nuisance], usual: int) -> PreparedContact:
+        """A copy with other nuisances, the first ``usual`` of which may be present without contact."""
         out = copy.copy(self)
-        out.terms, out.usual = kept, sum(t.of_image for t in self.terms[: self.usual])
-        out.__dict__.pop("shifts", None)
+        out.terms, out.usual = terms, usual
+        for made in ("shifts", "settled"):
+            out.__dict__.pop(made, None)
         return out
 
     def as_they_are(self) -> PreparedContact:
         """A copy that takes all readings as they are: no saturation, no outliers, no offsets."""
-        out = copy.copy(self)
+        out = self._with_terms([], 0)
         out.policy = replace(self.policy, parts=replace(self.policy.parts, screening=False, outliers=False))
-        out.given_ends, out.terms, out.usual = None, [], 0
-        for made in ("shifts", "settled"):
-            out.__dict__.pop(made, None)
+        out.given_ends = None
         even = out.__dict__.pop("even_noise", None)
         if even is not None:
             out.__dict__["even_noise"] = even.as_they_are()
@@ -272,20 +272,13 @@ class PreparedContact(ABC):
     def even_press(self) -> Floats:
         """Readings (reading, component sought) under a constant traction of 1 Pa that extends far beyond the array."""
         grid = self.operator.surface
-        size = len(self.columns), int(np.prod(grid.shape))
-        each = [np.where(np.arange(size[0])[:, None] == i, np.ones(size), 0.0) for i in range(size[0])]
+        each = np.eye(len(self.columns))[:, :, None] * np.ones(math.prod(grid.shape))
         return np.stack([self.explained_by(t) for t in each], axis=1)
 
     @cached_property
     def pairs(self) -> tuple[Index, Index]:
         """Pairs of neighbouring readings."""
         return neighbours(self.operator.planes_of)
-
-    def evidence(self, linear: LinearModel, rows: Sequence[Floats], known: float | None) -> LinearEvidence:
-        """Fit of a linear model to a frame. ``known`` fixes the noise level, in units of the whitening; None: the
-        arrays' own, or estimated.
-        """
-        return self.start.evidence(linear, rows, known)
 
     def undetected(self, scale: float, data: Floats | None = None) -> Errors:
         """Errors of a frame without contact: the largest contact that would not be detected."""

@@ -71,7 +71,7 @@ def with_rims(
     h = replace(h, rough=replace(h.rough, edge=estimator.edge_load(size)))
     free = _without_cone(estimator)
     # An offset found together with a push may really be a rim, so try without it first.
-    without = replace(h, sizes=np.zeros_like(h.sizes), present=np.zeros_like(h.present))
+    without = replace(h, sizes=np.zeros_like(h.sizes))
     for each in [without, h] if h.present.any() else [h]:
         data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
         whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
@@ -120,7 +120,7 @@ def _run(free: PreparedContact, run: Solved, size: Floats, region: Flags) -> tup
     levels: Floats | None = None
     for turn in range(policy.noise.turns):
         evidence: Mapping[int, LinearEvidence] = {
-            o: free.evidence(each, rows, known) for o, each in free.orders.items()
+            o: free.start.evidence(each, rows, known) for o, each in free.orders.items()
         }
         scale = max(evidence[1].scale, floor)
         noise = readings.std * (scale if levels is None else np.maximum(levels[free.noise.index], floor))
@@ -144,7 +144,6 @@ def _run(free: PreparedContact, run: Solved, size: Floats, region: Flags) -> tup
         parameter=evidence[1].parameter,
         scale=scale,
         levels=levels,
-        limit=math.inf,
     )
     return solved, models
 

@@ -45,11 +45,7 @@ def with_rivals(
             other = framed(estimator, solve(estimator, rival, plain), observed, rng)
             trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
             simpler = h.present.any() and not rival.present.any()
-            odds = (
-                worth_of(rival, policy)
-                - worth_of(h, policy)
-                + louder(_noise_of(frame), _noise_of(other), len(run.data), policy)
-            )
+            odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
             if other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0):
                 return other
     elif frame.sign == h.sign and run.members:
@@ -76,11 +72,6 @@ def with_rivals(
     return frame
 
 
-def _noise_of(frame: Frame) -> float:
-    """Root mean square of the residual in units of the given noise."""
-    return frame.residual * float(np.sqrt(np.mean(frame.noise**2)))
-
-
 def _mean(
     estimator: PreparedContact,
     run: Solved,
@@ -93,16 +84,15 @@ def _mean(
     """Weighted mean of two solved explanations; the second has this ``weight``."""
     fit = (1.0 - weight) * frame.fit + weight * other.fit
     part, more = _weighed(run, 1.0 - weight), _weighed(second, weight)
-    found = combined(estimator, part, frame.noise, fit, frame.residual, rng, more)
-    sign = -1 if run.explanation.sign < 0 else 1
+    found = combined(estimator, part, frame.noise, fit, frame.residual, frame.free, rng, more)
     sizes = (1.0 - weight) * frame.nuisance + weight * other.nuisance
     between = weight * (1.0 - weight) * (frame.nuisance - other.nuisance) ** 2
     within = (1.0 - weight) * frame.nuisance_std**2 + weight * other.nuisance_std**2
     return replace(
         frame,
-        traction=sign * found.traction,
+        traction=found.traction,
         errors=found.errors,
-        draws=None if found.draws is None else sign * found.draws,
+        draws=found.draws,
         fit=fit,
         nuisance=sizes,
         nuisance_std=np.sqrt(within + between),
@@ -110,7 +100,7 @@ def _mean(
         alone=found.alone,
         beyond=found.beyond,
         hangs=found.hangs,
-        models=None if found.models is None else replace(found.models, free=frame.free),
+        models=found.models,
         converged=frame.converged and other.converged,
     )
 

@@ -17,7 +17,7 @@ from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.explanation import Beside, Explanation, Rough
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_of
-from palpate.inverse.fit import misfit_probability
+from palpate.inverse.fit import misfit_probability, rms
 
 __all__ = ["rough", "rough_fit", "steps_of", "wide_and_wrong"]
 
@@ -58,21 +58,20 @@ def rough(
     used = 0 if patterns is None else patterns.shape[1]
     left, free, gain = total, float(observed.sum() - used), -math.inf
     for turn in range(policy.screening.rounds):
-        found = estimator.evidence(linear, readings.planes(filled), known)
+        found = estimator.start.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
-        weight = found.parameter / found.scale**2
         first, explained, model = even_contact(
             estimator,
             found.traction,
             data / noise,
             noise,
             observed,
-            weight,
+            found.weight,
             near,
             keep_face=used > 0 or shifts is not None,
         )
         near = first
-        misfit = readings.white(((data - explained) / readings.std)[observed], observed)
+        misfit = readings.whitened(data - explained, observed)
         free = max(float(observed.sum()) - used - estimator.taken(first[-1], found.parameter), 1.0)
         left = math.sqrt(float((misfit**2).sum()) / free)
         # Fill unused readings with the prediction of the contact.
@@ -89,8 +88,8 @@ def rough(
     change: Floats = np.zeros(0)
     deviation: Floats = np.zeros(0)
     if patterns is not None and used:
-        rows = readings.white((patterns / noise[:, None])[observed], observed)
-        left_over = readings.white(((data - explained) / noise)[observed], observed)
+        rows = readings.whitened(patterns, observed, noise)
+        left_over = readings.whitened(data - explained, observed, noise)
         # With few readings, a wide contact fits at any offset and leaves no degrees of freedom. Small steps find the offsets before that happens.
         few = observed.sum() <= policy.detection.few_readings
         unit = unit_of(rows)
@@ -101,7 +100,7 @@ def rough(
     edge = estimator.edge_load(first[-1])
     beside = None
     if shifts is not None:
-        beside = _beside(estimator, model, shifts / noise[:, None], (data - explained) / noise, observed)
+        beside = _beside(estimator, model, shifts, data - explained, noise, observed)
     return Rough(gain, left, free, first, explained, edge, change, deviation, beside)
 
 
@@ -113,10 +112,12 @@ def wide_and_wrong(estimator: PreparedContact, near: Floats | None, left: float)
     return int(np.count_nonzero(near[-1])) * len(near) > policy.grid.few_unknowns
 
 
-def _beside(estimator: PreparedContact, model: ContactModel, columns: Floats, left: Floats, observed: Flags) -> Beside:
-    """`Beside` of a contact; nuisances ``columns`` and residual ``left`` are in units of the noise."""
-    rows = estimator.readings.white(columns[observed], observed)
-    white = estimator.readings.white(left[observed], observed)
+def _beside(
+    estimator: PreparedContact, model: ContactModel, columns: Floats, left: Floats, noise: Floats, observed: Flags
+) -> Beside:
+    """`Beside` of a contact, for the nuisances ``columns`` and the residual ``left``."""
+    rows = estimator.readings.whitened(columns, observed, noise)
+    white = estimator.readings.whitened(left, observed, noise)
     unit = unit_of(rows)
     rows = rows / unit
     return Beside(told_of(with_matrix(model), rows), rows.T @ white, float(white @ white), unit)
@@ -147,14 +148,13 @@ def _solved_beside(estimator: PreparedContact, h: Explanation, data: Floats, obs
     clean = h.sign * (data - estimator.shifts @ h.sizes)
     known = max(h.rough.left, floor, 1.0 if estimator.noise_known else 0.0)
     noise = readings.std * known
-    found = estimator.evidence(
+    found = estimator.start.evidence(
         estimator.orders[1], readings.planes(np.where(observed, clean, h.rough.explained)), known
     )
-    weight = found.parameter / found.scale**2
     _, explained, model = even_contact(
-        estimator, found.traction, clean / noise, noise, observed, weight, h.rough.traction, keep_face=True
+        estimator, found.traction, clean / noise, noise, observed, found.weight, h.rough.traction, keep_face=True
     )
-    return _beside(estimator, model, estimator.shifts / noise[:, None], (clean - explained) / noise, observed)
+    return _beside(estimator, model, estimator.shifts, clean - explained, noise, observed)
 
 
 def rough_fit(estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags) -> float:
@@ -165,12 +165,10 @@ def rough_fit(estimator: PreparedContact, h: Explanation, data: Floats, observed
     of the readings or, if the noise is given, below ``policy.detection.unexplained`` times the noise.
     """
     policy = estimator.policy
-    white = estimator.readings.white((data / estimator.readings.std)[observed], observed)
-    total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
-    columns = np.stack([term.rows for term in estimator.terms], axis=1) if estimator.terms else None
-    clean = data if columns is None else data - columns @ h.sizes
-    residual = np.where(observed, h.sign * clean - h.rough.explained, 0.0) / estimator.readings.std
-    size = math.sqrt(float(np.mean(residual[observed] ** 2)))
+    total = rms(estimator.readings.whitened(data, observed))
+    clean = h.sign * (data - estimator.shifts @ h.sizes)
+    residual = np.where(observed, clean - h.rough.explained, 0.0) / estimator.readings.std
+    size = rms(residual[observed])
     if not size > policy.explanations.structured * total or (
         estimator.noise_known and size < policy.detection.unexplained
     ):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,10 +20,12 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.score import gain_of
+from palpate.inverse.fit import Pairs, rms
 from palpate.inverse.linear.evidence import LinearEvidence, Marginal, linear_evidence, log_evidence
 from palpate.inverse.linear.matrix_free.evidence import FrameAtSize
 from palpate.inverse.linear.matrix_free.path import LinearModel
 from palpate.inverse.linear.regularised import Decomposition
+from palpate.inverse.linear.spectrum import in_components
 from palpate.inverse.linear.whitening import Readings
 from palpate.sensing.operator import Operator
 
@@ -41,6 +43,7 @@ __all__ = [
 ]
 
 Flags = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -62,8 +65,8 @@ class Ceilings:
 
 def ceilings(
     data: Floats,
-    index: npt.NDArray[np.intp],
-    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    index: Index,
+    pairs: Pairs,
     policy: Policy,
     given: tuple[Flags, Flags] | None = None,
 ) -> Ceilings:
@@ -90,7 +93,7 @@ def ceilings(
             rounded = bool(np.abs(steps - np.round(steps)).max() < 1e-6 * max(1.0, float(steps.max())))
         if rounded:
             step[a:b] = smallest
-        if not rounded and _symmetric(values, size, policy):
+        if not rounded and _symmetric(values, policy):
             continue
         fewest = policy.screening.at_end_rounded if rounded else policy.screening.at_end
         for flags, end in ((upper, levels[-1]), (lower, levels[0])):
@@ -111,8 +114,8 @@ def ceilings(
 
 def silent(
     data: Floats,
-    index: npt.NDArray[np.intp],
-    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    index: Index,
+    pairs: Pairs,
     policy: Policy,
 ) -> Flags:
     """Dead taxels: readings of exactly zero among neighbours with clear readings of one sign; noise would have moved
@@ -141,8 +144,8 @@ def silent(
 
 def stuck(
     data: Floats,
-    index: npt.NDArray[np.intp],
-    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    index: Index,
+    pairs: Pairs,
     ends: Ceilings,
     policy: Policy,
 ) -> Flags:
@@ -151,9 +154,6 @@ def stuck(
     If a part p of the other pairs of neighbours is equal, e equal pairs of one block have the log odds e log(1/p), less
     the log of the number of readings. Rounded channels and channels without noise have equal neighbours anyway.
     """
-    import scipy.sparse
-    import scipy.sparse.csgraph
-
     n, out = len(data), np.zeros(len(data), dtype=bool)
     alike = 1e-12 * float(np.abs(data).max(initial=0.0))  # a zero that was subtracted and added again rounds
     limited = ends.upper | ends.lower | (ends.step > 0.0) | (np.abs(data) <= alike)
@@ -161,16 +161,14 @@ def stuck(
     same = np.abs(data[i] - data[j]) <= alike
     if not same.any():
         return out
-    graph = scipy.sparse.coo_array((np.ones(int(same.sum())), (i[same], j[same])), shape=(n, n))
-    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    edges = np.bincount(label[i[same]], minlength=count)
+    label = _connected(n, i[same], j[same])
+    edges = np.bincount(label[i[same]], minlength=int(label.max()) + 1)
     others = (1.0 + same.sum() - edges) / (2.0 + len(same) - edges)
     part = np.bincount(label) / np.bincount(index)[index[np.unique(label, return_index=True)[1]]]
     found = (edges * np.log(1.0 / others) - math.log(n) > policy.detection.evidence) & (part <= policy.screening.most)
     out = found[label]
     for channel in np.unique(index[out]):
-        values = data[index == channel]
-        if _symmetric(values, float(np.abs(values).max()), policy):
+        if _symmetric(data[index == channel], policy):
             out &= index != channel
     return out
 
@@ -179,7 +177,7 @@ def loaded(
     wrong: Flags,
     data: Floats,
     explained: Floats,
-    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    pairs: Pairs,
     policy: Policy,
 ) -> bool:
     """Whether several neighbouring residuals exceed the prediction in the same direction: a real load that the model
@@ -188,21 +186,26 @@ def loaded(
     more = wrong & (np.abs(data) > np.abs(explained))
     if more.sum() < policy.screening.neighbours:
         return False
-    import scipy.sparse
-    import scipy.sparse.csgraph
-
     i, j = pairs
     joined = more[i] & more[j] & (np.sign((data - explained)[i]) == np.sign((data - explained)[j]))
-    n = len(data)
-    graph = scipy.sparse.coo_array((np.ones(int(joined.sum())), (i[joined], j[joined])), shape=(n, n))
-    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    label = _connected(len(data), i[joined], j[joined])
     return bool(np.bincount(label[more]).max() >= policy.screening.neighbours)
 
 
-def _symmetric(values: Floats, size: float, policy: Policy) -> bool:
+def _connected(count: int, i: Index, j: Index) -> Index:
+    """Number (reading,) of the block of each of ``count`` readings, if the pairs ``i``, ``j`` are connected."""
+    import scipy.sparse
+    import scipy.sparse.csgraph
+
+    graph = scipy.sparse.coo_array((np.ones(len(i)), (i, j)), shape=(count, count))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])
+
+
+def _symmetric(values: Floats, policy: Policy) -> bool:
     """Whether most readings have an equal twin, as noise-free readings of a centred contact do. Equal largest values
     are then no sign of saturation.
     """
+    size = float(np.abs(values).max())
     inner = np.sort(values[(values < values.max() - 1e-12 * size) & (values > values.min() + 1e-12 * size)])
     same = np.diff(inner) <= 1e-12 * size
     twin = np.append(same, False) | np.insert(same, 0, False)
@@ -217,6 +220,24 @@ class Screened:
     explained: Floats
 
 
+def _consistent(
+    fitted: Callable[[float], tuple[LinearEvidence, float, float]], total: float, certain: bool, policy: Policy
+) -> tuple[LinearEvidence, float, float]:
+    """Go down with the noise to the first level that equals its residual. ``fitted`` takes a noise level and returns
+    the model, the square of its residual and the degrees of freedom of that; ``certain``: the noise is given.
+    """
+    known = 1.0 if certain else policy.screening.first_noise * total
+    for _ in range(policy.screening.rounds):
+        found, misfit, free = fitted(known)
+        left = math.sqrt(max(misfit, 0.0) / free)
+        if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
+            break
+        if certain and left <= known:
+            break
+        known = max(left, 1e-6 * total, 1.0 if certain else 0.0)
+    return found, left, free
+
+
 def linear_noise(
     linear: Decomposition,
     rows: Sequence[Floats],
@@ -229,22 +250,17 @@ def linear_noise(
     degrees of freedom of the residual.
     """
     c = np.asarray(linear.spectrum.project(rows)) if projected is None else projected
-    values = linear.spectrum.eigenvalues
-    known = 1.0 if linear.noise_known else policy.screening.first_noise * total
-    beside = None
+    values, beside = linear.spectrum.eigenvalues, None
     if patterns is not None and len(patterns):
         beside = Marginal(values, c, patterns, linear.spectrum.tried)
-    for _ in range(policy.screening.rounds):
+
+    def fitted(known: float) -> tuple[LinearEvidence, float, float]:
         found = linear_evidence(linear, rows, None, known, beside, projected=c)
         w = found.parameter / (found.parameter + values)
-        free = max(float(w.sum()) - (0 if patterns is None else len(patterns)), 1.0)
-        left = math.sqrt(max(_misfit(linear, c, found, patterns), 0.0) / free)
-        if left > known / policy.noise.again and (left < known * policy.noise.again or not linear.noise_known):
-            break
-        if linear.noise_known and left <= known:
-            break
-        known = max(left, 1e-6 * total, 1.0 if linear.noise_known else 0.0)
-    return found, left, free
+        rest = w * (c if patterns is None else c - found.sizes @ patterns)
+        return found, float((rest**2).sum()), max(float(w.sum()) - (0 if patterns is None else len(patterns)), 1.0)
+
+    return _consistent(fitted, total, linear.noise_known, policy)
 
 
 def noise_at_size(
@@ -252,24 +268,7 @@ def noise_at_size(
 ) -> tuple[LinearEvidence, float, float]:
     """`linear_noise` for a matrix-free system; ``given`` is False to estimate a noise that was given."""
     certain = given and linear.linear.noise_known
-    known = 1.0 if certain else policy.screening.first_noise * total
-    for _ in range(policy.screening.rounds):
-        found, misfit, free = linear.noise(rows, None, known)
-        left = math.sqrt(max(misfit, 0.0) / free)
-        if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
-            break
-        if certain and left <= known:
-            break
-        known = max(left, 1e-6 * total, 1.0 if certain else 0.0)
-    return found, left, free
-
-
-def _misfit(linear: Decomposition, c: Floats, found: LinearEvidence, patterns: Floats | None) -> float:
-    """Squared residual in the basis of the spectrum, in units of the whitening."""
-    if patterns is not None:
-        c = c - found.sizes @ patterns
-    w = found.parameter / (found.parameter + linear.spectrum.eigenvalues)
-    return float(((w * c) ** 2).sum())
+    return _consistent(lambda known: linear.noise(rows, None, known), total, certain, policy)
 
 
 def screened(
@@ -387,7 +386,7 @@ class _Screening:
         n, scaled, spread = len(self.scaled), self.scaled, self.readings.std
         broken = np.zeros(n, dtype=bool)
         counted = int(observed.sum())
-        total = math.sqrt(float(np.mean(scaled[observed] ** 2))) if counted else 0.0
+        total = rms(scaled[observed])
         if not total > 0.0 or len(self.shifts.T) + n - counted > n // 2 or counted < policy.screening.fewest:
             return Screened(broken, np.zeros(n))
         held = [self.pattern(column) for column in self.shifts.T] if patterns is None else list(patterns)
@@ -415,9 +414,7 @@ class _Screening:
             if abs(scaled[chosen]) > policy.screening.alone * float(np.abs(scaled[other]).max(initial=0.0)):
                 # Compare the size of all readings with and without this one: a reading ten times the others is broken,
                 # even on the smallest array.
-                without = math.sqrt(float(np.mean(scaled[other] ** 2)))
-                with_it = math.sqrt(float(np.mean(scaled[counts] ** 2)))
-                gain = max(gain, gain_of(counted, with_it, without))
+                gain = max(gain, gain_of(counted, rms(scaled[counts]), rms(scaled[other])))
             if self.known:
                 gain = max(
                     gain, self._evidence([*held, column]) - self._evidence(held) - math.log(3.0 * np.abs(scaled).max())
@@ -489,7 +486,6 @@ class _Screening:
 
 def _explained(linear: Decomposition, readings: Readings, found: LinearEvidence, shifts: Floats) -> Floats:
     """Predictions of the linear model, offsets included, for every reading."""
-    operator = linear.operator
-    full = np.zeros((len(operator.surface.components), *operator.surface.shape))
-    full[list(linear.columns)] = found.traction
-    return readings.flat(operator.forward(full)) + shifts @ found.sizes[: shifts.shape[1]]
+    surface = linear.operator.surface
+    full = in_components(found.traction, linear.columns, len(surface.components), surface.dimensions)
+    return readings.flat(linear.operator.forward(full)) + shifts @ found.sizes[: shifts.shape[1]]

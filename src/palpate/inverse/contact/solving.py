@@ -9,7 +9,7 @@ starts the next attempt.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -23,7 +23,6 @@ from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.few_cells import contact_in_few_cells
-from palpate.inverse.contact.no_contact import uneven_noise
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.outliers import loaded_above
 from palpate.inverse.contact.prepared import PreparedContact
@@ -31,6 +30,7 @@ from palpate.inverse.contact.proposals.levels import in_range
 from palpate.inverse.contact.score import gain_of, more_than_noise, noise_beyond
 from palpate.inverse.contact.screening import loaded
 from palpate.inverse.contact.systematic import change_of_nuisances
+from palpate.inverse.fit import rms
 from palpate.inverse.linear.evidence import LinearEvidence
 
 __all__ = ["solve"]
@@ -71,9 +71,10 @@ class _Solving:
         #: Root mean square of the whitened readings at first, with which states are compared; the gain of `rested`.
         self.signal, self.gained = self.total, 0.0
         self.rested: dict[str, Any] = {}  # state in which the noise estimate settled far above the given noise
-        self.first: Floats | None = None
-        self.near = h.rough.traction if h.sign else None
+        #: The rough solution (component, cell) and the leading model, once they are made.
+        self.first: Floats
         self.leading: ContactModel | None = None
+        self.near = h.rough.traction if h.sign else None
         self.models: Iterator[ContactModel] = iter(())
 
     # -- initial values
@@ -83,7 +84,7 @@ class _Solving:
         estimator = self.estimator
         if estimator.noise_known or not self.h.sign:
             return False
-        alone = estimator.evidence(estimator.orders[1], self.rows, None)
+        alone = estimator.start.evidence(estimator.orders[1], self.rows, None)
         return alone.scale < self.policy.noise.followed * self.h.rough.left
 
     def _noise_at_first(self) -> tuple[float | None, float, float]:
@@ -119,27 +120,28 @@ class _Solving:
             if not self._touches():
                 if self._few_cells():
                     continue
-                return self._solved([], pushed=True, limit=math.inf)
+                return self._solved([], pushed=True)
             self._fit()
             if self._more_at_ends(attempt) or self._outliers(attempt):
                 continue
-            if not self.pressed:
+            if not self.first[-1].any():
                 break
             # Estimate noise and offsets from the first model only; make the others when these have settled.
             self.models = self.estimator.models(
-                self.first_traction, self.y, self.noise, self.observed, self.evidence, self.leading
+                self.first, self.y, self.noise, self.observed, self.evidence, self.leading
             )
             self.leading = next(self.models)
-            if not (self._offsets_moved() or self._noise_changed()):
+            if not (self._offsets_moved(self.leading) or self._noise_changed(self.leading)):
                 break
-        left, limit = self._left_and_limit()
-        return self._solved(self._members(), pushed=left <= limit, limit=limit)
+        left = rms(self.estimator.readings.whitened(self.data - self.explained, self.observed, self.noise))
+        members = [self.leading, *self.models] if self.leading and self.first[-1].any() else []
+        return self._solved(members, pushed=left <= self.policy.detection.unexplained)
 
     def _weigh(self) -> None:
         """Fit the linear models, and set the noise of each reading."""
         estimator = self.estimator
         self.evidence: dict[int, LinearEvidence] = {
-            order: estimator.evidence(linear, self.rows, self.known) for order, linear in estimator.orders.items()
+            order: estimator.start.evidence(linear, self.rows, self.known) for order, linear in estimator.orders.items()
         }
         self.scale = self.evidence[1].scale
         self.floor = max(estimator.least_noise(self.data), self.rounding)
@@ -148,7 +150,7 @@ class _Solving:
 
     def _touches(self) -> bool:
         """Whether the readings are more than noise, by evidence or because contact in a few cells was found."""
-        of_channels = uneven_noise(self.estimator, self.data, self.observed, self.known)
+        of_channels = self.estimator.noise.uneven(self.data, self.observed, self.known)
         evident = more_than_noise(self.evidence[1].gain, of_channels, self.policy)
         return self.scale > 0 and (evident or self.h.noise is not None)
 
@@ -164,25 +166,13 @@ class _Solving:
 
     def _fit(self) -> None:
         """Solve for contact with one even penalty on surface cells."""
-        found, y = self.evidence[1], self.data / self.noise
-        weight = found.parameter / found.scale**2
-        fitted = even_contact(self.estimator, found.traction, y, self.noise, self.observed, weight, self.near)
-        self.first, self.explained, _ = fitted
+        found = self.evidence[1]
+        self.first, self.explained, _ = even_contact(
+            self.estimator, found.traction, self.y, self.noise, self.observed, found.weight, self.near
+        )
         self.near = self.first
 
     # -- residual of the contact
-
-    @property
-    def first_traction(self) -> Floats:
-        """The rough solution (component, cell)."""
-        if self.first is None:
-            raise RuntimeError("no contact was solved for")
-        return self.first
-
-    @property
-    def pressed(self) -> bool:
-        """Whether the rough solution has any pressure."""
-        return bool(self.first_traction[-1].any())
 
     @property
     def y(self) -> Floats:
@@ -225,7 +215,7 @@ class _Solving:
         self._refill()
         return True
 
-    def _offsets_moved(self) -> bool:
+    def _offsets_moved(self, leading: ContactModel) -> bool:
         """Solve contact and nuisances together; return whether the nuisances changed."""
         rules = self.policy.noise
         if not self.h.present.any() or self.refined >= rules.most_offset_rounds:
@@ -233,7 +223,7 @@ class _Solving:
         change = change_of_nuisances(
             self.estimator,
             self.h,
-            self.first_model,
+            leading,
             self.data,
             self.noise,
             self.observed,
@@ -248,35 +238,24 @@ class _Solving:
         self._refill()
         return True
 
-    @property
-    def first_model(self) -> ContactModel:
-        """The leading model."""
-        if self.leading is None:
-            raise RuntimeError("no model was made")
-        return self.leading
-
     # -- noise
 
     @property
     def total(self) -> float:
         """Root mean square of the whitened readings, without the nuisances."""
-        readings = self.estimator.readings
-        white = readings.white((self.data / readings.std)[self.observed], self.observed)
-        return float(np.sqrt(np.mean(white**2))) if len(white) else 0.0
+        return rms(self.estimator.readings.whitened(self.data, self.observed))
 
-    def _noise_changed(self) -> bool:
+    def _noise_changed(self, leading: ContactModel) -> bool:
         """Re-estimate the noise from the residual, each channel first; return whether it changed."""
         estimator, parts = self.estimator, self.policy.parts
         if parts.channel_noise and not estimator.noise_known:
-            y = self.y
-            own = estimator.noise.levels(self.first_model, y, self.noise, self.observed, unequal=self.levels is None)
+            own = estimator.noise.levels(leading, self.y, self.noise, self.observed, unequal=self.levels is None)
             if own is not None:
                 return self._take_levels(own)
         if not parts.noise_again or (estimator.noise_known and not self.coarse):
             return False
-        left = self._left_by_leading()
-        ratio = max(left, self.floor) / max(self.scale, self.floor)
-        changed = self._given_noise(left) if estimator.noise_known else self._learned_noise(left, ratio)
+        left = self._left_by(leading)
+        changed = self._given_noise(left, taken_by(leading)) if estimator.noise_known else self._learned_noise(left)
         self.learned += changed
         return changed
 
@@ -292,25 +271,25 @@ class _Solving:
         self.levels, self.learned = own, self.learned + 1
         return True
 
-    def _left_by_leading(self) -> float:
+    def _left_by(self, leading: ContactModel) -> float:
         """Residual noise of the leading model, in units of the whitening. Non-negative pressure cannot fit noise, even
         where a linear model could.
         """
-        estimator, leading = self.estimator, self.first_model
+        estimator = self.estimator
         if self.follows or leading.compact or estimator.noise_known:
             took = taken_by(leading)
         else:
-            took = estimator.taken(self.first_traction[-1], self.evidence[1].parameter)
+            took = estimator.taken(self.first[-1], self.evidence[1].parameter)
         left = estimator.noise.left(leading, self.y, self.observed, took)
         return float(left * (self.noise[0] / estimator.readings.std[0]))
 
-    def _given_noise(self, left: float) -> bool:
+    def _given_noise(self, left: float, taken: float) -> bool:
         """Update noise that is given up to a factor (`score.noise_beyond`): lower it to what the leading model leaves,
         because coarse cells leave more than fine ones; or raise it, if the given noise was tried. If the estimate
         settles far above the given noise, try that once, and keep what gains more.
         """
         policy, now = self.policy, self.given if self.known is None else self.known
-        again, free = policy.noise.again, max(float(self.observed.sum()) - taken_by(self.first_model), 0.0)
+        again, free = policy.noise.again, max(float(self.observed.sum()) - taken, 0.0)
         learned = max(noise_beyond(self.given, left, free, policy), self.floor)
         gain = gain_of(free, self.signal, max(left, self.given), self.floor)
         tried, count = now == self.given, self.learned < policy.noise.turns
@@ -326,9 +305,9 @@ class _Solving:
             return False
         return True
 
-    def _learned_noise(self, left: float, ratio: float) -> bool:
+    def _learned_noise(self, left: float) -> bool:
         """Update noise that is not given."""
-        policy = self.policy
+        policy, ratio = self.policy, max(left, self.floor) / max(self.scale, self.floor)
         if self.follows and ratio < 1.0:
             ratio = 1.0 / ratio  # the first estimate was an upper limit
         if self.learned == policy.noise.turns_of_all or ratio < policy.noise.again:
@@ -340,21 +319,10 @@ class _Solving:
 
     # -- result
 
-    def _left_and_limit(self) -> tuple[float, float]:
-        """Root mean square of the rough solution's residual, in units of the noise, and the limit for a push."""
-        white, rules = self.estimator.readings.white, self.policy.detection
-        signal = white(self.y[self.observed], self.observed)
-        left = signal - white((self.explained / self.noise)[self.observed], self.observed)
-        return float(np.sqrt(np.mean(left**2))), rules.unexplained
-
-    def _members(self) -> Sequence[ContactModel]:
-        return [self.first_model, *self.models] if self.pressed else []
-
-    def _solved(self, members: Sequence[ContactModel], *, pushed: bool, limit: float) -> Solved:
-        none = np.zeros((len(self.data), 0)), np.zeros(0)
+    def _solved(self, members: list[ContactModel], *, pushed: bool) -> Solved:
         return Solved(
             self.h,
-            list(members),
+            members,
             self.data,
             self.noise,
             self.observed,
@@ -362,6 +330,4 @@ class _Solving:
             self.scale,
             self.levels,
             pushed,
-            limit,
-            none,
         )

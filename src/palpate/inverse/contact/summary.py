@@ -28,6 +28,7 @@ from palpate.inverse.constrained.variances import (
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.posterior import Posterior
 from palpate.inverse.estimate import Errors, Stated
+from palpate.inverse.linear.spectrum import in_components
 from palpate.sensing.grids import Grid
 
 __all__ = ["Quantities", "Summary"]
@@ -39,7 +40,7 @@ Index = npt.NDArray[np.intp]
 SUMS = ("force", "moment", "center")
 
 
-def widened(variance: Floats, cells: int = 1) -> Floats:
+def widened(variance: Floats, cells: int) -> Floats:
     """Give the cells just outside the contact an error from the cells at its edge: their mean error next to the edge, their largest error farther out."""
     import scipy.ndimage
 
@@ -235,9 +236,8 @@ class Summary:
 
     def _everywhere(self, sought: Floats, fill: float = 0.0) -> Floats:
         """Expand a field (component sought, *surface) to all components."""
-        out = np.full((len(self.grid.components), *sought.shape[1:]), fill)
-        out[list(self.posterior.columns)] = sought
-        return out
+        columns, count = self.posterior.columns, len(self.grid.components)
+        return np.asarray(in_components(sought, columns, count, self.grid.dimensions, fill))
 
     @cached_property
     def mean(self) -> Floats:

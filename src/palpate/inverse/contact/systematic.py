@@ -28,10 +28,11 @@ from palpate.inverse.contact import drift
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import PreparedContact
+from palpate.inverse.contact.proposals.levels import reach
 from palpate.inverse.contact.score import is_compact
 from palpate.sensing.grids import block_means
 
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "state"]
+__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "shear_like_pressure", "state"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -43,11 +44,10 @@ def nuisance_errors(estimator: PreparedContact, run: Solved) -> Floats:
     h = run.explanation
     if not estimator.terms or not (run.noise > 0).all():  # all readings are zero
         return np.zeros(len(estimator.terms))
-    columns = estimator.shifts / run.noise[:, None]
-    unit = np.sqrt((estimator.readings.white(columns[run.observed], run.observed) ** 2).sum(axis=0))
-    deviation = np.where(h.present, 1.0 / np.maximum(unit, 1e-300), 0.0)
+    columns = estimator.readings.whitened(estimator.shifts, run.observed, run.noise)
+    deviation = np.where(h.present, 1.0 / unit_of(columns), 0.0)
     if run.members and h.present.any():
-        rows = estimator.readings.white(columns[np.ix_(run.observed, h.present)], run.observed)
+        rows = columns.compress(h.present, axis=1)
         unit = unit_of(rows)
         prior = drift.precision(estimator, run.data)[h.present] / unit**2
         deviation[h.present] = deviations_of(told_of(run.members[0], rows / unit) + np.diag(prior)) / unit
@@ -82,7 +82,7 @@ def change_of_nuisances(
     noise: Floats,
     observed: Flags,
     *,
-    sure: bool = False,
+    sure: bool,
 ) -> Floats:
     """Change of the nuisances when they are solved together with the contact, on its face.
 
@@ -91,10 +91,8 @@ def change_of_nuisances(
     """
     policy = estimator.policy
     out = np.zeros(len(estimator.terms))
-    columns = (estimator.shifts[:, h.present] / noise[:, None])[observed]
-    rows = estimator.readings.white(columns, observed)
-    misfit = estimator.readings.white((data / noise)[observed], observed)
-    misfit = misfit - model.data.matrix @ model.solution.traction.ravel()
+    rows = estimator.readings.whitened(estimator.shifts[:, h.present], observed, noise)
+    misfit = estimator.readings.whitened(data, observed, noise) - model.explained
     unit = unit_of(rows)
     rows = rows / unit
     prior = drift.precision(estimator, data)[h.present] / unit**2
@@ -129,13 +127,12 @@ def share(estimator: PreparedContact, model: ContactModel, run: Solved, deviatio
     policy = estimator.policy
     there = deviation > 0
     noise, observed = run.noise, run.observed
-    columns = estimator.shifts[:, there] / noise[:, None]
-    prior = np.where(run.explanation.present, math.inf, deviation)[there]
+    columns, prior = estimator.shifts[:, there], np.where(run.explanation.present, math.inf, deviation)[there]
     if (at_limit & observed).any():
         # Saturated readings that are used may be larger: all by one common fraction.
-        excess = np.where(at_limit & observed, run.data / noise, 0.0)[:, None]
+        excess = np.where(at_limit, run.data, 0.0)[:, None]
         columns, prior = np.concatenate([columns, excess], axis=1), np.append(prior, policy.screening.excess)
-    white = estimator.readings.white(columns[observed], observed)
+    white = estimator.readings.whitened(columns, observed, noise)
     doubted = estimator.readings.white(run.doubtful[0][observed], observed)
     each = estimator.problem.doubts.stated_gain * np.abs(run.data / noise)[observed]
     for one in (model, model.contact):
@@ -145,7 +142,7 @@ def share(estimator: PreparedContact, model: ContactModel, run: Solved, deviatio
     add_hidden_drift(estimator, model, run, deviation)
     free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
     if policy.parts.common_shear and len(estimator.columns) > 1 and free:
-        y = estimator.readings.white((run.data / noise)[observed], observed)
+        y = estimator.readings.whitened(run.data, observed, noise)
         drag = with_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
 
@@ -171,9 +168,7 @@ def add_hidden_drift(estimator: PreparedContact, model: ContactModel, run: Solve
     if not terms:
         return
     rows = np.stack([t.rows for t in terms], axis=1)
-    reach = np.array([np.abs(run.data[c != 0]).max(initial=0.0) / np.abs(c).max() for c in rows.T])
-    scaled = (rows * (part * reach) / run.noise[:, None])[run.observed]
-    columns = estimator.readings.white(scaled, run.observed)
+    columns = estimator.readings.whitened(rows * (part * reach(rows, run.data)), run.observed, run.noise)
     for one in (model, model.contact):
         if one is None:
             continue
@@ -199,14 +194,12 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
     the ``variances`` of shear over pressure.
     """
     t, matrix = model.solution.traction, model.data.matrix
-    ways = np.zeros((len(t) - 1, *t.shape))
-    for i, way in enumerate(ways):
-        way[i] = t[-1]
+    ways = shear_like_pressure(t)
     seen = np.stack([matrix @ way.ravel() for way in ways], axis=1)
     short = carried(model.solution, np.stack([model.penalty.product(way).ravel() for way in ways]))
     told = seen.T @ seen_of(model, short)
     root = _untold(0.5 * (told + told.T), np.sqrt(np.asarray(variances)))
-    size = root @ root.T @ (seen.T @ (y - matrix @ t.ravel()))
+    size = root @ root.T @ (seen.T @ (y - model.explained))
     change = np.zeros(t.size)
     change[face_of(model.solution)[0].index] = short @ size
     found = t + change.reshape(t.shape)
@@ -214,6 +207,14 @@ def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float]
         found[-1] = np.maximum(found[-1], 0.0)
     model.solution = replace(model.solution, traction=found)
     return np.asarray(short @ root)
+
+
+def shear_like_pressure(traction: Floats) -> Floats:
+    """Tractions (shear component, component, cell) of shear along each axis that equals the pressure of a ``traction``."""
+    out = np.zeros((len(traction) - 1, *traction.shape))
+    for i, way in enumerate(out):
+        way[i] = traction[-1]
+    return out
 
 
 def _untold(told: Floats, prior: Floats) -> Floats:

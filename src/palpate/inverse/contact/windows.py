@@ -59,14 +59,12 @@ class Windows:
             working = readings.planes(np.where(observed, 1.0, 0.0))
             told = readings.planes(np.where(observed & ~broken, 1.0, 0.0))
             for place in _suspicious([p / s for p, s in zip(planes, self._scales(readings))], told, policy.screening):
-                window = self._window(place, planes, working, policy)
-                for rows, value in window:
-                    flat = readings.flat(rows) > 0
-                    flat &= ~broken
-                    if flat.any():
-                        found = True
-                        broken |= flat
-                        explained = np.where(flat, readings.flat(value), explained)
+                rows, values = self._window(place, planes, working, policy)
+                new = (readings.flat(rows) > 0) & ~broken
+                if new.any():
+                    found = True
+                    broken |= new
+                    explained = np.where(new, readings.flat(values), explained)
             if not found:
                 break
             filled = np.where(broken, explained, data)
@@ -77,9 +75,9 @@ class Windows:
 
     def _window(
         self, place: tuple[int, ...], planes: Sequence[Floats], working: Sequence[Floats], policy: Policy
-    ) -> list[tuple[list[Floats], list[Floats]]]:
-        """Broken readings in the window around a taxel, and the window's predictions, over all planes; empty if none
-        is broken.
+    ) -> tuple[list[Floats], list[Floats]]:
+        """1 for each broken reading in the window around a taxel, and the window's predictions, over all planes; 0
+        elsewhere.
         """
         shape = planes[0].shape[1:]
         half = policy.screening.window[len(shape) - 1]
@@ -98,17 +96,11 @@ class Windows:
             kept = (index >= (a + margin if a > 0 else 0)) & (index < (b - margin if b < n else n))
             inner &= kept.reshape([-1 if i == axis else 1 for i in range(len(shape))])
         sure = own.planes(np.where(found.broken, 1.0, 0.0))
-        if not any((s * inner).any() for s in sure):
-            return []
-        rows: list[Floats] = []
-        values: list[Floats] = []
-        for plane, s, value in zip(planes, sure, own.planes(found.explained)):
-            row: Floats = np.zeros(plane.shape)
-            filled: Floats = np.zeros(plane.shape)
+        rows: list[Floats] = [np.zeros_like(plane) for plane in planes]
+        values: list[Floats] = [np.zeros_like(plane) for plane in planes]
+        for row, filled, s, value in zip(rows, values, sure, own.planes(found.explained)):
             row[here], filled[here] = s * inner, value
-            rows.append(row)
-            values.append(filled)
-        return [(rows, values)]
+        return rows, values
 
     def _prepared(self, counts: tuple[int, ...]) -> tuple[Decomposition, Floats]:
         """The linear model of a window with these counts of taxels, and its offsets."""

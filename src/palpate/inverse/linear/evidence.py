@@ -57,6 +57,11 @@ class LinearEvidence:
         self.gain, self.parameter, self.scale, self._traction = gain, parameter, scale, traction
         self.logdet, self.objective, self.freedom, self.sizes = logdet, objective, freedom, sizes
 
+    @property
+    def weight(self) -> float:
+        """Weight of the penalty, for readings in units of the noise."""
+        return self.parameter / self.scale**2
+
     @cached_property
     def traction(self) -> Floats:
         return self._traction() if callable(self._traction) else self._traction

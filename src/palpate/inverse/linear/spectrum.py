@@ -134,14 +134,14 @@ def recall_key(
     return digest(what, operator.pad, operator.planes_of, operator.surface, list(columns), kinds, list(scales))
 
 
-def in_components(images: Any, columns: Sequence[int], count: int, dimensions: int) -> Any:
-    """Images (..., component sought, *surface) among all ``count`` components; zero in those not sought."""
+def in_components(images: Any, columns: Sequence[int], count: int, dimensions: int, fill: float = 0.0) -> Any:
+    """Images (..., component sought, *surface) among all ``count`` components; ``fill`` in those not sought."""
     if list(columns) == list(range(count)):
         return images
     xp, tail = namespace(images), (slice(None),) * dimensions
-    zero = xp.zeros_like(images[(..., 0, *tail)])
+    other = xp.full_like(images[(..., 0, *tail)], fill)
     each = {column: images[(..., i, *tail)] for i, column in enumerate(columns)}
-    return xp.stack([each.get(column, zero) for column in range(count)], axis=-1 - dimensions)
+    return xp.stack([each.get(column, other) for column in range(count)], axis=-1 - dimensions)
 
 
 def _halves(shape: Sequence[int], parities: Sequence[int]) -> list[Floats]:

@@ -16,7 +16,6 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate._arrays import to_numpy
 from palpate.elastic.pad import Floats
@@ -30,7 +29,7 @@ from palpate.sensing.grids import Grid
 from palpate.sensing.nuisance import nuisances
 from palpate.sensing.uncertainty import Uncertainty
 
-__all__ = ["InDoubt", "among", "with_offsets"]
+__all__ = ["InDoubt", "with_offsets"]
 
 #: Number of sums of gain errors with random signs; the resulting standard deviations are accurate to 1/sqrt(2
 #: SKETCHES), 9 %.
@@ -128,16 +127,3 @@ def with_offsets(linear: Regularised | MatrixFree | InDoubt, problem: Problem) -
     alone = linear.linear if isinstance(linear, InDoubt) else linear
     hidden = OFFSET_FRACTION if problem.nuisance is None and problem.boundary == "free" else 0.0
     return InDoubt(alone, problem, problem.doubts, hidden) if hidden or problem.doubts.any else alone
-
-
-def among(part: Stated | None, where: npt.NDArray[np.bool_]) -> Stated | None:
-    """Expand ``part``, which has only the frames ``where``, to the whole batch; zero elsewhere."""
-    if part is None:
-        return None
-    out = {}
-    for f in fields(Stated):
-        value = getattr(part, f.name)
-        whole = np.zeros((*where.shape, *value.shape[1:]))
-        whole[where] = value
-        out[f.name] = whole
-    return Stated(**out)

@@ -68,6 +68,11 @@ class Readings:
             start += size
         return out
 
+    def whitened(self, data: Floats, observed: Flags, noise: Floats | None = None) -> Floats:
+        """Whitened rows (observed reading, ...) of ``data`` (reading, ...) with this ``noise`` (reading,); None: `std`."""
+        noise = self.std if noise is None else noise
+        return self.white(data[observed] / noise[observed].reshape(-1, *[1] * (data.ndim - 1)), observed)
+
     def white(self, scaled: Floats, observed: Flags) -> Floats:
         """Multiply rows (observed reading, ...), already divided by their noise, by R^{-1/2} of the ``observed`` readings."""
         if self.independent:

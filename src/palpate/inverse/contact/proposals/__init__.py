@@ -59,10 +59,9 @@ def explanation_of(
     readings, policy = estimator.readings, estimator.policy
     white = readings.white((data / readings.std)[observed], observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
-    none = np.zeros(len(terms))
     if not total > 0.0:
         flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
-        return Explanation(1, Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0), none, none > 0)
+        return Explanation(1, Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0), np.zeros(len(terms)))
     search = Search(estimator, data, observed, terms, signs, total, noise)
     for propose in PROPOSALS:
         before = list(search.tried)

@@ -22,4 +22,4 @@ def propose(search: Search) -> Iterator[Explanation]:
     gain = gain_of(free, search.total, left, search.estimator.least_noise(data))
     flat = found.traction.reshape(len(found.traction), -1)
     edge = search.tried[0].rough.edge
-    yield Explanation(0, Rough(gain, left, free, flat, np.zeros_like(data), edge), search.none, search.none > 0)
+    yield Explanation(0, Rough(gain, left, free, flat, np.zeros_like(data), edge), search.none)

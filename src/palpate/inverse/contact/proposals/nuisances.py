@@ -40,7 +40,7 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
         return None
     every = search.none
     every[sought] = sizes
-    return Explanation(sign, found, every, every != 0, choice=drift.cost(estimator, every, search.data))
+    return Explanation(sign, found, every, choice=drift.cost(estimator, every, search.data))
 
 
 def _in_turn(

@@ -71,7 +71,7 @@ class Search:
             self.first_noise,
             shifts=self.estimator.shifts if self.terms else None,
         )
-        return Explanation(sign, found, self.none, self.none > 0)
+        return Explanation(sign, found, self.none)
 
     def promises(self, sign: int, sought: Flags) -> bool:
         """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of them, together with
@@ -116,7 +116,7 @@ class Search:
             return h.rough.left > policy.noise.again
         if not estimator.at_size:
             return True
-        linear = estimator.evidence(estimator.orders[1], estimator.readings.planes(self.data), None)
+        linear = estimator.start.evidence(estimator.orders[1], estimator.readings.planes(self.data), None)
         return h.rough.left > policy.noise.again * linear.scale
 
     @cached_property
