@@ -13,9 +13,15 @@ import scipy.linalg.blas  # noqa: F401
 import threadpoolctl
 
 import palpate as pp
-from palpate._threads import SMALL, Lock, cached_property, few_threads, spare
+from palpate._threads import SMALL, Lock, _libraries, cached_property, few_threads, spare
 from palpate.inverse.contact import discrepancy
 from palpate.live import Session
+
+
+@pytest.fixture(autouse=True)
+def _every_library() -> None:
+    """Other tests load libraries of linear algebra after the first problem of a process."""
+    _libraries.cache_clear()
 
 
 def counts() -> list[int]:
