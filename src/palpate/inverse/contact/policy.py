@@ -153,7 +153,8 @@ class Explanations:
         "standard deviation of an offset that arose after the zero, over the largest reading of its kind without it",
     )
     smallest_nuisance: float = number(
-        0.005, "smallest nuisance to seek, over the largest reading: clean frames seem to have some of up to 0.004"
+        0.01,
+        "smallest nuisance to seek, over the largest reading: clean frames seem to have some of up to 0.007, and seeking them takes a tenth of the time",
     )
     structured: float = number(
         0.1, "try contact that pushes and pulls if the residual of one sign is above this fraction of the readings"
