@@ -49,16 +49,16 @@ def test_in_plane_force_of_a_cell_is_as_uncertain_as_the_modulus_of_its_gel() ->
     known = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=pp.Uncertainty(youngs_modulus=0.1))
     plain = pp.Skin(PAD, IN_PLANE, nuisance=[], uncertainty=EXACT)
     one = pulled(plain)
-    factors = 1.0 / (1.0 + 0.1 * rng.standard_normal(60))  # a stiffer gel moves less
-    frames = factors[:, None, None, None] * one + 0.01 * np.abs(one).max() * rng.standard_normal((60, *one.shape))
+    factors = 1.0 / (1.0 + 0.1 * rng.standard_normal(30))  # a stiffer gel moves less
+    frames = factors[:, None, None, None] * one + 0.01 * np.abs(one).max() * rng.standard_normal((30, *one.shape))
     touch = known.reconstruct(frames)
     assert set(np.ravel(touch.methods)) == {"local"}
     low, high = touch.interval(0.95, "force")
     inside = int(np.count_nonzero((low[:, 0] < 1e-7) & (high[:, 0] > 1e-7)))
-    assert inside >= 54  # 95 % of 60 is 57; 54 or more with a chance of 0.97
+    assert inside >= 26  # 95 % of 30 is 28.5; 26 or more with a chance of 0.98
     blind = plain.reconstruct(frames)
     low, high = blind.interval(0.95, "force")
-    assert np.count_nonzero((low[:, 0] < 1e-7) & (high[:, 0] > 1e-7)) < 48
+    assert np.count_nonzero((low[:, 0] < 1e-7) & (high[:, 0] > 1e-7)) < 24
     assert not any("Young's modulus" in n for n in (*touch.assumed, *blind.assumed))
 
 
