@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,21 @@ def test_a_push_that_fits_is_not_left_to_the_linear_method(seed: int) -> None:
     assert touch.method == "adaptive"
     assert low[2] < 0.117 < high[2]
     assert high[2] - low[2] < 0.117
+
+
+def test_noise_leaves_as_much_as_the_degrees_of_freedom_of_the_residual() -> None:
+    """n - tr(2H - H^2) is the mean sum of squares that a linear model leaves of noise; n - tr(H) is a quarter more."""
+    array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=1.0)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    prepared: Any = pp.Constrained(parameter=0.1).prepare(skin.problem(components=["z"]))
+    start, rng, left = prepared.start, np.random.default_rng(0), []
+    for _ in range(300):
+        noise = rng.standard_normal(64)
+        found = start.evidence(start.orders[1], prepared.readings.planes(noise), 1.0)
+        left.append(float(((noise - prepared.explained_by(found.traction.reshape(1, -1))) ** 2).sum()))
+    expected = 64 - start.residual_lacks(found.parameter)
+    assert np.mean(left) == pytest.approx(expected, rel=0.05)
+    assert 64 - start.freedom(found.parameter) > 1.2 * expected
 
 
 @pytest.mark.long

@@ -158,7 +158,8 @@ def _gain_of_linear(estimator: PreparedContact, run: Solved) -> float:
     count, rough, start = float(run.observed.sum()), run.explanation.rough, estimator.start
     found = start.evidence(start.orders[1], estimator.readings.planes(run.data), rough.left)
     left = rough.left**2 * rough.free / count
-    return gain_without_cone(count, _unexplained(estimator, run), (left, start.residual_lacks(found.parameter)))
+    lacks = start.residual_lacks(found.parameter) * count / len(run.observed)  # of the readings in use
+    return gain_without_cone(count, _unexplained(estimator, run), (left, lacks))
 
 
 def _unexplained(estimator: PreparedContact, run: Solved) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,10 @@ __all__ = ["BLIND", "LinearMethod", "Solution", "joined"]
 #: Beginning of the note on noise that cannot be estimated.
 BLIND = "noise cannot be separated from traction"
 
-Record = TypeVar("Record")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Record = TypeVar("Record", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +153,7 @@ class LinearMethod(abc.ABC):
 def joined(parts: Sequence[Record]) -> Record:
     """Records of arrays (frame, ...), joined end to end."""
     values: dict[str, Any] = {}
-    for f in fields(parts[0]):  # type: ignore[arg-type]
+    for f in fields(parts[0]):
         each: list[Any] = [getattr(p, f.name) for p in parts]
         if is_dataclass(each[0]):
             values[f.name] = joined(each)

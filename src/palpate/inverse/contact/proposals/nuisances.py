@@ -87,7 +87,7 @@ def _in_turn(
         sure = found.deviation if first else deviation
         there = np.abs(sizes) > rules.nuisance * sure
         if not there.any():
-            most = float((np.abs(sizes) / sure).max())
+            most = float((np.abs(sizes) / np.maximum(sure, 1e-300)).max())
             trace.decided("largest nuisance, in standard deviations", most, rules.nuisance)
             return None
         if not first:

@@ -85,7 +85,8 @@ class Search:
         if np.count_nonzero(plain.rough.traction[-1]) > rules.edge * self.estimator.taxels:
             return True
         ((sizes, gain),) = steps_of(self.estimator, plain, self.data, self.observed, [np.flatnonzero(sought)])
-        largest = float((np.abs(sizes) / np.maximum(reach(self.estimator.shifts[:, sought], self.data), 1e-300)).max())
+        part = np.abs(sizes) / np.maximum(reach(self.estimator.shifts[:, sought], self.data), 1e-300)
+        largest = float(part.max(initial=0.0))
         trace.decided("gain of nuisances beside contact, in one step", gain, rules.per_nuisance)
         trace.decided("the largest of them, as a part of the largest reading", largest, rules.smallest_nuisance)
         return bool(gain > rules.per_nuisance and largest > rules.smallest_nuisance)
