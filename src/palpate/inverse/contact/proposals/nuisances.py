@@ -60,7 +60,7 @@ def _in_turn(
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
     near: Floats | None = None
-    noise, step = search.first_noise, 0.0
+    noise, step = search.noise, 0.0
     for turn in range(rules.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
         found = rough(estimator, clean, observed, search.total, columns[:, present], noise, near, beat)
