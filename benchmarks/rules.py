@@ -40,7 +40,6 @@ TABLE = Path(__file__).resolve().parents[1] / "docs" / "_generated" / "rules.md"
 #: Rules by name: what replaces their numbers.
 RULES: Mapping[str, Mapping[str, Any]] = {
     "rival weighed where doubted": {"fit.doubted": 0.0},
-    "rival in place of a refuted one": {"explanations.followed": 0},
     "short line may be all contact": {"detection.short_line": 0},
     "part of the residual in proportion": {"fit.shows": math.inf},
     "unexplained part of the signal": {"detection.unexplained_signal": 0.0},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import fields
 from pathlib import Path
 
@@ -15,6 +16,14 @@ from palpate.bench.ablation import Ablated, Outcome, acts, variants
 from palpate.bench.unseen import CONTACT_KINDS, Sample, unseen
 from palpate.cli import app
 from palpate.inverse.contact.policy import Detection, Parts, Policy, changed, numbers
+
+
+RULES = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "rules.py"), run_name="rules")
+
+
+@pytest.mark.parametrize("rule", RULES["RULES"])
+def test_each_rule_of_the_table_is_one_of_the_policy(rule: str) -> None:
+    assert RULES["policy_without"](rule) != Policy()
 
 
 def a_line() -> Sample:
