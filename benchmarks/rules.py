@@ -93,7 +93,7 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "ends that a frame shows": {"screening.at_end": 10**9, "screening.at_end_rounded": 10**9},
     "rounding": {"noise.step": math.inf},
     "noise followed": {"noise.followed": 0.0},
-    "offsets found again": {"noise.offset_rounds": 0, "noise.most_offset_rounds": 0},
+    "offsets found again": {"noise.offset_rounds": 0},
     "turns of channels": {"noise.turns": 1},
     "turns of all": {"noise.turns_of_all": 1},
     "even penalty's share": {"prior.even": 0.0},

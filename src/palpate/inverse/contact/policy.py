@@ -195,9 +195,8 @@ class Fit:
         4.0, "log likelihood ratio from which a residual is proportional to the readings: one clean frame in 400"
     )
     told: float = number(
-        1e-6, "drop a drift if contact explains all but this fraction of its square: the residual does not show it"
+        2e-5, "drop a drift if contact explains all but this fraction of its square: the residual does not show it"
     )
-    told_at_size: float = number(2e-5, "the same for large contacts, whose solutions are less accurate")
     many: int = number(4096, "with more readings, tests take a tenth of a frame: stop at the first that passes")
     loud: int = number(
         1000, "with more readings, allow drifts up to `inverse.fit.MODEL_DETAIL` of the largest: they are no misfit"
@@ -293,27 +292,19 @@ class Noise:
         3.0, "plus this many standard errors: once in 400 channels with equal noise", needs="channels"
     )
     again: float = number(1.2, "estimate the noise again if it changes by more than this factor", tried=True)
-    by_cells: float = number(
-        3.0,
-        "on large arrays the given noise is tried first if coarse cells leave less than this times it: fine ones follow more",
-    )
     followed: float = number(
         0.05, "the linear model fits noise if its noise is less than this fraction of the contact's residual"
     )
     turns: int = number(4, "rounds of contact and noise in turn, for noise of each channel or given up to a factor")
     turns_of_all: int = number(2, "the same for one noise level of all channels")
-    outlier_rounds: int = number(
-        4, "number of first attempts in which outliers are removed: large ones hide smaller ones"
+    offset_rounds: int = number(
+        2, "rounds after which offsets move only if off by `explanations.nuisance` standard deviations"
     )
     broken_rounds: int = number(
         2, "number of first attempts in which readings of dead taxels and channels are filled in again"
     )
-    offset_rounds: int = number(2, "rounds of estimating offsets together with the contact")
-    most_offset_rounds: int = number(
-        6, "the same if they change by more than `explanations.nuisance` standard deviations"
-    )
     step: float = number(0.3, "rounding is noise if its standard deviation is above this fraction of the given noise")
-    attempts: int = number(10, "most rounds of all these steps together; each has its own limit")
+    attempts: int = number(10, "most rounds of all these steps together")
 
 
 @dataclass(frozen=True, kw_only=True)

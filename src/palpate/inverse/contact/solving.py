@@ -100,10 +100,8 @@ class _Solving:
             pass
         elif estimator.noise_known:
             learned = noise_beyond(given, h.rough.left, h.rough.free, self.policy)
-            rules = self.policy.noise
-            if learned > rules.again * given:
-                coarse = max(learned, least)
-                known = coarse if learned > rules.by_cells * given or not estimator.large else known
+            if learned > self.policy.noise.again * given:
+                known = coarse = max(learned, least)
         elif h.present.any() or ((self.follows or not self.frame.usable.all()) and h.rough.left > 0):
             # A linear model takes the edges of filled-in regions for noise.
             known = max(h.rough.left, least)
@@ -122,7 +120,7 @@ class _Solving:
                     continue
                 return self._solved([], pushed=True)
             self._fit()
-            if self._more_at_ends(attempt) or self._outliers(attempt):
+            if self._more_at_ends() or self._outliers(attempt):
                 continue
             if not self.first[-1].any():
                 break
@@ -183,9 +181,9 @@ class _Solving:
         """Replace unused readings by the contact's prediction, for the linear model."""
         self.rows = self.estimator.readings.planes(np.where(self.observed, self.data, self.explained))
 
-    def _more_at_ends(self, attempt: int) -> bool:
+    def _more_at_ends(self) -> bool:
         """Use saturated readings that the contact predicts to be smaller; return whether there are any."""
-        if self.upwards is None or attempt >= self.policy.noise.outlier_rounds:
+        if self.upwards is None:
             return False
         less = np.where(self.upwards, self.explained < self.data, self.explained > self.data)
         short = self.limited & ~self.observed & less
@@ -203,7 +201,7 @@ class _Solving:
         part = (wrong | ~self.observed)[alive].mean()
         few = part <= policy.screening.most and not loaded(wrong, self.data, self.explained, estimator.pairs, policy)
         leaves_out = few and policy.parts.outliers
-        again = attempt < policy.noise.outlier_rounds and leaves_out and (wrong & self.observed).any()
+        again = leaves_out and (wrong & self.observed).any()
         if again:
             residual = self.data - self.explained
             worst = int(np.argmax(np.where(wrong & self.observed, np.abs(residual) / level, 0.0)))
@@ -217,8 +215,7 @@ class _Solving:
 
     def _offsets_moved(self, leading: ContactModel) -> bool:
         """Solve contact and nuisances together; return whether the nuisances changed."""
-        rules = self.policy.noise
-        if not self.h.present.any() or self.refined >= rules.most_offset_rounds:
+        if not self.h.present.any():
             return False
         change = change_of_nuisances(
             self.estimator,
@@ -227,7 +224,7 @@ class _Solving:
             self.data,
             self.noise,
             self.observed,
-            sure=self.refined >= rules.offset_rounds,
+            sure=self.refined >= self.policy.noise.offset_rounds,
         )
         self.refined += 1
         sizes = self.h.sizes + self.sign * change
