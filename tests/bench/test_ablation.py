@@ -17,7 +17,6 @@ from palpate.bench.unseen import CONTACT_KINDS, Sample, unseen
 from palpate.cli import app
 from palpate.inverse.contact.policy import Detection, Parts, Policy, changed, numbers
 
-
 RULES = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "rules.py"), run_name="rules")
 
 

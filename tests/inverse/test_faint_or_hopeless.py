@@ -10,7 +10,7 @@ import pytest
 
 import palpate as pp
 from palpate.elastic.pad import Floats
-from palpate.inverse.contact import discrepancy
+from palpate.inverse.contact import discrepancy, solving
 from palpate.tracking.discrepancy import without_numbers
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
@@ -73,3 +73,13 @@ def test_an_unexplained_frame_without_error_bars_has_bounds() -> None:
         bare = without_numbers(replace(touch, _errors=None), tracker.estimator, np.full(48, 5.0))
     assert np.isfinite(bare.force_bounds).all()
     assert (bare.force_bounds[:, 0] < 0.0).all()
+
+
+def test_a_contact_whose_readings_never_settle_is_a_contact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each attempt finds another outlier: unless the last one makes models all the same, it is "no contact"."""
+    array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=20.0)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)
+    readings = skin.sense(ball, rng=np.random.default_rng(0))
+    monkeypatch.setattr(solving._Solving, "_outliers", lambda self, attempt: True)
+    assert float(skin.reconstruct(readings).force[2]) == pytest.approx(1.0, rel=0.1)

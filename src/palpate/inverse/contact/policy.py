@@ -207,7 +207,7 @@ class Fit:
     )
     proves: float = number(
         10.0,
-        "degrees of freedom that a contact must leave, with few readings, for its fit to prove it: with fewer, finer models, or contact and offsets together, fit the errors of a pad",
+        "degrees of freedom that a contact must leave, with few readings, for its fit to prove it: with fewer, finer models, or contact and offsets together, fit the errors of a pad; a rough contact that leaves fewer fits at any noise",
     )
     faint: float = number(
         3.0, "skip solving without discrepancy if the smallest is more than this many times the noise of the zero"

@@ -36,8 +36,8 @@ def rough(
     beat: float = -math.inf,
     shifts: Floats | None = None,
 ) -> Rough:
-    """Rough solution of pushing readings, with the largest noise level that equals its own residual, starting from
-    ``noise_at_first``.
+    """Rough solution of pushing readings, with the largest noise level that equals its own residual: go down from
+    ``noise_at_first``, or from a part of the readings, to a noise that is given at the lowest.
 
     ``patterns`` (reading, nuisance) are the nuisances that were subtracted, each of which takes a degree of freedom;
     ``near`` is passed to `cells.even_contact`. Stop lowering the noise once the gain decreases and is below ``beat``.
@@ -79,7 +79,8 @@ def rough(
             # So few degrees of freedom fit at any noise: go up from the given one instead.
             known, upwards = least, True
             continue
-        if left < known * policy.noise.again if upwards else left > known / policy.noise.again or left <= floor:
+        settled = left < known * policy.noise.again if upwards else left > known / policy.noise.again
+        if settled or left <= floor:
             break
         before, gain = gain, gain_of(free, total, left, floor)
         if gain < min(before, beat):

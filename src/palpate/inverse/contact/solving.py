@@ -120,7 +120,9 @@ class _Solving:
                     continue
                 return self._solved([], pushed=True)
             self._fit()
-            if self._more_at_ends() or self._outliers(attempt):
+            # The last attempt keeps its readings, so that it makes models.
+            last = attempt + 1 == self.policy.noise.attempts
+            if not last and (self._more_at_ends() or self._outliers(attempt)):
                 continue
             if not self.first[-1].any():
                 break
