@@ -133,20 +133,17 @@ def drift_probability(estimator: PreparedContact, run: Solved) -> float:
                 slope[-1:] -= m.penalty.product(t[-1:])
             along = along - moved.T @ face.columns(slope.reshape(1, -1))[0]
         covariance = each.T @ each - local @ moved
-        fewer, without = _squares(covariance[:first, :first], along[:first], policy.fit.told)
+        least = policy.fit.told
+        fewer, without = _squares(covariance[:first, :first], along[:first], least)
         if len(y) > policy.fit.loud:
             highest = np.abs(each[:, first:]).max(axis=0)
             unseen = MODEL_DETAIL * float(np.abs(y).max(initial=0.0)) / np.where(highest > 0, highest, np.inf)
-            tied = covariance[first:, :first] @ np.linalg.pinv(
-                covariance[:first, :first], rcond=policy.fit.told, hermitian=True
-            )
+            tied = covariance[first:, :first] @ np.linalg.pinv(covariance[:first, :first], rcond=least, hermitian=True)
             left = covariance[first:, first:] - tied @ covariance[:first, first:]
-            count, squares = _squares(
-                left + (left * unseen**2) @ left, along[first:] - tied @ along[:first], policy.fit.told
-            )
+            count, squares = _squares(left + (left * unseen**2) @ left, along[first:] - tied @ along[:first], least)
             count, squares = count + fewer, squares + without
         else:
-            count, squares = _squares(covariance, along, policy.fit.told)
+            count, squares = _squares(covariance, along, least)
         count, squares = count - fewer, max(squares - without, 0.0) / (1.0 + detail**2)
         free = len(y) - taken_by(m) - fewer
         if count < 1 or free - count < MIN_DEGREES:

@@ -207,7 +207,7 @@ class Fit:
     )
     proves: float = number(
         10.0,
-        "degrees of freedom that a contact must leave, with few readings, for its fit to prove it: with fewer, finer models, or contact and offsets together, fit the errors of a pad; a rough contact that leaves fewer fits at any noise",
+        "degrees of freedom that a contact must leave, with few readings, for its fit to prove it: with fewer, finer models, or contact and offsets together, fit the errors of a pad",
     )
     faint: float = number(
         3.0, "skip solving without discrepancy if the smallest is more than this many times the noise of the zero"
@@ -292,16 +292,20 @@ class Noise:
         3.0, "plus this many standard errors: once in 400 channels with equal noise", needs="channels"
     )
     again: float = number(1.2, "estimate the noise again if it changes by more than this factor", tried=True)
+    by_cells: float = number(
+        3.0,
+        "on large arrays the given noise is tried first if coarse cells leave less than this times it: fine ones follow more",
+    )
     followed: float = number(
         0.05, "the linear model fits noise if its noise is less than this fraction of the contact's residual"
     )
     turns: int = number(4, "rounds of contact and noise in turn, for noise of each channel or given up to a factor")
     turns_of_all: int = number(2, "the same for one noise level of all channels")
-    offset_rounds: int = number(
-        2, "rounds after which offsets move only if off by `explanations.nuisance` standard deviations"
-    )
     broken_rounds: int = number(
         2, "number of first attempts in which readings of dead taxels and channels are filled in again"
+    )
+    offset_rounds: int = number(
+        2, "rounds after which offsets move only if off by `explanations.nuisance` standard deviations"
     )
     step: float = number(0.3, "rounding is noise if its standard deviation is above this fraction of the given noise")
     attempts: int = number(10, "most rounds of all these steps together")

@@ -19,7 +19,7 @@ from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability, rms
 
-__all__ = ["rough", "rough_fit", "steps_of"]
+__all__ = ["rough", "rough_fit", "steps_of", "wide_and_wrong"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -36,27 +36,28 @@ def rough(
     beat: float = -math.inf,
     shifts: Floats | None = None,
 ) -> Rough:
-    """Rough solution of pushing readings, with the largest noise level that equals its own residual: go down from
-    ``noise_at_first``, or from a part of the readings, to a noise that is given at the lowest.
+    """Rough solution of pushing readings, with the largest noise level that equals its own residual, starting from
+    ``noise_at_first``.
 
     ``patterns`` (reading, nuisance) are the nuisances that were subtracted, each of which takes a degree of freedom;
     ``near`` is passed to `cells.even_contact`. Stop lowering the noise once the gain decreases and is below ``beat``.
     ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for.
     """
     policy = estimator.policy
-    readings = estimator.readings
+    readings, certain = estimator.readings, estimator.noise_known
     floor = estimator.least_noise(data)
-    least = max(floor, 1.0) if estimator.noise_known else floor
-    known = max(noise_at_first or policy.screening.first_noise * total, least)
-    upwards = estimator.noise_known and known <= least
+    known = 1.0 if certain else noise_at_first or policy.screening.first_noise * total
     filled = data.copy()
     linear = estimator.orders[1]
+    if certain and noise_at_first is not None and (estimator.large or wide_and_wrong(estimator, near, noise_at_first)):
+        # With a noise far below the residual, products take hundreds of steps.
+        known = max(noise_at_first, 1.0)
     cells = estimator.operator.surface.shape
     first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
     explained = np.zeros_like(data)
     used = 0 if patterns is None else patterns.shape[1]
     left, free, gain = total, float(observed.sum() - used), -math.inf
-    for _ in range(policy.screening.rounds):
+    for turn in range(policy.screening.rounds):
         found = estimator.start.evidence(linear, readings.planes(filled), known)
         noise = readings.std * known
         first, explained, model = even_contact(
@@ -75,17 +76,14 @@ def rough(
         left = math.sqrt(float((misfit**2).sum()) / free)
         # Fill unused readings with the prediction of the contact.
         filled = np.where(observed, data, explained)
-        if estimator.noise_known and not upwards and free < policy.fit.proves:
-            # So few degrees of freedom fit at any noise: go up from the given one instead.
-            known, upwards = least, True
-            continue
-        settled = left < known * policy.noise.again if upwards else left > known / policy.noise.again
-        if settled or left <= floor:
+        if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
+            break
+        if (certain and left <= known and (turn > 0 or known <= 1.0)) or left <= floor:
             break
         before, gain = gain, gain_of(free, total, left, floor)
-        if gain < min(before, beat):
+        if (certain and turn >= 2) or gain < min(before, beat):
             break
-        known = max(left, least)
+        known = max(left, floor, 1.0 if certain else 0.0)
     gain = gain_of(free, total, left, floor) if total > 0 else 0.0
     change: Floats = np.zeros(0)
     deviation: Floats = np.zeros(0)
@@ -104,6 +102,14 @@ def rough(
     if shifts is not None:
         beside = _beside(estimator, model, shifts, data - explained, noise, observed)
     return Rough(gain, left, free, first, explained, edge, change, deviation, beside)
+
+
+def wide_and_wrong(estimator: PreparedContact, near: Floats | None, left: float) -> bool:
+    """Whether a solution presses on so many cells that products are used, and still leaves far more than the given noise."""
+    policy = estimator.policy
+    if near is None or not estimator.noise_known or left <= policy.screening.deviations:
+        return False
+    return int(np.count_nonzero(near[-1])) * len(near) > policy.grid.few_unknowns
 
 
 def _beside(

@@ -264,10 +264,10 @@ def linear_noise(
 
 
 def noise_at_size(
-    linear: FrameAtSize, rows: Sequence[Floats], total: float, policy: Policy
+    linear: FrameAtSize, rows: Sequence[Floats], total: float, policy: Policy, *, given: bool = True
 ) -> tuple[LinearEvidence, float, float]:
-    """`linear_noise` for a matrix-free system."""
-    certain = linear.linear.noise_known
+    """`linear_noise` for a matrix-free system; ``given`` is False to estimate a noise that was given."""
+    certain = given and linear.linear.noise_known
     return _consistent(lambda known: linear.noise(rows, None, known), total, certain, policy)
 
 

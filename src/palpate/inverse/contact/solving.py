@@ -100,8 +100,10 @@ class _Solving:
             pass
         elif estimator.noise_known:
             learned = noise_beyond(given, h.rough.left, h.rough.free, self.policy)
-            if learned > self.policy.noise.again * given:
-                known = coarse = max(learned, least)
+            rules = self.policy.noise
+            if learned > rules.again * given:
+                coarse = max(learned, least)
+                known = coarse if learned > rules.by_cells * given or not estimator.large else known
         elif h.present.any() or ((self.follows or not self.frame.usable.all()) and h.rough.left > 0):
             # A linear model takes the edges of filled-in regions for noise.
             known = max(h.rough.left, least)

@@ -5,6 +5,7 @@ readings.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +71,13 @@ class LinearStart:
             return self._rounds.of(linear).evidence(rows, self.parameter, known, patterns)
         projected = self._rounds.projected(linear.spectrum, rows)
         return linear_evidence(linear, rows, self.parameter, known, patterns, projected=projected)
+
+    def estimated_noise(self, data: Floats, total: float) -> float:
+        """The noise that the linear model leaves, even if a noise is given."""
+        linear, rows = self.orders[1], self.readings.planes(data)
+        if isinstance(linear, LinearAtSize):
+            return noise_at_size(self._rounds.of(linear), rows, total, self.policy, given=False)[1]
+        return linear_noise(replace(linear, noise_known=False), rows, total, self.policy)[1]
 
     def noise(self, data: Floats, total: float, observed: Flags) -> tuple[LinearEvidence, float, float]:
         """The linear model with a noise level consistent with its residual, that level, and the degrees of freedom of

@@ -12,7 +12,7 @@ from palpate.inverse.contact import drift, trace
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.proposals.levels import in_range, reach
 from palpate.inverse.contact.proposals.state import Search
-from palpate.inverse.contact.rough import rough
+from palpate.inverse.contact.rough import rough, wide_and_wrong
 from palpate.inverse.contact.score import least_to_beat
 from palpate.sensing.nuisance import Nuisance
 
@@ -60,7 +60,10 @@ def _in_turn(
     sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
     best: Rough | None = None
     near: Floats | None = None
-    noise, step = search.noise, 0.0
+    noise, step = search.first_noise, 0.0
+    plain = next((h.rough for h in search.tried if h.sign == sign and not h.present.any()), None)
+    if noise is None and plain is not None and wide_and_wrong(estimator, plain.traction, plain.left):
+        near, noise = plain.traction, plain.left
     for turn in range(rules.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
         found = rough(estimator, clean, observed, search.total, columns[:, present], noise, near, beat)

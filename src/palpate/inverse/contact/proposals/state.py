@@ -52,6 +52,13 @@ class Search:
                 raise
             trace.step(f"skipped: {error}")
 
+    @cached_property
+    def first_noise(self) -> float | None:
+        """Noise from which rough solutions start; None: the given noise, or a part of the readings."""
+        if self.noise is None and self.estimator.noise_known and self.estimator.large:
+            return self.estimator.start.estimated_noise(self.data, self.total)
+        return self.noise
+
     def plain(self, sign: int) -> Explanation:
         """Contact of one sign without nuisances."""
         data = sign * self.data
@@ -61,7 +68,7 @@ class Search:
             self.observed,
             self.total,
             None,
-            self.noise,
+            self.first_noise,
             shifts=self.estimator.shifts if self.terms else None,
         )
         return Explanation(sign, found, self.none)
