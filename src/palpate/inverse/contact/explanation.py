@@ -54,7 +54,8 @@ class Explanation:
 
     ``sign`` is 1 if contact pushes, -1 if it pulls, 0 if it does both. ``sizes`` are the sizes of the nuisances (0 if
     absent). ``rivals`` are the alternatives with nuisances, best first; ``coarser``
-    are those for a frame that it does not explain (`score.coarser_of`). ``noise`` is the residual of a contact in a few
+    are those for a frame that it does not explain (`score.coarser_of`). ``refuted`` is contact of one sign that coarse
+    cells refute, but that may be right with pull around it. ``noise`` is the residual of a contact in a few
     cells, if the linear model would take the readings for noise (`palpate.inverse.contact.few_cells`). ``choice`` is the
     log of the number of candidates from which its nuisances were chosen, and what drift of their size costs;
     `score.worth_of` subtracts it.
@@ -67,6 +68,7 @@ class Explanation:
     choice: float = 0.0
     rivals: tuple[Explanation, ...] = ()
     coarser: tuple[Explanation, ...] = ()
+    refuted: Explanation | None = None
 
     @property
     def present(self) -> Flags:

@@ -57,12 +57,14 @@ def search(prepared: PreparedContact, readings: Sequence[Floats], rng: np.random
         everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
         if chance < policy.explanations.structured_chance or everywhere:
             return unexplained(prepared, observed.data, ~counted.usable, chance)
-    run = solve(prepared, h, counted)
-    frame = framed(prepared, run, observed, rng)
-    trace.chosen("solved", run.explanation, prepared.terms, contact=bool(run.members))
-    trace.decided("misfit probability", frame.fit, policy.fit.doubted)
-    rimmed = with_rims(prepared, run, frame, observed, rng)
-    if rimmed is not None:
-        trace.step(f"contact with pull around it takes its place: misfit probability {rimmed.fit:.3g}")
-        frame = rimmed
+    for each in (h,) if h.refuted is None else (h.refuted, h):
+        run = solve(prepared, each, counted)
+        frame = framed(prepared, run, observed, rng)
+        trace.chosen("solved", run.explanation, prepared.terms, contact=bool(run.members))
+        trace.decided("misfit probability", frame.fit, policy.fit.doubted)
+        rimmed = with_rims(prepared, run, frame, observed, rng)
+        if rimmed is not None:
+            trace.step(f"contact with pull around it takes its place: misfit probability {rimmed.fit:.3g}")
+            frame = rimmed
+            break
     return with_rivals(prepared, run, frame, observed, rng)

@@ -23,7 +23,7 @@ from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import rough_fit
-from palpate.inverse.contact.score import best_of, coarser_of, rivals_of, worth_of
+from palpate.inverse.contact.score import best_of, coarser_of, rivals_of, simplest_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["PROPOSALS", "explanation_of"]
@@ -70,15 +70,16 @@ def explanation_of(
         trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, total, policy)
     best = best_of(search.tried, policy)
     trace.best(best, search.tried, terms, policy)
-    free = next((h for h in search.tried if h.sign == 0), None)
+    free, refuted = next((h for h in search.tried if h.sign == 0), None), None
     if free is not None and best.sign != 0:
         # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
         others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
-        best = next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
+        first, best = best, next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
+        refuted = None if best is first else simplest_of(search.tried, policy)
     rivals = rivals_of(best, search.tried, policy)
     if estimator.noise_known and best.present.any():
         rivals = (next(h for h in search.tried if h.sign == best.sign and not h.present.any()), *rivals)
-    best = replace(best, rivals=rivals, coarser=coarser_of(best, search.tried, policy))
+    best = replace(best, rivals=rivals, coarser=coarser_of(best, search.tried, policy), refuted=refuted)
     return best if noise is None else replace(best, noise=noise)
 
 
