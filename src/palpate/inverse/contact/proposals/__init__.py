@@ -75,7 +75,11 @@ def explanation_of(
         # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
         others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
         first, best = best, next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
-        refuted = None if best is first else simplest_of(search.tried, policy)
+        if best is not first:
+            push = simplest_of(search.tried, policy)
+            # A larger one has too many unknowns for pull around it (`rims.with_rims`).
+            small = np.count_nonzero(push.rough.traction[-1]) * len(estimator.columns) <= policy.rims.unknowns
+            refuted = push if small else None
     rivals = rivals_of(best, search.tried, policy)
     if estimator.noise_known and best.present.any():
         rivals = (next(h for h in search.tried if h.sign == best.sign and not h.present.any()), *rivals)
