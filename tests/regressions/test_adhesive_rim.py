@@ -65,7 +65,7 @@ def test_net_force_of_an_adhesive_contact_is_held(channels: list[str], given: bo
 
 @pytest.mark.parametrize("part", [0.008, *long_runs(0.002, 0.004, 0.006)])
 def test_a_pull_that_stands_above_the_noise_is_included(part: float) -> None:
-    """At less noise, coarse cells refute the push; the linear method or an offset was 0.74 to 1.5 of the force, +- 0.5 to 7 times."""
+    """At so little noise, coarse cells refute the push. The linear method or an offset answered: 0.74 to 1.5 of the force."""
     clean = np.asarray(pp.Skin(PAD, _array(THREE), surface=FINE).sense(_jkr()))
     std, force = part * float(np.abs(clean).max()), float(_jkr()[-1].sum() * FINE.cell)
     readings = clean + std * np.random.default_rng(100).standard_normal(clean.shape)

@@ -76,10 +76,10 @@ def explanation_of(
         others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
         first, best = best, next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
         if best is not first:
-            push = simplest_of(search.tried, policy)
-            # A larger one has too many unknowns for pull around it (`rims.with_rims`).
-            small = np.count_nonzero(push.rough.traction[-1]) * len(estimator.columns) <= policy.rims.unknowns
-            refuted = push if small else None
+            plain = simplest_of(search.tried, policy)
+            # A larger contact has too many unknowns for pull around it (`rims.with_rims`).
+            small = np.count_nonzero(plain.rough.traction[-1]) * len(estimator.columns) <= policy.rims.unknowns
+            refuted = plain if small else None
     rivals = rivals_of(best, search.tried, policy)
     if estimator.noise_known and best.present.any():
         rivals = (next(h for h in search.tried if h.sign == best.sign and not h.present.any()), *rivals)
