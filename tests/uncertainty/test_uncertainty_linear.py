@@ -160,8 +160,9 @@ def test_without_a_decomposition_it_owes_the_same(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.long
-def test_an_offset_beside_push_and_pull_is_within_the_interval() -> None:
-    """What pushes and pulls in different places goes to the linear method, which takes an offset for traction all over."""
+@pytest.mark.parametrize(("seed", "size"), [(1, 0.2), (2, 0.2), (5, 0.2), (1, -0.2), (2, -0.2), (3, 0.5)])
+def test_an_offset_beside_push_and_pull_is_within_the_interval(seed: int, size: float) -> None:
+    """What pushes and pulls in different places takes an offset for traction all over, whichever method answers."""
     pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
     array = pp.AreaArray(shape=(9, 9), pitch=2e-3, depth=2e-3, channels=["stress_zz"])
     traction = np.zeros((3, *pp.Skin(pad, array).surface.shape))
@@ -169,12 +170,11 @@ def test_an_offset_beside_push_and_pull_is_within_the_interval() -> None:
     traction[2, n - 3 : n, n - 3 : n], traction[2, n + 1 : n + 4, n + 1 : n + 4] = 3e3, -2e3
     plain = pp.Skin(pad, array)
     clean = np.asarray(plain.sense(traction))
-    noise = 0.01 * np.abs(clean).max() * np.random.default_rng(1).standard_normal(clean.shape)
-    readings = clean + noise + 0.2 * float(np.abs(clean).max())
+    noise = 0.01 * np.abs(clean).max() * np.random.default_rng(seed).standard_normal(clean.shape)
+    readings = clean + noise + size * float(np.abs(clean).max())
     truth = float(traction[2].sum() * plain.surface.cell)
     touch = plain.reconstruct(readings, components=["z"])
-    assert touch.method == "tikhonov"
-    assert any("nuisance=[] excludes it" in n for n in touch.notes)
+    assert any("nuisance=[]" in n for n in touch.notes)
     low, high = touch.interval(0.95, "force")
     assert low[2] < truth < high[2]
     sure = pp.Skin(pad, array, nuisance=[]).reconstruct(readings, components=["z"])

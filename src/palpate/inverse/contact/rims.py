@@ -25,6 +25,7 @@ from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_without_cone
+from palpate.inverse.contact.summary import Summary
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.linear.evidence import LinearEvidence
 
@@ -67,8 +68,6 @@ def with_rims(
     if at_size or region.sum() * len(estimator.columns) > policy.rims.unknowns:
         fits = frame.fit > policy.fit.accepted and _gain_of_linear(estimator, run) < policy.detection.evidence
         return replace(frame, sign=1, pushed=True) if h.sign == 0 and fits else None
-    # If the sign of the contact is open, recompute the loaded fraction of the array's edge from this frame.
-    h = replace(h, rough=replace(h.rough, edge=estimator.edge_load(size)))
     free = _without_cone(estimator)
     # An offset found together with a push may really be a rim, so try without it first.
     without = replace(h, sizes=np.zeros_like(h.sizes))
@@ -83,6 +82,9 @@ def with_rims(
         if not gains and h.sign:
             continue
         other.members.extend(rest)
+        # Pull loads more of the array's edge than the push does, and may hide an offset there.
+        edge = free.edge_load(np.abs(Summary(other.members, free.posterior).mean[-1]))
+        other.explanation = replace(each, rough=replace(each.rough, edge=edge))
         found = framed(free, other, observed, rng)
         pressure = (h.sign or 1) * found.traction[-1]
         cancels = np.abs(found.traction).sum() > policy.rims.cancel * np.abs(frame.traction).sum()

@@ -16,10 +16,11 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.answer import framed, unexplained
+from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.few_cells import contact_in_few_cells
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.no_contact import explained_by_noise
-from palpate.inverse.contact.observed import observe
+from palpate.inverse.contact.observed import Observed, observe
 from palpate.inverse.contact.outliers import without_outliers
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals import explanation_of
@@ -57,14 +58,27 @@ def search(prepared: PreparedContact, readings: Sequence[Floats], rng: np.random
         everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
         if chance < policy.explanations.structured_chance or everywhere:
             return unexplained(prepared, observed.data, ~counted.usable, chance)
+    run, frame = _solved(prepared, h, observed, counted, rng)
+    return with_rivals(prepared, run, frame, observed, rng)
+
+
+def _solved(
+    prepared: PreparedContact,
+    h: Explanation,
+    observed: Observed,
+    counted: Observed,
+    rng: np.random.Generator | None,
+) -> tuple[Solved, Frame]:
+    """Solve an explanation; with pull around its contact, or around the contact that it refuted, if that fits better.
+    ``counted`` are the readings ``observed`` without outliers.
+    """
     for each in (h,) if h.refuted is None else (h.refuted, h):
         run = solve(prepared, each, counted)
         frame = framed(prepared, run, observed, rng)
         trace.chosen("solved", run.explanation, prepared.terms, contact=bool(run.members))
-        trace.decided("misfit probability", frame.fit, policy.fit.doubted)
+        trace.decided("misfit probability", frame.fit, prepared.policy.fit.doubted)
         rimmed = with_rims(prepared, run, frame, observed, rng)
         if rimmed is not None:
             trace.step(f"contact with pull around it takes its place: misfit probability {rimmed.fit:.3g}")
-            frame = rimmed
-            break
-    return with_rivals(prepared, run, frame, observed, rng)
+            return run, rimmed
+    return run, frame

@@ -70,16 +70,7 @@ def explanation_of(
         trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, total, policy)
     best = best_of(search.tried, policy)
     trace.best(best, search.tried, terms, policy)
-    free, refuted = next((h for h in search.tried if h.sign == 0), None), None
-    if free is not None and best.sign != 0:
-        # A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
-        others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
-        first, best = best, next((h for h in (best, *others) if _in_order(estimator, h, data, observed)), free)
-        if best is not first:
-            plain = simplest_of(search.tried, policy)
-            # A larger contact has too many unknowns for pull around it (`rims.with_rims`).
-            small = np.count_nonzero(plain.rough.traction[-1]) * len(estimator.columns) <= policy.rims.unknowns
-            refuted = plain if small else None
+    best, refuted = _regular(search, best)
     rivals = rivals_of(best, search.tried, policy)
     if estimator.noise_known and best.present.any():
         rivals = (next(h for h in search.tried if h.sign == best.sign and not h.present.any()), *rivals)
@@ -87,8 +78,28 @@ def explanation_of(
     return best if noise is None else replace(best, noise=noise)
 
 
-def _in_order(estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags) -> bool:
+def _regular(search: Search, best: Explanation) -> tuple[Explanation, Explanation | None]:
+    """The best explanation whose residual is as irregular as noise, and `Explanation.refuted` if the best is none.
+
+    A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
+    """
+    estimator, policy = search.estimator, search.estimator.policy
+    free = next((h for h in search.tried if h.sign == 0), None)
+    if free is None or best.sign == 0:
+        return best, None
+    others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
+    first = next((h for h in (best, *others) if _in_order(search, h)), free)
+    if first is best:
+        return best, None
+    plain = simplest_of(search.tried, policy)
+    # A larger contact has too many unknowns for pull around it (`rims.with_rims`).
+    small = np.count_nonzero(plain.rough.traction[-1]) * len(estimator.columns) <= policy.rims.unknowns
+    return first, plain if small else None
+
+
+def _in_order(search: Search, h: Explanation) -> bool:
     """Whether the residual of contact of one sign is as irregular as noise."""
-    chance, least = rough_fit(estimator, h, data, observed), estimator.policy.explanations.structured_chance
+    least = search.estimator.policy.explanations.structured_chance
+    chance = rough_fit(search.estimator, h, search.data, search.observed)
     trace.decided("probability that noise has the order which one sign leaves", chance, least)
     return not chance < least  # NaN: there are too few readings for the test
