@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.elastic.channels import find_channel
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.prepared import PreparedContact
 
@@ -31,14 +30,9 @@ def reach_of_kind(estimator: PreparedContact, columns: Floats, data: Floats) -> 
     """Size at which each nuisance makes readings as large as the largest of any channel of its kind. A sensor's zero
     error depends on its range, not on how strongly a contact happens to act on one channel.
     """
-    arrays = estimator.operator.planes_of
-    kinds = [find_channel(c).kind.unit for a in arrays for c in a.channels]
-    kind = np.repeat(kinds, [int(a.valid.sum()) for a in arrays for _ in a.channels])
-    size = np.abs(data)
-    return np.array(
-        [
-            size[np.isin(kind, np.unique(kind[c != 0]))].max(initial=0.0)
-            / max(float(np.abs(c).max(initial=0.0)), 1e-300)
-            for c in columns.T
-        ]
+    largest = np.where(estimator.kinds, np.abs(data), 0.0).max(axis=1, initial=0.0)
+    touched = (estimator.kinds.astype(float) @ (columns != 0)) > 0
+    return np.asarray(
+        np.where(touched, largest[:, None], 0.0).max(axis=0, initial=0.0)
+        / np.maximum(np.abs(columns).max(axis=0, initial=0.0), 1e-300)
     )

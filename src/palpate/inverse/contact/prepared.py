@@ -118,6 +118,9 @@ class PreparedContact(ABC):
         self.given_ends = ends_of(operator.planes_of)
         self.zero = None if problem.zero is None else self.readings.flat(problem.zero)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.policy)
+        units = np.array([find_channel(c).kind.unit for a in operator.planes_of for c in a.channels])
+        #: Readings of each kind (kind, reading): stress, strain, displacement.
+        self.kinds = np.array([(units == u)[self.noise.index] for u in np.unique(units)])
         self._responses = Responses(operator, columns, self.readings)
         self._levels: dict[int, Level] = {}
         self.rounds = Rounds()
