@@ -170,7 +170,7 @@ class Explanations:
     )
     many_taxels: int = number(
         400,
-        "an array of this many taxels is large: skip unlikely signs of contact, leave out several outliers at once, and seek no offsets of groups, which took a third of the time of a frame of 32 x 32 x 3",
+        "an array of this many taxels is large: leave out several outliers at once, and seek no offsets of groups, which took a third of the time of a frame of 32 x 32 x 3",
     )
     bends: float = number(
         0.6,

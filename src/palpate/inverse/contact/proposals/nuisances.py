@@ -25,7 +25,7 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
     """Contact of one sign with those of the nuisances ``sought`` that are significant. None if there are none, or if
     the result cannot beat earlier explanations.
     """
-    estimator, rules = search.estimator, search.estimator.policy.explanations
+    estimator = search.estimator
     terms = [term for term, here in zip(search.terms, sought) if here]
     solved = _in_turn(search, terms, sign, start[sought], least_to_beat(search.tried, estimator.policy))
     if solved is None:
@@ -34,9 +34,7 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
     columns = np.stack([term.rows for term in terms], axis=1)
     if not sizes.any():
         return None
-    if not in_range(estimator, columns, sizes, search.data):
-        largest = float((np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)).max())
-        trace.decided("too large a nuisance, as a part of the largest reading", largest, rules.largest_nuisance)
+    if _too_large(search, columns, sizes):
         return None
     every = search.none
     every[sought] = sizes
@@ -47,7 +45,7 @@ def _in_turn(
     search: Search, terms: Sequence[Nuisance], sign: int, start: Floats, beat: float
 ) -> tuple[Rough, Floats] | None:
     """The rough solution with significant nuisances, and their sizes. None if its gain will almost certainly stay
-    below ``beat``, even if each remaining round improves as much as the best so far.
+    below ``beat``, even if each remaining round improves as much as the best so far, or if the sizes grow too large.
 
     Contact and sizes are solved alternately; each step of the sizes lets the contact move on its face.
     """
@@ -94,7 +92,19 @@ def _in_turn(
             present, sizes = there, np.where(there, sizes, 0.0)
         if (np.abs(change) < 0.3 * deviation).all():
             break
+        if turn > 0 and _too_large(search, columns, sizes):
+            return None
     if best is None:
         raise RuntimeError("no round of nuisances was made")
     present = np.abs(kept) > rules.nuisance * deviation
     return best, np.where(present, kept, 0.0)
+
+
+def _too_large(search: Search, columns: Floats, sizes: Floats) -> bool:
+    """Whether nuisances exceed what a zeroed sensor may have (`levels.in_range`)."""
+    if in_range(search.estimator, columns, sizes, search.data):
+        return False
+    largest = float((np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)).max())
+    limit = search.estimator.policy.explanations.largest_nuisance
+    trace.decided("too large a nuisance, as a part of the largest reading", largest, limit)
+    return True

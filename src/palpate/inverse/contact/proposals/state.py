@@ -123,5 +123,4 @@ class Search:
     @cached_property
     def hopeless(self) -> Sequence[int]:
         """Signs of contact that no offset can make the best; valid once push and pull were tried."""
-        estimator = self.estimator
-        return hopeless_signs(self.tried, estimator.policy) if estimator.large else []
+        return hopeless_signs(self.tried, self.estimator.policy)
