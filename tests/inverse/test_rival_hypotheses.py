@@ -8,6 +8,11 @@ import pytest
 import palpate as pp
 from palpate.bench.trust.rows import make_frame
 from palpate.elastic.pad import Floats
+from palpate.inverse import traced
+from palpate.inverse.contact.explanation import Explanation
+from palpate.inverse.contact.proposals import offsets, ramps
+from palpate.inverse.contact.proposals.nuisances import Flags, with_nuisances
+from palpate.inverse.contact.proposals.state import Search
 from palpate.touch import Touch
 
 
@@ -66,3 +71,25 @@ def test_readings_left_out_by_one_hypothesis_and_not_by_the_other_can_be_weighed
     low, high = touch.interval(0.95, "force")
     assert np.all((np.asarray(low) <= frame.load.force) & (frame.load.force <= np.asarray(high)))
     assert float(touch.force[-1]) == pytest.approx(float(frame.load.force[-1]), rel=0.2)
+
+
+def test_a_pull_that_explains_next_to_nothing_is_not_tried_with_nuisances(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On few markers a pull is tried beside the push. With shifts and tilts it loaded the whole edge, for 10 s on 11 x 11 markers."""
+    pad = pp.BondedLayers([pp.Layer(thickness=5e-3, youngs_modulus=5e4, poissons_ratio=0.48)])
+    channels = ["displacement_x", "displacement_y", "displacement_z"]
+    array = pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=0.0, channels=channels, noise=2e-6)
+    skin, rng = pp.Skin(pad, array), np.random.default_rng(0)
+    readings = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=0.1), rng=rng))
+    signs: list[int] = []
+
+    def counted(search: Search, sign: int, start: Floats, sought: Flags) -> Explanation | None:
+        signs.append(sign)
+        return with_nuisances(search, sign, start, sought)
+
+    for proposals in (offsets, ramps):
+        monkeypatch.setattr(proposals, "with_nuisances", counted)
+    with traced() as trace:
+        touch = skin.reconstruct(readings, friction=0.5)
+    assert [tried.explanation for tried in trace.tried] == ["push", "pull"]
+    assert set(signs) == {1}
+    assert touch.force[2] == pytest.approx(0.1, rel=0.05)
