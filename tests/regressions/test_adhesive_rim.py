@@ -123,3 +123,17 @@ def test_a_rim_is_not_taken_for_noise_that_nobody_gave() -> None:
     assert np.asarray(touch.values)[-1].min() < -0.2 * np.asarray(touch.values)[-1].max()
     assert float(touch.force[1]) == pytest.approx(frame.load.force[1], rel=0.12)
     assert any("pull around it was included" in n for n in touch.notes)
+
+
+def test_pull_beside_a_push_is_no_load_all_over_with_an_offset() -> None:
+    """Both explain the readings about as well. The load all over was chosen: 16 N (9 to 40) for 0.8."""
+    array = pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=1.9e-3, channels=THREE)
+    skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
+    push = pp.solutions.hertz_point(contact_radius=2e-3, force=1.9).shifted(-0.9e-3, -0.7e-3)
+    pull = pp.solutions.hertz_point(contact_radius=2.4e-3, force=1.1).shifted(1.8e-3, 1.6e-3)
+    clean = np.asarray(skin.sense(push)) - np.asarray(skin.sense(pull))
+    noise = 0.005 * np.abs(clean).max() * np.random.default_rng(2).standard_normal(clean.shape)
+    touch = skin.reconstruct(clean + noise)
+    low, high = (float(side[2]) for side in touch.interval(0.95, "force"))
+    assert low < 0.8 < high
+    assert abs(float(touch.force[2]) - 0.8) < 0.25

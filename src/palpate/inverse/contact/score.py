@@ -104,10 +104,13 @@ def absorbs(rough: Rough, policy: Policy) -> bool:
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
-    """The best explanation. An explanation with nuisances, or with another sign, must beat the simplest one by the evidence required for contact itself."""
-    simple = simplest_of(tried, policy)
+    """The best explanation. One with nuisances must beat those without, and one with another sign the simplest one, by the evidence required for contact itself."""
+    simple, least = simplest_of(tried, policy), policy.detection.evidence
     best = max(_credible(tried, policy), key=lambda h: worth_of(h, policy))
-    return best if worth_of(best, policy) - worth_of(simple, policy) > policy.detection.evidence else simple
+    if best.present.any():
+        plain = max((h for h in tried if not h.present.any()), key=lambda h: worth_of(h, policy))
+        best = best if worth_of(best, policy) - worth_of(plain, policy) > least else plain
+    return best if worth_of(best, policy) - worth_of(simple, policy) > least else simple
 
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
