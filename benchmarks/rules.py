@@ -76,7 +76,7 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "push and pull at once": {"explanations.structured": 2.0},
     "push and pull by chance": {"explanations.structured_chance": 2.0},
     "pressure everywhere": {"explanations.everywhere": 2.0},
-    "hopeless signs": {"explanations.many_taxels": 10**9},
+    "large arrays": {"explanations.many_taxels": 10**9},
     "alike rivals": {"explanations.least_weight": 0.0},
     "told drift": {"fit.told": 0.0},
     "prior of the discrepancy": {"fit.prior_weight": 0.0},

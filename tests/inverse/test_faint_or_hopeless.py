@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.bench.trust import make_frame
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import discrepancy, solving
 from palpate.tracking.discrepancy import without_numbers
@@ -75,11 +78,32 @@ def test_an_unexplained_frame_without_error_bars_has_bounds() -> None:
     assert (bare.force_bounds[:, 0] < 0.0).all()
 
 
-def test_a_contact_whose_readings_never_settle_is_a_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each attempt finds another outlier: unless the last one makes models all the same, it is "no contact"."""
+def _restless(solving: Any, leading: object) -> bool:
+    """A noise estimate that goes back and forth between states with and without one reading."""
+    solving.observed = solving.observed.copy()
+    solving.observed[-1] ^= True
+    return True
+
+
+@pytest.mark.parametrize(
+    ("step", "never_ends"), [("_outliers", lambda solving, attempt: True), ("_noise_changed", _restless)]
+)
+def test_a_contact_that_never_settles_is_a_contact(
+    monkeypatch: pytest.MonkeyPatch, step: str, never_ends: Callable[[Any, Any], bool]
+) -> None:
+    """The last attempt makes models, of the readings that it keeps. "No contact", and a ValueError, were the answers."""
     array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=20.0)
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48), array)
     ball = pp.solutions.hertz_point(contact_radius=3e-3, force=1.0)
     readings = skin.sense(ball, rng=np.random.default_rng(0))
-    monkeypatch.setattr(solving._Solving, "_outliers", lambda self, attempt: True)
+    monkeypatch.setattr(solving._Solving, step, never_ends)
     assert float(skin.reconstruct(readings).force[2]) == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_pressure_of_next_to_nothing_has_a_finite_center() -> None:
+    """A model of this pull presses with 1e-310 N: the division by it overflowed."""
+    frame = make_frame("pulling", 51, seed=20283030)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        touch = frame.skin.reconstruct(frame.readings)
+    assert float(touch.force[2]) == pytest.approx(float(frame.load.force[2]), rel=0.1)

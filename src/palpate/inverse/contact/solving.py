@@ -122,7 +122,7 @@ class _Solving:
                     continue
                 return self._solved([], pushed=True)
             self._fit()
-            # The last attempt keeps its readings, so that it makes models.
+            # The last attempt keeps its readings, noise and nuisances, so that it makes models of them.
             last = attempt + 1 == self.policy.noise.attempts
             if not last and (self._more_at_ends() or self._outliers(attempt)):
                 continue
@@ -133,7 +133,7 @@ class _Solving:
                 self.first, self.y, self.noise, self.observed, self.evidence, self.leading
             )
             self.leading = next(self.models)
-            if not (self._offsets_moved(self.leading) or self._noise_changed(self.leading)):
+            if last or not (self._offsets_moved(self.leading) or self._noise_changed(self.leading)):
                 break
         left = rms(self.estimator.readings.whitened(self.data - self.explained, self.observed, self.noise))
         members = [self.leading, *self.models] if self.leading and self.first[-1].any() else []

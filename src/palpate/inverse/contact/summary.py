@@ -154,7 +154,8 @@ class Quantities:
         weights = self.pressing.reshape(self.model.solution.traction.shape)[-1]
         weights = weights / self.model.level.grid.cell
         p = self.model.solution.traction[-1] * weights
-        total = float(p.sum()) or 1.0
+        total = float(p.sum())
+        total = total if abs(total) > 1e-150 else 1.0  # the square of 1 / total must be finite
         center = np.array([float((x * p).sum()) / total for x in self.axes])
         rows = np.zeros((len(self.axes), *self.model.solution.traction.shape))
         for i, x in enumerate(self.axes):
