@@ -191,6 +191,17 @@ def test_signs_that_no_offset_saves(ring: float, gains: tuple[float, float], lef
     assert likelier_signs(tried, left_out) == [s for s in (1, -1) if s not in left_out]
 
 
+def test_a_sign_that_fits_most_readings_freely_may_be_saved() -> None:
+    """Its gain says nothing: with shifts a push was 2.5 N, as it is, and the pull that won without them 25 N (-29 to 79)."""
+    readings, nothing = np.zeros(50), np.zeros(0)
+    gains, free = (100.0, 7.0), (45.0, 1.0)
+    tried = [
+        Explanation(sign, Rough(gain, 1.0, f, nothing, readings, 0.0), nothing)
+        for sign, gain, f in zip((-1, 1), gains, free)
+    ]
+    assert hopeless_signs(tried, Policy()) == []
+
+
 @pytest.mark.long
 def test_a_pull_with_an_offset_on_a_large_array() -> None:
     skin = skin_of(20)

@@ -99,8 +99,11 @@ def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]
 
 def absorbs(rough: Rough, policy: Policy) -> bool:
     """Whether a contact alone may have taken up nuisances: it loads the edge, or fits most readings freely."""
-    rules = policy.explanations
-    return rough.edge > rules.edge or rough.free < rules.bends * len(rough.explained)
+    return rough.edge > policy.explanations.edge or _fits_freely(rough, policy)
+
+
+def _fits_freely(rough: Rough, policy: Policy) -> bool:
+    return rough.free < policy.explanations.bends * len(rough.explained)
 
 
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
@@ -147,13 +150,14 @@ def likelier_signs(tried: Sequence[Explanation], without: Sequence[int]) -> list
 
 
 def hopeless_signs(tried: Sequence[Explanation], policy: Policy) -> list[int]:
-    """Signs that no offset can make the best: they gain less than half of the best explanation, and that does not load
-    the edge, where it could be an offset.
+    """Signs that no offset can make the best: they gain less than half of the best explanation, although they fit few
+    readings freely, and that does not load the edge, where it could be an offset.
     """
-    best = max(tried, key=lambda h: h.rough.gain)
-    if not best.rough.gain > 0.0 or best.rough.edge > policy.explanations.edge:
+    rules, best = policy.explanations, max(tried, key=lambda h: h.rough.gain)
+    if not best.rough.gain > 0.0 or best.rough.edge > rules.edge:
         return []
-    return [h.sign for h in tried if h.rough.gain < policy.explanations.half * best.rough.gain]
+    least = rules.half * best.rough.gain
+    return [h.sign for h in tried if h.rough.gain < least and not _fits_freely(h.rough, policy)]
 
 
 def same(a: Explanation, b: Explanation, policy: Policy) -> bool:
