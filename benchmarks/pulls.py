@@ -111,7 +111,7 @@ def table(frames: dict[str, list[Judged]], refused: int, command: str) -> str:
         (__doc__ or "").split("\n\n")[-1].strip(),
     ]
     lines += ["Errors and widths are in parts of the force that pushes; of the pull alone, of its own."]
-    lines += [f"{refused} frames were refused." if refused else "", ""]
+    lines += [f"Frames that were refused: {refused}.", ""]
     lines += [
         "| kind | frames | error: mean, median | within 95 % interval | width: median | outside and nothing said |"
     ]

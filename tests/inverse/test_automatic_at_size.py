@@ -192,7 +192,7 @@ def test_signs_that_no_offset_saves(ring: float, gains: tuple[float, float], lef
 
 
 def test_a_sign_that_fits_most_readings_freely_may_be_saved() -> None:
-    """Its gain says nothing: with shifts a push was 2.5 N, as it is, and the pull that won without them 25 N (-29 to 79)."""
+    """Its gain says nothing. With shifts such a push was read as 2.5 N of 1.8 N; without it, a pull won and 25 N (-29 to 79) was read."""
     readings, nothing = np.zeros(50), np.zeros(0)
     gains, free = (100.0, 7.0), (45.0, 1.0)
     tried = [
