@@ -90,12 +90,14 @@ def test_the_finest_cells_are_for_small_contacts_or_pressure_alone() -> None:
     few = estimator.policy.grid.few_unknowns
     finest, fine, _ = estimator.policy.grid.area
     inside, wide = few // finest**2, few // finest**2 + 1
-    assert estimator._ratio(100.0, 100.0, inside) == finest
-    assert estimator._ratio(100.0, 100.0, wide) == fine
-    assert estimator._ratio(100.0, 50.0, inside) == fine  # the readings do not determine as many
+    assert estimator._ratio(100.0, 100.0, inside, joined=True) == finest
+    assert estimator._ratio(100.0, 100.0, wide, joined=True) == fine
+    assert estimator._ratio(100.0, 50.0, inside, joined=True) == fine  # the readings do not determine as many
     alone = copy.copy(estimator)
     alone.columns = estimator.columns[-1:]
-    assert alone._ratio(100.0, 100.0, wide) == finest
+    assert alone._ratio(100.0, 100.0, wide, joined=True) == finest
+    assert alone._ratio(100.0, 50.0, wide, joined=True) == fine
+    assert alone._ratio(100.0, 50.0, wide, joined=False) == finest  # the place of an edge is worth its cost
 
 
 def test_an_alternative_that_is_too_large_is_skipped() -> None:

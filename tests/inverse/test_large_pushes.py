@@ -1,4 +1,4 @@
-"""Contacts too large to try pull around them, and fine cells near certain contact."""
+"""Contacts too large to try pull around them, and faint contacts beside strong ones."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_pull_as_large_as_the_array_is_left_to_the_linear_method() -> None:
 
 
 def test_a_faint_contact_beside_a_strong_one_is_kept() -> None:
-    """It is beyond the cells that certainly press, and leaves more than noise there."""
+    """Its pressure is below `Extent.faint` of the peak, but its readings are more than noise."""
     array = pp.AreaArray(shape=(20, 20), pitch=1e-3, depth=0.0, channels=MARKERS, noise=1e-6)
     layer = pp.BondedLayers([pp.Layer(thickness=4e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
     skin = pp.Skin(layer, array)

@@ -322,13 +322,6 @@ class Normal:
             return self.known
         return self.given.gram() if isinstance(self.given, Picked) else self.matrix.T @ self.matrix
 
-    def significance(self, white: Floats) -> Floats:
-        """Standard deviations by which a residual of whitened readings differs from noise along each column (component,
-        cell).
-        """
-        unit = np.sqrt(np.einsum("ij,ij->j", self.matrix, self.matrix))
-        return np.asarray((white @ self.matrix / np.maximum(unit, 1e-300)).reshape(self.linear.shape))
-
     def part(self, position: Index) -> Normal:
         """The normal equations of some of the cells."""
         if isinstance(self.given, Applied):

@@ -39,16 +39,17 @@ __all__ = [
 #: Unknowns beside contact are undetermined below this fraction of the largest information on any.
 UNTOLD = 1e-6
 #: Unknowns up to which a hundred solutions take less time from a matrix than by products: on 16 x 16 x 3 with 1863
-#: unknowns 0.3 s instead of 1.3.
-FEW_UNKNOWNS = 2000
+#: unknowns 0.3 s instead of 1.3. For up to `FEW_SOLUTIONS`, products take less: on 24 x 24 x 3 a quarter.
+FEW_UNKNOWNS, FEW_SOLUTIONS = 2000, 20
 
 
-def with_matrix(model: ContactModel) -> ContactModel:
-    """The model with an explicit matrix and an exact factor, if it was solved by products and has few unknowns: then
-    solutions for many right-hand sides take less time.
+def with_matrix(model: ContactModel, solutions: int) -> ContactModel:
+    """The model with an explicit matrix and an exact factor, if it was solved by products, has few unknowns, and is
+    used for many ``solutions``: then they take less time.
     """
     face, factor = face_of(model.solution)
-    if not isinstance(factor, Iterative) or model.solution.traction.size > FEW_UNKNOWNS:
+    few = solutions <= FEW_SOLUTIONS or model.solution.traction.size > FEW_UNKNOWNS
+    if not isinstance(factor, Iterative) or few:
         return model
     data = model.data.as_matrix()
     hessian = data.quadratic(model.penalty)

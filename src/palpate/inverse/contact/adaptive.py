@@ -62,9 +62,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """Sliding is a candidate only if friction is given."""
         return self.cone.coupled
 
-    def _ratio(self, places: float, freedom: float, unknowns: int) -> int:
+    def _ratio(self, places: float, freedom: float, unknowns: int, *, joined: bool) -> int:
         """How many times finer than the surface grid to solve, if the data determine ``freedom`` of ``places``
-        unknowns.
+        unknowns. ``joined``: shear is sought too, beside the pressure or in proportion to it.
         """
         d = self.operator.surface.dimensions
         spacing = (places / max(freedom, 1.0)) ** (1.0 / d)
@@ -76,7 +76,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         most = min(policy.grid.unknowns, max(few, policy.grid.unknowns_per_reading * len(self.readings.std)))
         limits = [(policy.grid.spacing, most), (math.inf, math.inf)]
         if d == 2:
-            limits.insert(0, (policy.grid.fine_spacing, most if len(self.columns) == 1 else few))
+            finest = policy.grid.fine_spacing if joined else policy.grid.spacing
+            limits.insert(0, (finest, most if len(self.columns) == 1 else few))
         table = list(zip(policy.grid.line if d == 1 else policy.grid.area, limits))
         wanted = [r for r, (_, most) in table if r == 1 or unknowns * r**d <= most]
         return min(next(r for r, (limit, _) in table if spacing <= limit), max([*wanted, 1]))
@@ -157,10 +158,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
             return self.normal(self.level(ratio), cells, y, noise, observed), start
 
         parameter, weight = evidence[1].parameter, evidence[1].weight
-        ratio = self._ratio(self.taxels * c, self.start.freedom(parameter), count * c)
+        ratio = self._ratio(self.taxels * c, self.start.freedom(parameter), count * c, joined=c > 1)
         white = self.readings.white(y[observed], observed)
-        whole, start = refined(ratio)
-        data, start = self._certain(whole, start, white, weight)
+        data, start = refined(ratio)
         found = self._compact(data, first, white, noise, observed, parameter, possible)
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
@@ -169,7 +169,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             yield from compact
         slides: list[tuple[Floats, Floats, float]] = []
         if self.cone.coupled and policy.parts.sliding:
-            coarse = whole if ratio == 1 else refined(1)[0]
+            coarse = data if ratio == 1 else refined(1)[0]
             precisions = self.precisions(coarse.level, 1, weight)
             given = coarse, first, precisions
             if coarse.at_size:
@@ -184,7 +184,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         if slides and not coarse.at_size:
             # Pressure alone has fewer unknowns than the data determine, so that a finer grid is worth its cost.
             freedom = alone._freedom_along(coarse.along(slides[0][0]), weight)
-            finer = alone._ratio(count, freedom, count)
+            finer = alone._ratio(count, freedom, count, joined=True)
             if (
                 policy.parts.finer_sliding
                 and finer > ratio
@@ -285,34 +285,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
             member = self._relearned(first, width, variance, y, energies[variance])
             member.weight = share
             yield member
-
-    def _certain(self, data: Normal, start: Floats, white: Floats, weight: float) -> tuple[Normal, Floats]:
-        """The cells of ``data`` near those that certainly press, and traction there, with those added in which such a
-        contact leaves more than noise.
-
-        Coarse cells explain by a scatter of faint pressure what they cannot follow. ``start`` is their traction
-        (component, cell), ``white`` (reading,) the whitened readings, ``weight`` that of the even penalty. All cells on
-        arrays that are not large: a tracker holds such models, and needs room for drift.
-        """
-        policy, level = self.policy, data.level
-        if not self.large or data.at_size or self.cone.free:
-            return data, start
-        precisions, found = self.precisions(level, 1, weight), start
-        certain = start[-1] > policy.extent.faint * start[-1].max()
-        while True:
-            wanted = np.zeros(level.grid.shape, dtype=bool)
-            wanted.ravel()[data.cells[certain]] = True
-            near = dilated(wanted, level.ratio).ravel()[data.cells]
-            if not near.any() or near.mean() > policy.extent.most_certain:
-                return data, found
-            part = data.part(np.flatnonzero(near))
-            solution = self.model(part, precisions, found[:, near]).solution.traction
-            found = np.zeros_like(start)
-            found[:, near] = solution
-            beyond = data.significance(white - part.matrix @ solution.ravel())[-1] > policy.extent.certain
-            if not (beyond & ~near).any():
-                return part, solution
-            certain |= beyond & ~near
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """The model without cells whose pressure is below the noise. Pressure is never negative, so noise in these cells would add up to a force."""

@@ -120,7 +120,7 @@ def _beside(
     white = estimator.readings.whitened(left, observed, noise)
     unit = unit_of(rows)
     rows = rows / unit
-    return Beside(told_of(with_matrix(model), rows), rows.T @ white, float(white @ white), unit)
+    return Beside(told_of(with_matrix(model, rows.shape[1]), rows), rows.T @ white, float(white @ white), unit)
 
 
 def steps_of(
