@@ -75,21 +75,21 @@ class Search:
 
     def promises(self, sign: int, sought: Flags) -> bool:
         """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of one of them, together
-        with contact on its face, it is above the model's accuracy and gains more than it costs. Always, if contact alone
-        leaves a large residual, or may have taken them up.
+        with contact on its face, it is above the model's accuracy and gains as much as another explanation must. Always,
+        if contact alone leaves a large residual, or may have taken them up.
         """
-        rules = self.estimator.policy.explanations
+        policy = self.estimator.policy
         plain = next((h for h in self.tried if h.sign == sign and not h.present.any()), None)
-        if plain is None or self.worth_more(plain) or absorbs(plain.rough, self.estimator.policy):
+        if plain is None or self.worth_more(plain) or absorbs(plain.rough, policy):
             return True
         each = np.flatnonzero(sought)
         steps = steps_of(self.estimator, plain, self.data, self.observed, each[:, None])
         size = np.abs([float(sizes[0]) for sizes, _ in steps])
         part = size / np.maximum(reach(self.estimator.shifts[:, each], self.data), 1e-300)
-        gains = np.where(part > rules.smallest_nuisance, [gain for _, gain in steps], 0.0)
+        gains = np.where(part > policy.explanations.smallest_nuisance, [gain for _, gain in steps], 0.0)
         most = float(gains.max(initial=0.0))
-        trace.decided("most that one nuisance gains beside contact, in one step", most, rules.per_nuisance)
-        return most > rules.per_nuisance
+        trace.decided("most that one nuisance gains beside contact, in one step", most, policy.detection.evidence)
+        return most > policy.detection.evidence
 
     @property
     def none(self) -> Floats:
