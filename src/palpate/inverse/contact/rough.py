@@ -130,15 +130,17 @@ def steps_of(
     the log likelihood that it gains.
     """
     beside = h.rough.beside or _solved_beside(estimator, h, data, observed)
-    out: list[tuple[Floats, float]] = []
-    for group in groups:
-        picks = np.asarray(group, dtype=np.intp)
-        pull = beside.pull[picks]
-        step = np.asarray(np.linalg.lstsq(beside.information[np.ix_(picks, picks)], pull, rcond=UNTOLD)[0])
-        free = max(h.rough.free - len(group), 1.0)
-        after = 1.0 - float(step @ pull) / max(beside.left, 1e-300)
-        sizes = np.asarray(h.sign * step / beside.unit[picks])
-        out.append((sizes, -0.5 * free * math.log(max(after, 1e-12))))
+    lengths = np.array([len(group) for group in groups])
+    out: list[tuple[Floats, float]] = [(np.zeros(0), 0.0)] * len(groups)
+    for length in np.unique(lengths):
+        alike = np.flatnonzero(lengths == length)
+        picks = np.array([groups[int(k)] for k in alike], dtype=np.intp)
+        pull, information = beside.pull[picks], beside.information[picks[:, :, None], picks[:, None, :]]
+        step = np.einsum("kij,kj->ki", np.linalg.pinv(information, rcond=UNTOLD, hermitian=True), pull)
+        after = 1.0 - (step * pull).sum(axis=1) / max(beside.left, 1e-300)
+        gains = -0.5 * max(h.rough.free - length, 1.0) * np.log(np.maximum(after, 1e-12))
+        for k, sizes, gain in zip(alike, h.sign * step / beside.unit[picks], gains):
+            out[int(k)] = sizes, float(gain)
     return out
 
 
