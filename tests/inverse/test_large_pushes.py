@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.bench.layouts import LAYOUTS
 
 MARKERS = ["displacement_x", "displacement_y", "displacement_z"]
 
@@ -85,3 +86,16 @@ def test_a_faint_contact_beside_a_strong_one_is_kept() -> None:
     far = (skin.surface.y[:, None] > 2.9e-3) & (skin.surface.x[None, :] > 2.9e-3)
     pressure, area = np.asarray(touch.pressure), float(np.prod(skin.surface.spacings))
     assert float(pressure[far].sum() * area) == pytest.approx(0.004, rel=0.3)
+
+
+@pytest.mark.parametrize("seed", [2, 6])
+def test_a_flat_punch_on_a_large_array_fits(seed: int) -> None:
+    """Cells beyond the contact take up what cells cannot follow at its edge: without them pull around it answered."""
+    layout = LAYOUTS["area"]
+    readings, truth = layout.make(layout.contacts["punch"])
+    noise = 0.01 * np.abs(readings).max() * np.random.default_rng(seed).standard_normal(readings.shape)
+    touch = layout.skin.reconstruct(readings + noise, components=["z"])
+    pressure = np.asarray(touch.pressure)
+    assert touch.fit > 0.2
+    assert pressure.min() >= 0.0
+    assert np.linalg.norm(pressure - truth[-1]) < 0.2 * np.linalg.norm(truth[-1])
