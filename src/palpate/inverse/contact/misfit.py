@@ -92,7 +92,7 @@ def drift_probability(estimator: PreparedContact, run: Solved) -> float:
     patterns (the score test; C. R. Rao, Proc. Cambridge Phil. Soc. 44, 1948, 50-57), or F if the noise was learned.
     The contact absorbs most of a drift, and the rest is too small and too smooth for the tests of size and of
     neighbours. The largest probability over the models counts: in a model that smooths more, the residual may be due
-    to smoothing. One above `Rims.sought` decides nothing any more, so the models after it are not tested.
+    to smoothing.
 
     Two causes are removed first (by the Schur complement): deviations that an inexactly known pad would cause, and
     shear in a fixed proportion to pressure, which the penalty shrinks. With more than `Fit.loud` readings the
@@ -103,6 +103,8 @@ def drift_probability(estimator: PreparedContact, run: Solved) -> float:
 
     if not run.members:
         return math.nan
+    many = int(run.observed.sum()) > policy.fit.many
+    members = sorted(run.members, key=lambda m: -m.weight) if many else run.members
     observed, known = run.observed, estimator.noise_known
     drifts = np.stack([t.rows for t in estimator.drifts], axis=1)
     columns = np.concatenate([run.doubtful[0], drifts / run.noise[:, None]], axis=1)
@@ -110,8 +112,8 @@ def drift_probability(estimator: PreparedContact, run: Solved) -> float:
     y = estimator.readings.whitened(run.data, observed, run.noise)
     detail = math.hypot(MODEL_DETAIL, estimator.problem.doubts.stated_gain) * float(np.abs(y).max(initial=0.0))
     chances: list[float] = []
-    for m in sorted(run.members, key=lambda m: -m.weight):
-        if max(chances, default=0.0) > policy.rims.sought:
+    for m in members:
+        if many and max(chances, default=0.0) > policy.fit.accepted:
             break
         t, matrix = m.solution.traction, m.data.matrix
         drag = [matrix @ way.ravel() for way in shear_like_pressure(t)]

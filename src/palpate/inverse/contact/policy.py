@@ -197,6 +197,7 @@ class Fit:
     told: float = number(
         2e-5, "drop a drift if contact explains all but this fraction of its square: the residual does not show it"
     )
+    many: int = number(4096, "with more readings, tests take a tenth of a frame: stop at the first that passes")
     loud: int = number(
         1000, "with more readings, allow drifts up to `inverse.fit.MODEL_DETAIL` of the largest: they are no misfit"
     )
@@ -446,8 +447,7 @@ class Rims:
     """Limits for pull around a contact."""
 
     sought: float = number(
-        0.2,
-        "misfit probability to try a rim if noise was not given: it may have been learned from the pull; the largest that decides anything",
+        0.2, "misfit probability to try a rim if noise was not given: it may have been learned from the pull"
     )
     margin: float = number(0.5, "largest width of a rim as a fraction of the contact's radius, plus one cell")
     unknowns: int = number(1500, "most unknowns of a contact with a rim: without bounds all of them are solved for")
