@@ -83,7 +83,7 @@ class Search:
         if plain is None or self.worth_more(plain) or absorbs(plain.rough, policy):
             return True
         each = np.flatnonzero(sought)
-        steps = steps_of(self.estimator, plain, self.data, self.observed, each[:, None])
+        steps = steps_of(self.estimator, plain, self.data, self.observed, [[i] for i in each.tolist()])
         size = np.abs([float(sizes[0]) for sizes, _ in steps])
         part = size / np.maximum(reach(self.estimator.shifts[:, each], self.data), 1e-300)
         gains = np.where(part > policy.explanations.smallest_nuisance, [gain for _, gain in steps], 0.0)
