@@ -74,22 +74,22 @@ class Search:
         return Explanation(sign, found, self.none)
 
     def promises(self, sign: int, sought: Flags) -> bool:
-        """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of one of them, together
-        with contact on its face, it is above the model's accuracy and gains as much as another explanation must. Always,
-        if contact alone leaves a large residual, or may have taken them up.
+        """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of them, together with
+        contact on its face, one is above the model's accuracy, and they gain more than one costs. Always, if contact
+        alone leaves a large residual, covers much of the array, or may have taken them up.
         """
-        policy = self.estimator.policy
+        rules = self.estimator.policy.explanations
         plain = next((h for h in self.tried if h.sign == sign and not h.present.any()), None)
-        if plain is None or self.worth_more(plain) or absorbs(plain.rough, policy):
+        if plain is None or self.worth_more(plain) or absorbs(plain.rough, self.estimator.policy):
             return True
-        each = np.flatnonzero(sought)
-        steps = steps_of(self.estimator, plain, self.data, self.observed, [[i] for i in each.tolist()])
-        size = np.abs([float(sizes[0]) for sizes, _ in steps])
-        part = size / np.maximum(reach(self.estimator.shifts[:, each], self.data), 1e-300)
-        gains = np.where(part > policy.explanations.smallest_nuisance, [gain for _, gain in steps], 0.0)
-        most = float(gains.max(initial=0.0))
-        trace.decided("most that one nuisance gains beside contact, in one step", most, policy.detection.evidence)
-        return most > policy.detection.evidence
+        if np.count_nonzero(plain.rough.traction[-1]) > rules.edge * self.estimator.taxels:
+            return True
+        ((sizes, gain),) = steps_of(self.estimator, plain, self.data, self.observed, [np.flatnonzero(sought)])
+        part = np.abs(sizes) / np.maximum(reach(self.estimator.shifts[:, sought], self.data), 1e-300)
+        largest = float(part.max(initial=0.0))
+        trace.decided("gain of nuisances beside contact, in one step", gain, rules.per_nuisance)
+        trace.decided("the largest of them, as a part of the largest reading", largest, rules.smallest_nuisance)
+        return bool(gain > rules.per_nuisance and largest > rules.smallest_nuisance)
 
     @property
     def none(self) -> Floats:
