@@ -39,7 +39,7 @@ __all__ = [
 #: Unknowns beside contact are undetermined below this fraction of the largest information on any.
 UNTOLD = 1e-6
 #: Unknowns up to which a hundred solutions take less time from a matrix than by products: on 16 x 16 x 3 with 1863
-#: unknowns 0.3 s instead of 1.3. For up to `FEW_SOLUTIONS`, products take less: on 24 x 24 x 3 a quarter.
+#: unknowns 0.3 s instead of 1.3. For up to `FEW_SOLUTIONS`, products take less.
 FEW_UNKNOWNS, FEW_SOLUTIONS = 2000, 20
 
 
