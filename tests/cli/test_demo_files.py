@@ -91,8 +91,9 @@ def test_commands_of_the_first_cells_give_what_the_page_shows(tmp_path: Path) ->
         assert len(found) == len(shown) == 6
         for row, (frame, cell, _, energy, low, high) in zip(found, shown):
             assert (int(row["frame"]), int(row["cell"])) == (frame, cell)
-            # On another processor the ends of one interval were 15 % farther apart.
-            for key, value, within in (("J", energy, 0.1), ("low", low, 0.2), ("high", high, 0.2)):
+            # Markov chains part where rounding differs, so another processor draws as another seed does. Of eight seeds
+            # the energies have standard deviations of 3 to 16 %, the ends of their intervals of 2 to 34 %.
+            for key, value, within in (("J", energy, 0.35), ("low", low, 0.35), ("high", high, 0.7)):
                 assert 1e15 * float(row[f"strain_energy_{key}"]) == pytest.approx(value, rel=within, abs=0.006)
     assert "0.29 and 0.35 fJ" in text
     assert len((folder / "film-labels.csv").read_text().splitlines()) == 1 + 3 * 12

@@ -106,8 +106,8 @@ def test_finer_cells_are_bounded_by_the_readings(monkeypatch: pytest.MonkeyPatch
     """108 readings whose noise is stated ten times too small asked for 3672 unknowns, and took ten seconds."""
     unknowns, ratio = [], AdaptiveEstimator._ratio
 
-    def watched(self: Any, places: float, freedom: float, count: int) -> int:
-        found = ratio(self, places, freedom, count)
+    def watched(self: Any, places: float, freedom: float, count: int, joined: bool) -> int:
+        found = ratio(self, places, freedom, count, joined=joined)
         unknowns.append(count * found**2)
         return found
 

@@ -453,11 +453,11 @@ def dots_by_frame(bonded: bool, **how: Any) -> pp.Touch:
 
 @functools.cache
 def heights() -> Any:
-    """Heights of a gel under a ball of 1 N, with 3 % noise that nobody states, and the array."""
+    """Heights of a gel under a ball of 1 N, with 8 % noise that nobody states, and the array."""
     array = pp.AreaArray(shape=(5, 5), pitch=2e-3, depth=1e-3, channels=["displacement_z"])
     pad = pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48)
     clean = np.asarray(pp.Skin(pad, array).sense(pp.solutions.hertz_point(contact_radius=2.5e-3, force=1.0)))
-    noise = 0.03 * float(np.abs(clean).max())
+    noise = 0.08 * float(np.abs(clean).max())
     return pad, array, clean + noise * np.random.default_rng(0).standard_normal(clean.shape)
 
 
