@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.inverse import traced
 from palpate.inverse.contact import prepared
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.proposals import levels, offsets, ramps
@@ -218,3 +219,26 @@ def test_models_do_not_depend_on_where_they_start(monkeypatch: pytest.MonkeyPatc
     assert near[0] is None
     assert near[-1] is not None
     np.testing.assert_allclose(again.values, found.values, atol=1e-7 * float(np.abs(found.values).max()))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.1])
+def test_a_ramp_under_a_wide_contact_is_found_where_there_is_one(tilt: float) -> None:
+    array = pp.AreaArray(shape=(12, 12), pitch=1e-3, depth=2e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    skin = pp.Skin(PAD, array)
+    ball = pp.solutions.hertz_point(contact_radius=5e-3, force=1.0)
+    clean = np.asarray(skin.sense(ball))
+    peak, rng = float(np.abs(clean).max()), np.random.default_rng(0)
+    drift = tilt * peak * np.linspace(-1.0, 1.0, 12)
+    with traced() as trace:
+        touch = skin.reconstruct(clean + 0.01 * peak * rng.standard_normal(clean.shape) + drift)
+    low, high = touch.interval(0.95, "force")
+    assert low[2] < 1.0 < high[2]
+    assert touch.force[2] == pytest.approx(1.0, rel=0.03)
+    found = _sizes(touch)
+    if tilt:
+        assert found["ramp of stress_zz along x"][0] == pytest.approx(tilt * peak / 5.5e-3, rel=0.1)
+    else:
+        assert not any(name.startswith("ramp") and size for name, (size, _) in found.items())
+        # One step beside the contact says it; the contact with ramps took a third of the time.
+        after = trace.lines[trace.lines.index("groups: nothing") + 1 : trace.lines.index("ramps: nothing")]
+        assert not any("standard deviations" in line for line in after)

@@ -74,22 +74,26 @@ class Search:
         return Explanation(sign, found, self.none)
 
     def promises(self, sign: int, sought: Flags) -> bool:
-        """Whether contact of this sign may gain by the nuisances ``sought``: in one Newton step of them, together with
-        contact on its face, one is above the model's accuracy, and they gain more than one costs. Always, if contact
-        alone leaves a large residual, covers much of the array, or may have taken them up.
+        """Whether contact of this sign may win by the nuisances ``sought``: in one Newton step of them, together with
+        contact on its face, one is above the model's accuracy, and they gain more than one costs and than `best_of`
+        requires. Always, if contact alone leaves a large residual or may have taken them up. If it covers much of the
+        array, it may hide an offset, so that the step counts for ramps alone, and only if no offset was found.
         """
         rules = self.estimator.policy.explanations
         plain = next((h for h in self.tried if h.sign == sign and not h.present.any()), None)
         if plain is None or self.worth_more(plain) or absorbs(plain.rough, self.estimator.policy):
             return True
         if np.count_nonzero(plain.rough.traction[-1]) > rules.edge * self.estimator.taxels:
-            return True
+            offsets_found = any(h.sign == sign and h.present.any() for h in self.tried)
+            if offsets_found or not (sought & ~self.usual).any():
+                return True
         ((sizes, gain),) = steps_of(self.estimator, plain, self.data, self.observed, [np.flatnonzero(sought)])
         part = np.abs(sizes) / np.maximum(reach(self.estimator.shifts[:, sought], self.data), 1e-300)
         largest = float(part.max(initial=0.0))
-        trace.decided("gain of nuisances beside contact, in one step", gain, rules.per_nuisance)
+        least = rules.per_nuisance + self.estimator.policy.detection.evidence
+        trace.decided("gain of nuisances beside contact, in one step", gain, least)
         trace.decided("the largest of them, as a part of the largest reading", largest, rules.smallest_nuisance)
-        return bool(gain > rules.per_nuisance and largest > rules.smallest_nuisance)
+        return bool(gain > least and largest > rules.smallest_nuisance)
 
     @property
     def none(self) -> Floats:
