@@ -75,7 +75,9 @@ def with_rims(
         data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
         whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
         other, rest = _run(free, whole, size, region)
-        gains = _gain(free, run, other) > policy.detection.evidence
+        first = other.members[0].solution.traction[-1]
+        pulls = -first.min() > policy.extent.faint * first.max()
+        gains = pulls and _gain(free, run, other) > policy.detection.evidence
         if not gains and h.sign == 0 and frame.fit > policy.fit.accepted:
             # The cells of the surface were too coarse; on finer cells a push fits.
             return replace(frame, sign=1, pushed=True)
