@@ -79,6 +79,7 @@ def _solved(
         trace.decided("misfit probability", frame.fit, prepared.policy.fit.doubted)
         rimmed = with_rims(prepared, run, frame, observed, rng)
         if rimmed is not None:
-            trace.step(f"contact with pull around it takes its place: misfit probability {rimmed.fit:.3g}")
+            which = "contact with pull around it" if rimmed.sign == 2 else "a push on finer cells"
+            trace.step(f"{which} takes its place: misfit probability {rimmed.fit:.3g}")
             return run, rimmed
     return run, frame
