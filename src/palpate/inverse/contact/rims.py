@@ -23,6 +23,7 @@ from palpate.inverse.contact.answer import framed
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
+from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_without_cone
 from palpate.inverse.contact.summary import Summary
@@ -46,28 +47,18 @@ def with_rims(
 
     ``observed`` are the readings before outliers of the pushing contact were removed.
     """
-    policy = estimator.policy
-    if (
-        not policy.parts.rims
-        or 0 not in estimator.signs
-        or not run.members
-        or not (
-            frame.fit < (policy.fit.accepted if estimator.noise_known else policy.rims.sought)
-            or run.explanation.sign == 0
-        )
-    ):
+    policy, h = estimator.policy, run.explanation
+    if not _worth_trying(estimator, run, frame):
         return None
-    at_size = any(m.data.at_size for m in run.members)
     size = np.abs(frame.traction[-1])
-    core = size > policy.extent.faint * size.max()
-    radius = 0.5 * core.sum() ** (1.0 / core.ndim)
-    region = dilated(core, 1 + math.ceil(policy.rims.margin * radius))
-    if not core.any():
+    region = _around(size, policy)
+    if not region.any():
         return None
-    h = run.explanation
+    # Traction of either sign was chosen on coarse cells. A push that fits on finer ones is one.
+    push = replace(frame, sign=1, pushed=True) if h.sign == 0 and frame.fit > policy.fit.accepted else None
+    at_size = any(m.data.at_size for m in run.members)
     if at_size or region.sum() * len(estimator.columns) > policy.rims.unknowns:
-        fits = frame.fit > policy.fit.accepted and _gain_of_linear(estimator, run) < policy.detection.evidence
-        return replace(frame, sign=1, pushed=True) if h.sign == 0 and fits else None
+        return push if push and _gain_of_linear(estimator, run) < policy.detection.evidence else None
     free = _without_cone(estimator)
     # An offset found together with a push may really be a rim, so try without it first.
     without = replace(h, sizes=np.zeros_like(h.sizes))
@@ -75,25 +66,52 @@ def with_rims(
         data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
         whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
         other, rest = _run(free, whole, size, region)
-        first = other.members[0].solution.traction[-1]
-        pulls = -first.min() > policy.extent.faint * first.max()
-        gains = pulls and _gain(free, run, other) > policy.detection.evidence
-        if not gains and h.sign == 0 and frame.fit > policy.fit.accepted:
-            # The cells of the surface were too coarse; on finer cells a push fits.
-            return replace(frame, sign=1, pushed=True)
-        if not gains and h.sign:
-            continue
+        if not _pulls(free, run, other):
+            if push:
+                return push
+            if h.sign:
+                continue
         other.members.extend(rest)
         # Pull loads more of the array's edge than the push does, and may hide an offset there.
         edge = free.edge_load(np.abs(Summary(other.members, free.posterior).mean[-1]))
         other.explanation = replace(each, rough=replace(each.rough, edge=edge))
         found = framed(free, other, observed, rng)
-        pressure = (h.sign or 1) * found.traction[-1]
-        cancels = np.abs(found.traction).sum() > policy.rims.cancel * np.abs(frame.traction).sum()
         least = min(frame.fit, POOR_FIT) if h.sign and each is h else POOR_FIT
-        if found.fit > least and not cancels and -pressure.min() <= pressure.max():
+        if found.fit > least and _is_contact(found, frame, h.sign or 1, policy):
             return replace(found, sign=2, pushed=False)
     return None
+
+
+def _worth_trying(estimator: PreparedContact, run: Solved, frame: Frame) -> bool:
+    """Whether contact may pull too: the solved contact fits poorly, or traction of either sign was chosen."""
+    policy = estimator.policy
+    if not policy.parts.rims or 0 not in estimator.signs or not run.members:
+        return False
+    enough = policy.fit.accepted if estimator.noise_known else policy.rims.sought
+    return frame.fit < enough or run.explanation.sign == 0
+
+
+def _around(size: Floats, policy: Policy) -> Flags:
+    """The contact and a margin around it; ``size`` (*grid) is the magnitude of its traction."""
+    core = size > policy.extent.faint * size.max()
+    radius = 0.5 * core.sum() ** (1.0 / core.ndim)
+    return dilated(core, 1 + math.ceil(policy.rims.margin * radius))
+
+
+def _pulls(free: PreparedContact, push: Solved, other: Solved) -> bool:
+    """Whether traction of either sign pulls noticeably, and gains over a push (`score.gain_without_cone`)."""
+    policy, pressure = free.policy, other.members[0].solution.traction[-1]
+    if not -pressure.min() > policy.extent.faint * pressure.max():
+        return False
+    count = float(other.observed.sum())
+    return gain_without_cone(count, _unexplained(free, push), _unexplained(free, other)) > policy.detection.evidence
+
+
+def _is_contact(found: Frame, push: Frame, sign: int, policy: Policy) -> bool:
+    """Whether traction of either sign pushes more than it pulls, and its parts do not cancel in the readings."""
+    pressure = sign * found.traction[-1]
+    cancels = np.abs(found.traction).sum() > policy.rims.cancel * np.abs(push.traction).sum()
+    return bool(not cancels and -pressure.min() <= pressure.max())
 
 
 def _without_cone(estimator: PreparedContact) -> PreparedContact:
@@ -150,11 +168,6 @@ def _run(free: PreparedContact, run: Solved, size: Floats, region: Flags) -> tup
         levels=levels,
     )
     return solved, models
-
-
-def _gain(free: PreparedContact, push: Solved, other: Solved) -> float:
-    """Gain of traction of either sign over a push (`score.gain_without_cone`)."""
-    return gain_without_cone(float(other.observed.sum()), _unexplained(free, push), _unexplained(free, other))
 
 
 def _gain_of_linear(estimator: PreparedContact, run: Solved) -> float:
