@@ -137,12 +137,3 @@ def test_pull_beside_a_push_is_no_load_all_over_with_an_offset() -> None:
     low, high = (float(side[2]) for side in touch.interval(0.95, "force"))
     assert low < 0.8 < high
     assert abs(float(touch.force[2]) - 0.8) < 0.25
-
-
-@pytest.mark.parametrize(("row", "index"), [("clean", 48), ("small", 16)])
-def test_faint_pull_around_a_push_is_none(row: str, index: int) -> None:
-    """Traction of either sign explained them better by a pull of 2 % of the peak, and a note spoke of adhesion."""
-    frame = make_frame(row, index, seed=778899)
-    touch = frame.skin.reconstruct(frame.readings, **({} if frame.friction is None else {"friction": frame.friction}))
-    assert not any("pull around it" in note for note in touch.notes)
-    assert np.nanmin(touch.pressure) >= 0.0

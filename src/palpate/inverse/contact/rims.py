@@ -66,7 +66,7 @@ def with_rims(
         data = (h.sign or 1) * (observed.filled - estimator.shifts @ each.sizes)
         whole = replace(run, explanation=each, data=data, observed=run.observed | (observed.usable & ~observed.limited))
         other, rest = _run(free, whole, size, region)
-        if not _pulls(free, run, other):
+        if not _gains(free, run, other):
             if push:
                 return push
             if h.sign:
@@ -98,13 +98,11 @@ def _around(size: Floats, policy: Policy) -> Flags:
     return dilated(core, 1 + math.ceil(policy.rims.margin * radius))
 
 
-def _pulls(free: PreparedContact, push: Solved, other: Solved) -> bool:
-    """Whether traction of either sign pulls noticeably, and gains over a push (`score.gain_without_cone`)."""
-    policy, pressure = free.policy, other.members[0].solution.traction[-1]
-    if not -pressure.min() > policy.extent.faint * pressure.max():
-        return False
+def _gains(free: PreparedContact, push: Solved, other: Solved) -> bool:
+    """Whether traction of either sign gains over a push (`score.gain_without_cone`)."""
     count = float(other.observed.sum())
-    return gain_without_cone(count, _unexplained(free, push), _unexplained(free, other)) > policy.detection.evidence
+    gain = gain_without_cone(count, _unexplained(free, push), _unexplained(free, other))
+    return gain > free.policy.detection.evidence
 
 
 def _is_contact(found: Frame, push: Frame, sign: int, policy: Policy) -> bool:
