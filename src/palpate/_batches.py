@@ -11,6 +11,7 @@ import abc
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -140,9 +141,16 @@ def freeze(record: Any) -> None:
     """Make the NumPy arrays in a frozen record's per-frame fields read-only. They become views, so that the caller's
     own arrays stay writable.
     """
-    for f in fields(record):
-        value = getattr(record, f.name)
-        if f.metadata.get("per_frame") and is_numpy(value) and value.flags.writeable:
+    kind: Any = type(record)
+    for name in _per_frame_names(kind):
+        value = getattr(record, name)
+        if is_numpy(value) and value.flags.writeable:
             view = value.view()
             view.flags.writeable = False
-            object.__setattr__(record, f.name, view)
+            object.__setattr__(record, name, view)
+
+
+@cache
+def _per_frame_names(kind: Any) -> tuple[str, ...]:
+    """The names of the per-frame fields of a dataclass."""
+    return tuple(f.name for f in fields(kind) if f.metadata.get("per_frame"))

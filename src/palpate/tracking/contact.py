@@ -25,7 +25,7 @@ from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
 from palpate.tracking.frames import Frame, Residual
 from palpate.tracking.health import Flags, Index, ReadingCheck
-from palpate.tracking.interim import interim, unconverged, wider
+from palpate.tracking.interim import Interim, wider
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.learning import Learning
 from palpate.tracking.misfit import probability_of
@@ -90,6 +90,7 @@ class Contact:
         self._limits = estimator.policy.detection
         self._solution = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
         self._search, self._errors = Search(estimator), ErrorBars(estimator, equations)
+        self._interim = Interim(estimator)
         self._pulling = Pulling(estimator, equations)
         self._dragging = Dragging(estimator, equations)
         self.residual = math.nan
@@ -306,8 +307,8 @@ class Contact:
             )
             bars = self.errors
             if bars is None or not self._errors.serves(self._solution):
-                bars = wider(bars, interim(self._estimator, self._solution, self.noise))
-            self.errors = bars if converged or bars is None else unconverged(self._estimator, self._solution, bars)
+                bars = wider(bars, self._interim.errors(self._solution, self.noise))
+            self.errors = bars if converged or bars is None else self._interim.unconverged(self._solution, bars)
         if self._unjudged is None and self.fit < POOR_FIT and self.pushing:
             self._unjudged = self._push_residual(frame)  # that a frame is not explained is no news of the next
         if self._unjudged is not None:

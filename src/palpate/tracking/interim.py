@@ -17,10 +17,11 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.estimate import Errors
+from palpate.tracking.health import Index
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.region import on_surface
 
-__all__ = ["interim", "unconverged", "wider"]
+__all__ = ["Interim", "wider"]
 
 #: Standard deviations that an estimated convergence error counts for: it is damped by rho and ignores changes of the
 #: active constraints. Of 241 frames with one iteration each and faults of every kind, none had its force outside the 95
@@ -28,32 +29,78 @@ __all__ = ["interim", "unconverged", "wider"]
 COUNTS = 3.0
 
 
-def interim(estimator: ConstrainedEstimator, solution: Iteration, noise: float) -> Errors | None:
-    """Errors of a contact until others are computed; None without contact."""
-    region, scales = solution.region, estimator.cone.scales
-    if region is None:
-        return None
-    grid, columns = estimator.operator.surface, list(estimator.columns)
-    c, n = len(columns), len(region.cells)
-    rows, center, top = _rows(estimator, solution)
-    scaled = (rows * scales[None, :, None]).reshape(len(rows), c * n)
-    variance = noise**2 * np.einsum("ij,ij->i", scaled @ region.inverse, scaled)
-    std = np.sqrt(np.maximum(variance, 0.0))
-    each = (
-        noise * np.sqrt(np.maximum(np.diagonal(region.inverse).reshape(c, n).astype(np.float64), 0.0)) * scales[:, None]
-    )
-    traction = on_surface(estimator, region.cells, solution.traction)
-    force = np.zeros(len(grid.components))
-    force[columns] = std[:c]
-    return Errors(
-        traction=on_surface(estimator, region.cells, each),
-        force=force,
-        moment=std[c : len(rows) - center],
-        center=std[len(rows) - center :],
-        peak=np.asarray(each[-1, top]),
-        variance_reduction=np.full_like(traction, math.nan),
-        **estimator.posterior.outside_parts(traction),
-    )
+class Interim:
+    """Errors of the traction on a region's cells, from the inverse that the iteration keeps."""
+
+    def __init__(self, estimator: ConstrainedEstimator) -> None:
+        self._estimator = estimator
+        grid = estimator.operator.surface
+        rows = np.concatenate([grid.force_rows(estimator.columns), grid.moment_rows(estimator.columns)])
+        #: Net force and moment as sums of traction (quantity, component, cell of the surface).
+        self._sums = rows.reshape(*rows.shape[:2], -1) * estimator.inside.ravel()
+
+    def errors(self, solution: Iteration, noise: float) -> Errors | None:
+        """Errors of a contact until others are computed; None without contact."""
+        region, estimator, scales = solution.region, self._estimator, self._estimator.cone.scales
+        if region is None:
+            return None
+        grid, columns = estimator.operator.surface, list(estimator.columns)
+        c, n = len(columns), len(region.cells)
+        rows, center, top = self._rows(solution, region.cells)
+        scaled = (rows * scales[None, :, None]).reshape(len(rows), c * n).astype(region.inverse.dtype)
+        variance = noise**2 * np.einsum("ij,ij->i", scaled @ region.inverse, scaled, dtype=np.float64)
+        std = np.sqrt(np.maximum(variance, 0.0))
+        square = np.maximum(np.diagonal(region.inverse).reshape(c, n).astype(np.float64), 0.0)
+        each = noise * np.sqrt(square) * scales[:, None]
+        traction = on_surface(estimator, region.cells, solution.traction)
+        force = np.zeros(len(grid.components))
+        force[columns] = std[:c]
+        return Errors(
+            traction=on_surface(estimator, region.cells, each),
+            force=force,
+            moment=std[c : len(rows) - center],
+            center=std[len(rows) - center :],
+            peak=np.asarray(each[-1, top]),
+            variance_reduction=np.full_like(traction, math.nan),
+            **estimator.posterior.outside_parts(traction),
+        )
+
+    def unconverged(self, solution: Iteration, errors: Errors) -> Errors:
+        """Errors that include how far the iteration was from convergence."""
+        region, change, estimator = solution.region, solution.missing, self._estimator
+        if region is None or change is None:
+            return errors
+        rows, center, _ = self._rows(solution, region.cells)
+        grid = estimator.operator.surface
+        moved = COUNTS * np.abs(rows.reshape(len(rows), -1) @ change.ravel())
+        traction = errors.traction.reshape(len(errors.traction), -1).copy()
+        place = np.asarray(estimator.columns)[:, None], region.cells[None, :]
+        traction[place] = np.hypot(traction[place], COUNTS * np.abs(change))
+        force = errors.force.copy()
+        axes = list(grid.force_axes(estimator.columns))
+        force[axes] = np.hypot(force[axes], moved[: len(axes)])
+        return replace(
+            errors,
+            traction=traction.reshape(errors.traction.shape),
+            force=force,
+            moment=np.hypot(errors.moment, moved[len(axes) : len(rows) - center]),
+            center=np.hypot(errors.center, moved[len(rows) - center :]),
+            peak=np.asarray(np.hypot(errors.peak, COUNTS * float(np.abs(change[-1]).max(initial=0.0)))),
+        )
+
+    def _rows(self, solution: Iteration, cells: Index) -> tuple[Floats, int, int]:
+        """Net force, moment and centre of pressure as sums of traction (quantity, component, cell); the number of rows
+        for the centre; the cell of the peak.
+        """
+        grid, traction = self._estimator.operator.surface, solution.traction
+        kept = self._estimator.inside.ravel()[cells]
+        axes = [axis[p] for axis, p in zip(grid.axes, np.unravel_index(cells, grid.shape))][::-1]  # x, then y
+        p = traction[-1] * kept
+        total = float(p.sum()) or 1.0
+        center = np.zeros((len(axes), *traction.shape))
+        for i, x in enumerate(axes):
+            center[i, -1] = kept * (x - float((x * p).sum()) / total) / total
+        return np.concatenate([self._sums[..., cells], center]), len(axes), int(np.argmax(p))
 
 
 def wider(one: Errors | None, other: Errors | None) -> Errors | None:
@@ -61,50 +108,3 @@ def wider(one: Errors | None, other: Errors | None) -> Errors | None:
     if one is None or other is None:
         return other if one is None else one
     return Errors.gathered([one, other], lambda both: np.fmax(*both))
-
-
-def unconverged(estimator: ConstrainedEstimator, solution: Iteration, errors: Errors) -> Errors:
-    """Errors that include how far the iteration was from convergence."""
-    region, change = solution.region, solution.missing
-    if region is None or change is None:
-        return errors
-    rows, center, _ = _rows(estimator, solution)
-    grid = estimator.operator.surface
-    moved = COUNTS * np.abs(rows.reshape(len(rows), -1) @ change.ravel())
-    traction = errors.traction.reshape(len(errors.traction), -1).copy()
-    place = np.asarray(estimator.columns)[:, None], region.cells[None, :]
-    traction[place] = np.hypot(traction[place], COUNTS * np.abs(change))
-    force = errors.force.copy()
-    axes = list(grid.force_axes(estimator.columns))
-    force[axes] = np.hypot(force[axes], moved[: len(axes)])
-    return replace(
-        errors,
-        traction=traction.reshape(errors.traction.shape),
-        force=force,
-        moment=np.hypot(errors.moment, moved[len(axes) : len(rows) - center]),
-        center=np.hypot(errors.center, moved[len(rows) - center :]),
-        peak=np.asarray(np.hypot(errors.peak, COUNTS * float(np.abs(change[-1]).max(initial=0.0)))),
-    )
-
-
-def _rows(estimator: ConstrainedEstimator, solution: Iteration) -> tuple[Floats, int, int]:
-    """Net force, moment and centre of pressure as sums of traction (quantity, component, cell); the number of rows for
-    the centre; the cell of the peak.
-    """
-    region, grid, traction = solution.region, estimator.operator.surface, solution.traction
-    if region is None:
-        raise RuntimeError("there is no contact")
-    c, n = traction.shape
-    kept = estimator.inside.ravel()[region.cells].astype(np.float64)
-    places = np.unravel_index(region.cells, grid.shape)
-    axes = [axis[p] for axis, p in zip(grid.axes, places)][::-1]  # x, then y
-    force, moment = (
-        rows.reshape(*rows.shape[:2], -1)[..., region.cells] * kept
-        for rows in (grid.force_rows(estimator.columns), grid.moment_rows(estimator.columns))
-    )
-    p = traction[-1] * kept
-    total = float(p.sum()) or 1.0
-    center = np.zeros((len(axes), c, n))
-    for i, x in enumerate(axes):
-        center[i, -1] = kept * (x - float((x * p).sum()) / total) / total
-    return np.concatenate([force, moment, center]), len(axes), int(np.argmax(p))

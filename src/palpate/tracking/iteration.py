@@ -50,6 +50,7 @@ class Iteration:
         )
         self.exhausted = False  # whether the last frame ended by its number of steps, not by its time
         self.product = 0.0  # t'A'y of the last frame
+        self._traction: tuple[Single, Floats] | None = None  # of this z
 
     def shared(self) -> Floats:
         """B'A t: contribution of the solution to the sums of each channel."""
@@ -96,7 +97,9 @@ class Iteration:
     @property
     def traction(self) -> Floats:
         """Traction [Pa], (component, cell)."""
-        return np.asarray(self.z * self._cone.scales[:, None], dtype=np.float64)
+        if self._traction is None or self._traction[0] is not self.z:
+            self._traction = self.z, np.asarray(self.z * self._cone.scales[:, None], dtype=np.float64)
+        return self._traction[1]
 
     def solve(self, slope: Single, gain: Floats | None = None, *, tolerance: float, deadline: float) -> bool:
         """Update the solution to a frame with A'y = ``slope``; False if time or number of iterations ran out.

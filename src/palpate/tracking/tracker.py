@@ -45,7 +45,7 @@ from palpate.tracking.region import NormalEquations
 from palpate.tracking.rest import Rest
 from palpate.tracking.search import LOST, TAKEN, only_reading
 from palpate.tracking.settings import MISREAD, check_settings, chosen_channels
-from palpate.tracking.single import Alone, Answer, Compared, Comparison
+from palpate.tracking.single import Alone, Answer, Compared, Comparison, Single
 from palpate.tracking.slow import SlowPress
 from palpate.tracking.standing import Standing, Steady
 from palpate.tracking.times import FrameTime, FrameTimes
@@ -372,11 +372,15 @@ class Tracker:
                 return touch
             comparison.begun(load, shear)
             self._compared = Compared(Answer.of(touch), self._own_force(), frame.actual * self._std)
-        zero_frames = [self.estimator.readings.planes(f * self._std) for f in self._rest.frames]
-        y = self.estimator.readings.planes(np.where(self._check.lacks, np.nan, frame.actual * self._std))
-        saturated = self.estimator.readings.planes(self._check.clipped.astype(np.float64))
+        rest, actual = list(self._rest.frames), np.where(self._check.lacks, np.nan, frame.actual * self._std)
+        clipped = self._check.clipped.astype(np.float64)
+
+        def solved() -> Single:
+            planes = self.estimator.readings.planes
+            return alone(planes(actual), [planes(f * self._std) for f in rest], frame.noisier, planes(clipped))
+
         try:
-            single = beside.result("alone", lambda: alone(y, zero_frames, frame.noisier, saturated))
+            single = beside.result("alone", solved)
         except InvalidInput:  # readings minus their offsets that no elastic pad gives
             comparison.refuted = True
             return rebuild(*self._status(bool(touch.converged)))

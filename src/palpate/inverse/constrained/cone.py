@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate._threads import give_way
+from palpate._threads import cached_property, give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained import compiled
 from palpate.inverse.constrained.faces import FREE, Face, slanted, straight
@@ -46,17 +46,18 @@ class Cone:
         """Whether there are no constraints."""
         return self.tension or "z" not in self.components
 
-    @property
+    @cached_property
     def coupled(self) -> bool:
         """Whether shear is tied to pressure by the friction."""
         return not self.free and self.friction is not None and len(self.components) > 1
 
-    @property
+    @cached_property
     def scales(self) -> Floats:
         """Scale of each component: with x = scale * u, the cone of u is the standard one, |q| <= p."""
         out = np.ones(len(self.components))
         if self.coupled:
             out[-1] = 1.0 / float(self.friction or 1.0)
+        out.flags.writeable = False
         return out
 
     def project(self, x: Any, xp: Any = np) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import reduce
 
@@ -45,7 +46,8 @@ class Readings:
 
     def __init__(self, operator: Operator, scales: Sequence[Floats]) -> None:
         self.arrays = operator.planes_of
-        self.sizes = [int(a.valid.sum()) for a in self.arrays]
+        self._valid = [np.flatnonzero(a.valid) for a in self.arrays]
+        self.sizes = [len(v) for v in self._valid]
         self.std = np.concatenate([np.repeat(s, n) for s, n in zip(scales, self.sizes)])
         self.independent = not any(a.noise_correlation for a in self.arrays)
         self._roots: dict[tuple[int, bytes], Floats] = {}
@@ -53,17 +55,17 @@ class Readings:
     def flat(self, rows: Sequence[Floats]) -> Floats:
         """One vector from one array (channel, *array) per plane."""
         return np.concatenate(
-            [r.reshape(len(a.channels), -1)[:, a.valid.ravel()].ravel() for a, r in zip(self.arrays, rows)]
+            [r.reshape(len(a.channels), -1)[:, v].ravel() for a, v, r in zip(self.arrays, self._valid, rows)]
         )
 
     def planes(self, data: Floats) -> list[Floats]:
         """Inverse of `flat`; zero for missing taxels."""
         out: list[Floats] = []
         start = 0
-        for array, n in zip(self.arrays, self.sizes):
-            size = n * len(array.channels)
-            part = np.zeros((len(array.channels), array.valid.size))
-            part[:, array.valid.ravel()] = data[start : start + size].reshape(len(array.channels), n)
+        for array, valid in zip(self.arrays, self._valid):
+            size = len(valid) * len(array.channels)
+            part = np.zeros((len(array.channels), math.prod(array.shape)))
+            part[:, valid] = data[start : start + size].reshape(len(array.channels), len(valid))
             out.append(part.reshape(len(array.channels), *array.shape))
             start += size
         return out
