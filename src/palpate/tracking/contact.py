@@ -186,53 +186,69 @@ class Contact:
         learned = self._learn(frame)
         noise = self._noise(frame, np.isfinite(frame.actual) & ~used)
         frame = frame._replace(noise=noise)
-        if not self.pushing:
-            pulled = self._net_pull
-            residual = self._pull(frame)
-            pull_ended = pulled and not self._net_pull
-            if (
-                regular or pull_ended or (self.fits and not residual.fits)
-            ):  # what nothing explains is looked at now and then
-                converged = self._weigh(frame)
-            else:
-                self._take(residual, noise)
-        else:
+        if self.pushing:
             converged = self._push(frame) if learned or not filling else converged
-            if self._beyond(noise, ENERGY) and not learned and self._learn(frame, misfit=True):
-                learned = True
-                converged = self._push(frame)
-            unusual = self._beyond(noise, self._tolerated)
-            until = self._under_way() if late else frame.deadline
-            for _ in range(ROUNDS_OF_WAITING):
-                # A result from the thread may require more work: a new penalty changes the cells.
-                if not (unusual and self._background.wait(MOVING, until)):
-                    break
-                learned = self._learn(frame) or learned
-                converged = self._push(frame)
-                unusual = self._beyond(noise, self._tolerated)
-            if regular or unusual:
-                moving = any(name in self._background for name in MOVING)
-                if late or ((converged or self._at_once) and not moving):
-                    converged = self._weigh(frame)
-                elif unusual:
-                    converged = False  # on its way: the cells are about to move
+            learned, converged = self._refined(frame, learned, converged, regular=regular, late=late)
+        else:
+            converged = self._weighed(frame, converged, regular=regular)
         unused = self._check.unused
-        holes = unused.any() if self._fresh else not np.array_equal(unused, used)
-        if self.pushing and holes and not self._at_once and self._since_learned < PATIENCE:
-            self._background.drop("learn")
-            self._learn_again(frame, unused)
-        elif self.pushing and learned and holes and self._at_once:
-            # Missing readings look like fine detail, so learn the penalty again from readings filled by a smooth contact.
-            self._background.drop("learn")
-            self._learn_again(frame, unused)
-            self._push(frame)
-            if self._learn(frame) or (self._background.wait(("learn",), self._under_way()) and self._learn(frame)):
-                self._push(frame)
-                converged = self._weigh(frame)
+        if self.pushing and (unused.any() if self._fresh else not np.array_equal(unused, used)):
+            converged = self._learned_again(frame, learned, converged)
         self._fresh = False
         behind = self._background.threaded and not (converged and self.pushing)
         self._behind = self._behind + 1 if behind and not late else 0
         self._finish(frame, converged)
+        return converged
+
+    def _weighed(self, frame: Frame, converged: bool, *, regular: bool) -> bool:
+        """Solve traction of either sign. Compare it with contact that pushes if it no longer pulls or no longer fits, but
+        a frame that nothing explained before only in ``regular`` frames.
+        """
+        pulled = self._net_pull
+        residual = self._pull(frame)
+        ended = pulled and not self._net_pull
+        if regular or ended or (self.fits and not residual.fits):
+            return self._weigh(frame)
+        self._take(residual, frame.noise)
+        return converged
+
+    def _refined(self, frame: Frame, learned: bool, converged: bool, *, regular: bool, late: bool) -> tuple[bool, bool]:
+        """Learn the penalty if contact that pushes leaves too much, and compare it with the alternatives if that does not
+        help, or in a ``regular`` frame; whether the penalty was learned, and whether the iteration converged.
+        """
+        noise = frame.noise
+        if self._beyond(noise, ENERGY) and not learned and self._learn(frame, misfit=True):
+            learned, converged = True, self._push(frame)
+        unusual = self._beyond(noise, self._tolerated)
+        until = self._under_way() if late else frame.deadline
+        for _ in range(ROUNDS_OF_WAITING):
+            # A result from the thread may require more work: a new penalty changes the cells.
+            if not (unusual and self._background.wait(MOVING, until)):
+                break
+            learned = self._learn(frame) or learned
+            converged = self._push(frame)
+            unusual = self._beyond(noise, self._tolerated)
+        if not (regular or unusual):
+            return learned, converged
+        moving = any(name in self._background for name in MOVING)
+        if late or ((converged or self._at_once) and not moving):
+            return learned, self._weigh(frame)
+        return learned, converged and not unusual  # if unusual, the cells are about to move
+
+    def _learned_again(self, frame: Frame, learned: bool, converged: bool) -> bool:
+        """Learn the penalty again, because other readings are in use. Missing readings look like fine detail, so it is
+        learned from readings filled by a smooth contact.
+        """
+        if not (learned if self._at_once else self._since_learned < PATIENCE):
+            return converged
+        self._background.drop("learn")
+        self._learn_again(frame, self._check.unused)
+        if not self._at_once:
+            return converged
+        self._push(frame)
+        if self._learn(frame) or (self._background.wait(("learn",), self._under_way()) and self._learn(frame)):
+            self._push(frame)
+            converged = self._weigh(frame)
         return converged
 
     def _noise(self, frame: Frame, used: Flags) -> float:

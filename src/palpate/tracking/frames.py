@@ -1,13 +1,14 @@
-"""A frame to solve, and the residual of a solution."""
+"""A frame to solve, the residual of a solution, and the numbers of an answer."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from palpate.elastic.pad import Floats
+from palpate.inverse.estimate import Errors, Stated
 from palpate.tracking.health import Flags
 
-__all__ = ["Frame", "Residual"]
+__all__ = ["Frame", "Numbers", "Residual"]
 
 
 class Frame(NamedTuple):
@@ -28,3 +29,14 @@ class Residual(NamedTuple):
     rms: float
     unused: Flags
     fits: bool
+
+
+class Numbers(NamedTuple):
+    """Traction (component, *surface), its errors, those due to the pad, and the discrepancy; without errors, nothing is
+    known of them.
+    """
+
+    traction: Floats
+    errors: Errors | None = None
+    stated: Stated | None = None
+    discrepancy: float = 0.0

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +25,12 @@ from palpate.status import Status
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
 from palpate.tracking.contact import Contact
-from palpate.tracking.frames import Frame
+from palpate.tracking.discrepancy import widened
+from palpate.tracking.frames import Frame, Numbers
 from palpate.tracking.health import Flags
 from palpate.tracking.offsets import Offsets
 from palpate.tracking.region import NormalEquations, on_surface
-from palpate.tracking.single import Answer, Compared, Single
+from palpate.tracking.single import Answer, Compared, Comparison, Single
 
 __all__ = ["Held", "HeldAnswer", "own_traction"]
 
@@ -172,6 +173,27 @@ class Held:
                 ~used,
                 kept.notes,
             )
+
+    def numbers(self, contact: Contact, share: float, comparison: Comparison, *, overload: bool) -> Numbers:
+        """The numbers of a frame in contact: those of `answer`, or of the tracker's own model with the discrepancy
+        ``share``. The interval reaches as far as the last single solve was from the tracker's own result.
+        """
+        answer, grid = self.answer, self._estimator.surface
+        own = own_traction(self._estimator, contact)
+        if answer is None:
+            traction, errors, stated = own, contact.errors, contact.stated
+        else:
+            traction, errors, stated, share = answer.traction, answer.errors, answer.stated, answer.discrepancy
+        if overload and errors is not None and contact.pushing:
+            errors = replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))  # no upper end
+        load = float(grid.integral(np.sqrt((traction**2).sum(axis=0))))
+        apart = self.apart * load if answer is None else answer.apart
+        if answer is not None and not answer.proven:
+            apart = max(apart, float(np.abs(grid.total_force(traction) - grid.total_force(own)).max()))
+        spread = comparison.reaching(apart, load)
+        if spread and traction.any():
+            stated = widened(stated, traction, grid, spread)
+        return Numbers(traction, errors, stated, share)
 
     def _left(self, again: Again, residual: Floats, unused: Flags) -> tuple[float, float]:
         """Root mean square of the residual, and the largest score of pressure in it: a contact that has moved is seen by

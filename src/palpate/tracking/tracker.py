@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +19,6 @@ from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.words import surface_strain
 from palpate.sensing.limits import ends_of
@@ -33,8 +31,8 @@ from palpate.touch.fields import ErrorParts
 from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
-from palpate.tracking.discrepancy import bounds_of, widened, without_numbers
-from palpate.tracking.frames import Frame
+from palpate.tracking.discrepancy import bounds_of, without_numbers
+from palpate.tracking.frames import Frame, Numbers
 from palpate.tracking.health import ENOUGH, Flags, Health, ReadingCheck
 from palpate.tracking.held import Held, own_traction
 from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
@@ -484,7 +482,6 @@ class Tracker:
                 score, highest = raw_score, raw_highest
         was_touching, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
         if not self._touching:
-            self._residual = math.nan
             if was_touching:
                 self._release()
                 zero.shift(offsets.value())  # quiet with them: they are the zero's
@@ -493,27 +490,8 @@ class Tracker:
                 self._rest.look(np.where(unused, math.nan, y), score, largest=TAKEN * float(level.max()))
             alone = check.unexplained & (np.abs(actual) > UNEXPLAINED * noise)
             health.rezeroed += zero.follow(np.where(alone, math.nan, scaled), elapsed, noise)
-            if follows:
-                zero.shift(offsets.follow(y, unused))
-            self._quiet = np.where(unused, 0.0, y)
-            self._standing.look(y, unused)
-            self._comparison.rested |= learning.noise is not None and not self._standing.now
-            if self._standing.now and not learning.discrepancy.zeroed:
-                self._said.append(STANDS)
+            self._at_rest(y, noise * of_zero, rounding)
             check.forgive(np.abs(actual) < UNEXPLAINED * noise, 1)
-            learning.doubt(y[~unused])
-            if float(np.abs(y[~unused]).max(initial=0.0)) <= rounding:
-                self._fit = 1.0
-            elif health.frames % EVERY == 0 or math.isnan(self._fit):
-                self._fit = probability_of(
-                    self.estimator,
-                    y,
-                    ~unused,
-                    noise * of_zero,
-                    largest=float(np.abs(y).max(initial=0.0)),
-                    taken=len(offsets.mean) if follows else 0.0,
-                    known=learning.noise_known,
-                )
             return (self._undecided(alone) if alone.any() else self._unless_frozen(Status.NO_CONTACT)), True
         deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
         self._frame = Frame(scaled - zero.baseline, noise, deadline, of_zero)
@@ -522,6 +500,33 @@ class Tracker:
             elapsed,
             regular=health.frames % EVERY == 0,
         )
+
+    def _at_rest(self, y: Floats, noise: float, rounding: float) -> None:
+        """Learn from a frame without contact (readings minus zero and offsets): drift, noise, and whether noise explains
+        it.
+        """
+        learning, offsets, unused = self._learning, self._offsets, self._check.unused
+        follows = self.drift_time is not None
+        if follows:
+            self._zero.shift(offsets.follow(y, unused))
+        self._residual, self._quiet = math.nan, np.where(unused, 0.0, y)
+        self._standing.look(y, unused)
+        self._comparison.rested |= learning.noise is not None and not self._standing.now
+        if self._standing.now and not learning.discrepancy.zeroed:
+            self._said.append(STANDS)
+        learning.doubt(y[~unused])
+        if float(np.abs(y[~unused]).max(initial=0.0)) <= rounding:
+            self._fit = 1.0
+        elif self.health.frames % EVERY == 0 or math.isnan(self._fit):
+            self._fit = probability_of(
+                self.estimator,
+                y,
+                ~unused,
+                noise,
+                largest=float(np.abs(y).max(initial=0.0)),
+                taken=len(offsets.mean) if follows else 0.0,
+                known=learning.noise_known,
+            )
 
     def _in_contact(self, frame: Frame, elapsed: float, *, regular: bool) -> tuple[Status, bool]:
         """Solve a frame in contact (readings minus zero and offsets)."""
@@ -630,49 +635,19 @@ class Tracker:
 
     def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
         estimator, learning, contact = self.estimator, self._learning, self._contact
-        grid, noise = estimator.surface, learning.noise
-        values: Floats = np.zeros((len(grid.components), math.prod(estimator.operator.surface.shape)))
-        held = self._held.answer if self._touching and status.known else None
-        errors: Errors | None = None
-        pad_std: Stated | None = None
-        share = 0.0
-        if not status.known:
-            self.health.unknown += 1
-            values[:] = math.nan
-        elif self._touching and contact.cells is not None:
-            traction, errors, pad_std = own_traction(estimator, contact), contact.errors, contact.stated
-            share = learning.discrepancy.posterior
-            if held is not None:
-                traction, errors, pad_std = held.traction, held.errors, held.stated
-                share = held.discrepancy
-            if status is Status.OVERLOAD and errors is not None and contact.pushing:
-                errors = replace(errors, beyond_force=np.full_like(errors.beyond_force, math.inf))  # no upper end
-            values = traction.reshape(values.shape)
-            load = float(grid.integral(np.sqrt((traction**2).sum(axis=0))))
-            apart = self._held.apart * load if held is None else held.apart
-            if held is not None and not held.proven:
-                apart = max(apart, float(np.abs(grid.total_force(traction) - self._own_force()).max()))
-            spread = self._comparison.reaching(apart, load)
-            if spread and values.any():
-                pad_std = widened(pad_std, traction, grid, spread)
-        elif status is Status.UNDECIDED:
-            values[:] = math.nan
-        else:
-            errors = contact.undetected(noise, self._quiet)
-            if errors is not None and status is Status.NO_CONTACT:
-                errors, slow = self._slow.room(errors, self._zero.wandered, noise or 0.0)
-                self._said += slow
+        touching, noise = self._touching and status.known, learning.noise
+        held = self._held.answer if touching else None
+        values, errors, pad_std, share = self._numbers(status)
         proven = learning.noise_known or len(self._std) > estimator.policy.detection.few_readings
         if status is Status.NO_CONTACT and (not proven or self._fit < POOR_FIT):
             status, values = Status.UNDECIDED, values if noise is not None else math.nan * values
         fits = contact.pushing and contact.fits if held is None else held.pushes
-        pushing = not (self._touching and status.known) or fits
-        drag = contact.drag if status.known and self._touching else None
+        drag = contact.drag if touching else None
         if status is Status.NOT_CONVERGED:
             self._said.append(unfinished(self.budget, self.tolerance, exhausted=self._contact.exhausted))
         return Touch(
-            from_numpy(values.reshape(-1, *estimator.operator.surface.shape), like),
-            grid,
+            from_numpy(values, like),
+            estimator.surface,
             self.names,
             "constrained" if held is None else held.single.method,
             (*self.notes, *(() if note is None else (note,)), *self._said, *(() if held is None else held.notes)),
@@ -681,7 +656,7 @@ class Tracker:
             np.asarray(self._residual if held is None else held.residual) if status.known else np.asarray(math.nan),
             _errors=ErrorParts.of(errors, pad_std, estimator.problem.common_std),
             converged=np.asarray(converged),
-            touching=np.asarray(self._touching and status.known),
+            touching=np.asarray(touching),
             outliers=self._check.unused if held is None else held.unused,
             time=np.asarray(now),
             resolution=None if learning.resolution is None else np.asarray(learning.resolution),
@@ -689,11 +664,29 @@ class Tracker:
             friction=estimator.cone.friction,
             status=np.asarray(int(status), dtype=np.int8),
             force_bounds=bounds_of(status, estimator, self._quiet if noise is None else None, pushing=contact.pushing),
-            pushing=np.asarray(pushing),
+            pushing=np.asarray(fits or not touching),
             drag=None if drag is None else drag.ratio,
             drag_std=None if drag is None else np.asarray(drag.std),
             sticking=None if drag is None else drag.sticking,
             fit=np.asarray(self._fit if status.known else math.nan),
             discrepancy=np.asarray(share),
-            strain=surface_strain(estimator.problem, values.reshape(-1, *grid.shape)),
+            strain=surface_strain(estimator.problem, values),
         )
+
+    def _numbers(self, status: Status) -> Numbers:
+        """The numbers of a frame with this status."""
+        grid, noise = self.estimator.surface, self._learning.noise
+        nothing: Floats = np.zeros((len(grid.components), *self.estimator.operator.surface.shape))
+        if not status.known:
+            self.health.unknown += 1
+            return Numbers(math.nan * nothing)
+        if self._touching and self._contact.cells is not None:
+            share, overload = self._learning.discrepancy.posterior, status is Status.OVERLOAD
+            return self._held.numbers(self._contact, share, self._comparison, overload=overload)
+        if status is Status.UNDECIDED:
+            return Numbers(math.nan * nothing)
+        errors = self._contact.undetected(noise, self._quiet)
+        if errors is not None and status is Status.NO_CONTACT:
+            errors, slow = self._slow.room(errors, self._zero.wandered, noise or 0.0)
+            self._said += slow
+        return Numbers(nothing, errors)
