@@ -13,7 +13,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.model import Normal
+from palpate.inverse.contact.policy import Discs as Rules
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import share_of
 
@@ -54,13 +55,59 @@ class _Tried:
     left: Floats
 
 
+class _Fit:
+    """Fits traction on a shape to the whitened readings ``white``; ``detail``: squared accuracy of shapes."""
+
+    def __init__(self, estimator: PreparedContact, data: Normal, white: Floats, detail: float) -> None:
+        self.c, n = len(data.linear), len(data.cells)
+        self.white, self._nearest = white, estimator.cone.nearest
+        #: Whitened columns (cell, component, reading).
+        self.columns = np.ascontiguousarray(np.asarray(data.matrix.T).reshape(self.c, n, -1).transpose(1, 0, 2))
+        self.total, self.floor = float(white @ white), detail * len(white)
+
+    def of(self, gram: Floats, right: Floats) -> _Tried:
+        """Fit of shapes with normal equations ``gram`` (..., component, component) and ``right`` (..., component)."""
+        gram, right = gram.reshape(-1, self.c, self.c), right.reshape(-1, self.c)
+        least = 1e-9 * np.trace(gram, axis1=1, axis2=2) + np.finfo(np.float64).tiny
+        gram = gram + least[:, None, None] * np.eye(self.c)  # cells beside a pad that ends read nothing
+        found = np.linalg.solve(gram, right[..., None])[..., 0]
+        found = self._nearest(found.T).T
+        rest = self.total - 2.0 * (found * right).sum(axis=1)
+        rest = rest + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)
+        return _Tried(found, np.maximum(rest, 0.0) + self.floor)
+
+
+class _Shapes(NamedTuple):
+    """Shapes that were tried. Those of a group share their cells, of which each has its ``shares`` (shape, cell), and the
+    index ``size`` of their radius; ``extent`` (shape,) is the area of each in cells.
+    """
+
+    groups: list[tuple[Index, Floats, int]]
+    extents: list[Floats]
+    tried: _Tried
+
+    @property
+    def sizes(self) -> Index:
+        """Index of the radius of each shape."""
+        return np.repeat([size for *_, size in self.groups], [len(extent) for extent in self.extents])
+
+    def drawn(self, pick: int, places: _Neighbours, radii: tuple[float, ...]) -> Disc:
+        """One of the shapes as a disc."""
+        ends = np.cumsum([len(extent) for extent in self.extents])
+        group = int(np.searchsorted(ends, pick, side="right"))
+        cells, shares, size = self.groups[group]
+        shape = places.summed(cells, radii[size], shares[pick - ends[group]])
+        position = np.flatnonzero(shape)
+        return Disc(position, self.tried.traction[pick][:, None] * shape[position])
+
+
 class _Neighbours:
     """Distances between the cells of a region, for looking up discs and rings."""
 
-    def __init__(self, cells: Index, shape: tuple[int, ...], radii: tuple[float, ...], steps_to_a_cell: int) -> None:
-        steps, self.far, next_to, self.shares = _steps(len(shape), radii[-1], steps_to_a_cell)
+    def __init__(self, cells: Index, shape: tuple[int, ...], rules: Rules) -> None:
+        steps, self.far, next_to, self.shares = _steps(len(shape), rules.radii[-1], rules.steps)
         # Index of every cell within the region, with a border of -1 around it.
-        reach = int(radii[-1])
+        reach = int(rules.radii[-1])
         wide = tuple(n + 2 * reach for n in shape)
         self.count = len(cells)
         self.first = np.ravel_multi_index(tuple(p + reach for p in np.unravel_index(cells, shape)), wide)
@@ -184,111 +231,105 @@ def discs(
     ``first`` is the first solution (component, *surface), ``left`` its squared residual and ``taken`` its degrees of
     freedom; ``possible`` is the number of surface cells on which a contact may lie.
     """
-    rules = estimator.policy.discs
-    radii, count = rules.radii, len(rules.radii)
-    grid, c, n = data.level.grid, len(data.linear), len(data.cells)
-    pressure = first[-1]
-    taxels_a_cell = estimator.taxels / max(float((~estimator.outside).sum()), 1.0)
-    small = float((pressure > 0.5 * pressure.max()).sum()) * taxels_a_cell
-    free, total = len(white) - c, float(white @ white)
-    if data.at_size or small > rules.taxels[grid.dimensions - 1] or free < c + 2 or n > rules.cells:
+    rules, dimensions = estimator.policy.discs, data.level.grid.dimensions
+    free = len(white) - len(data.linear)
+    if data.at_size or free < len(data.linear) + 2 or len(data.cells) > rules.cells or not _small(estimator, first[-1]):
         return None
-    matrix = np.ascontiguousarray(np.asarray(data.matrix.T).reshape(c, n, len(white)).transpose(1, 0, 2))
     detail = 0.0 if estimator.noise_known else (rules.detail * float(np.abs(white).max())) ** 2
-    floor = detail * len(white)
+    fit, places = _Fit(estimator, data, white, detail), _Neighbours(data.cells, data.level.grid.shape, rules)
+    every = fit.of(*places.normal(np.arange(len(data.cells)), rules.radii[2:3], fit.columns, white))
+    some = np.argsort(every.left, kind="stable")[: rules.places]
+    coarse = fit.of(*places.normal(some, rules.radii, fit.columns, white)).left.reshape(len(rules.radii), -1)
+    parts = [_around_the_best(fit, places, rules, some, coarse)]
+    usual, volume = len(parts[0].tried.left), np.zeros(len(parts[0].tried.left))
+    finest = _halving_steps(fit, places, rules, some[np.argmin(coarse, axis=1)], dimensions)
+    if finest is not None:
+        parts.append(finest)
+        step = 0.5**rules.halvings  # of two cells
+        more = np.full(len(finest.tried.left), dimensions * math.log(step * rules.steps))
+        volume = np.concatenate([volume, more])
+    shapes = _Shapes(
+        [group for part in parts for group in part.groups],
+        [extent for part in parts for extent in part.extents],
+        _Tried(*(np.concatenate([getattr(p.tried, name) for p in parts]) for name in ("traction", "left"))),
+    )
+    found, sizes, theirs = shapes.tried, shapes.sizes, max(len(white) - taken, 1.0)
+    least = float(found.left.min())
+    if (least - fit.floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
+        return None
+    # Prior: every radius up to the largest is equally likely.
+    top = -0.5 * free * math.log(least)
+    log_weight = -0.5 * free * np.log(found.left) + np.log(np.gradient(np.array(rules.radii)))[sizes] + volume
+    weight = np.exp(log_weight - top)
+    if weight[sizes == len(rules.radii) - 1].sum() > rules.at_end * weight.sum():
+        return None
+    # Fraction of all shapes that fit as well as the best.
+    anywhere = max(possible * data.level.ratio**dimensions, len(data.cells))
+    chance = float(weight.sum()) / (anywhere * len(rules.radii) * usual / min(rules.best, coarse.size))
+    mine = top + 0.5 * free * math.log(free * fit.total) + math.log(chance)
+    other = -0.5 * theirs * math.log((left + fit.floor) / theirs / fit.total)
+    share_of_all = share_of(mine - other)
+    if share_of_all < rules.least:
+        return None
+    order = np.argsort(found.traction[:, -1] * np.concatenate(shapes.extents), kind="stable")
+    steps = np.cumsum(weight[order]) / weight.sum()
+    picks = order[np.searchsorted(steps, (np.arange(rules.drawn) + 0.5) / rules.drawn)]
+    drawn = tuple(shapes.drawn(int(pick), places, rules.radii) for pick in picks)
+    return Discs(drawn, min(share_of_all, rules.most))
 
-    def tried(gram: Floats, right: Floats) -> _Tried:
-        """Fit of shapes with normal equations ``gram`` (..., component, component) and ``right`` (..., component)."""
-        gram, right = gram.reshape(-1, c, c), right.reshape(-1, c)
-        least = 1e-9 * np.trace(gram, axis1=1, axis2=2) + np.finfo(np.float64).tiny
-        gram = gram + least[:, None, None] * np.eye(c)  # cells beside a pad that ends read nothing
-        found = np.linalg.solve(gram, right[..., None])[..., 0]
-        found = estimator.cone.nearest(found.T).T
-        rest = total - 2.0 * (found * right).sum(axis=1) + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)
-        return _Tried(found, np.maximum(rest, 0.0) + floor)
 
-    places = _Neighbours(data.cells, grid.shape, radii, rules.steps)
-    some = np.argsort(tried(*places.normal(np.arange(n), radii[2:3], matrix, white)).left, kind="stable")[
-        : rules.places
-    ]
-    coarse = tried(*places.normal(some, radii, matrix, white))
-    # Refine to places between cells: take the best discs and interpolate between their neighbours.
-    best = np.argsort(coarse.left, kind="stable")[: rules.best]
+def _small(estimator: PreparedContact, pressure: Floats) -> bool:
+    """Whether pressure above half its peak covers few taxels."""
+    taxels_a_cell = estimator.taxels / max(float((~estimator.outside).sum()), 1.0)
+    covered = float((pressure > 0.5 * pressure.max()).sum()) * taxels_a_cell
+    return covered <= estimator.policy.discs.taxels[estimator.surface.dimensions - 1]
+
+
+def _around_the_best(fit: _Fit, places: _Neighbours, rules: Rules, some: Index, coarse: Floats) -> _Shapes:
+    """Shapes at places between cells, around the best of ``coarse``, the squared residuals (radius, place) of discs at the
+    cells ``some``: interpolated between the adjacent cells.
+    """
+    best = np.argsort(coarse.ravel(), kind="stable")[: rules.best]
     sizes = best // len(some)
     near = [places.about(int(some[k % len(some)])) for k in best]
-    normal: dict[int, tuple[Floats, Floats]] = {}  # their normal equations, and their size in cells
+    normal: dict[int, tuple[Floats, Floats]] = {}
     extents: dict[int, Floats] = {}
     for size in np.unique(sizes):
         those = np.flatnonzero(sizes == size)
         centres, inverse = np.unique(np.concatenate([near[k][0] for k in those]), return_inverse=True)
-        each, counts = places.sums(centres, radii[size], matrix)
+        each, counts = places.sums(centres, rules.radii[size], fit.columns)
         parts = np.split(inverse, np.cumsum([len(near[k][0]) for k in those])[:-1])
-        normal |= {int(k): _blended(near[k][1], *_between(each[part], white)) for k, part in zip(those, parts)}
-        extents |= {int(k): near[k][1] @ counts[part] for k, part in zip(those, parts)}
-    # Groups of shapes: cells, their shares (shape, cell) and the radius; the sizes of the shapes in cells.
-    groups = [(*near[k], int(sizes[k])) for k in range(len(best))]
-    extent_by = [extents[k] for k in range(len(best))]
-    grams, rights = zip(*(normal[k] for k in range(len(best))))
-    fine = [tried(np.concatenate(grams), np.concatenate(rights))]
-    usual, axes = len(fine[0].left), _lattice(np.arange(-1.0, 2.0), grid.dimensions)
-    volume = [np.zeros(usual)]
-    # Search by halving steps around the best place of each radius, for all radii together.
-    best_of = [int(some[int(np.argmin(left))]) for left in coarse.left.reshape(count, -1)]
-    around = places.next_to_each(best_of)
+        for k, part in zip(those.tolist(), parts):
+            normal[k] = _blended(near[k][1], *_between(each[part], fit.white))
+            extents[k] = near[k][1] @ counts[part]
+    order = range(len(best))
+    grams, rights = zip(*(normal[k] for k in order))
+    groups = [(*near[k], int(sizes[k])) for k in order]
+    return _Shapes(groups, [extents[k] for k in order], fit.of(np.concatenate(grams), np.concatenate(rights)))
+
+
+def _halving_steps(fit: _Fit, places: _Neighbours, rules: Rules, best_of: Index, dimensions: int) -> _Shapes | None:
+    """Shapes around the best place of each radius, sought by halving steps from the cells ``best_of`` (radius,), for all
+    radii together. None if all of them are at the edge of the region.
+    """
+    around = places.next_to_each(best_of.tolist())
     missing = around < 0
-    each = np.zeros((*around.shape, c, len(white)))
-    counts = np.zeros(around.shape)
+    each, counts = np.zeros((*around.shape, fit.c, len(fit.white))), np.zeros(around.shape)
     for size, (cells, gone) in enumerate(zip(around, missing)):
-        each[size, ~gone], counts[size, ~gone] = places.sums(cells[~gone], radii[size], matrix)
-    between, told = _between(each, white)
-    at, here = np.zeros((count, grid.dimensions)), np.arange(count)
+        each[size, ~gone], counts[size, ~gone] = places.sums(cells[~gone], rules.radii[size], fit.columns)
+    between, told = _between(each, fit.white)
+    at, here = np.zeros((len(best_of), dimensions)), np.arange(len(best_of))
+    axes, aside = _lattice(np.arange(-1.0, 2.0), dimensions), np.arange(-rules.aside, rules.aside + 1.0)
     for turn in range(rules.halvings + 1):
-        step, last = 0.5 ** (turn + 1), turn == rules.halvings
-        moves = (
-            _lattice(np.arange(-rules.aside, rules.aside + 1.0), grid.dimensions) * 2.0 * step if last else axes * step
-        )
+        step = 0.5 ** (turn + 1)
+        moves = _lattice(aside, dimensions) * 2.0 * step if turn == rules.halvings else axes * step
         there = np.clip(at[:, None] + moves, -1.0, 1.0)
-        share = _shares(there.reshape(-1, grid.dimensions)).reshape(*there.shape[:2], -1)
+        share = _shares(there.reshape(-1, dimensions)).reshape(*there.shape[:2], -1)
         whole = ((share * missing[here, None]).sum(axis=2) < 1e-9).all(axis=1)  # else at the region's edge
         here, there, share = here[whole], there[whole], share[whole]
         if not len(here):
-            break
-        one = tried(*_blended(share, between[here], told[here]))
+            return None
+        one = fit.of(*_blended(share, between[here], told[here]))
         at = there[np.arange(len(here)), np.argmin(one.left.reshape(len(here), -1), axis=1)]
-    else:
-        fine.append(one)
-        for size, part in zip(here, share):
-            known = ~missing[size]
-            groups.append((around[size, known], part[:, known], int(size)))
-            extent_by.append(part @ counts[size])
-        volume.append(np.full(len(one.left), grid.dimensions * math.log(2.0 * step * rules.steps)))
-    left_by, found_by = np.concatenate([f.left for f in fine]), np.concatenate([f.traction for f in fine])
-    theirs = max(len(white) - taken, 1.0)
-    if (float(left_by.min()) - floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
-        return None
-    # Prior: every radius up to the largest is equally likely.
-    ends = np.cumsum([len(extent) for extent in extent_by])
-    size_by = np.repeat([size for *_, size in groups], np.diff(ends, prepend=0))
-    log_weight = -0.5 * free * np.log(left_by) + np.log(np.gradient(np.array(radii)))[size_by] + np.concatenate(volume)
-    top = -0.5 * free * math.log(float(left_by.min()))
-    weight = np.exp(log_weight - top)
-    if weight[size_by == count - 1].sum() > rules.at_end * weight.sum():
-        return None
-    # Fraction of all shapes that fit as well as the best.
-    anywhere = max(possible * data.level.ratio**grid.dimensions, n)
-    chance = float(weight.sum()) / (anywhere * count * usual / len(best))
-    mine = top + 0.5 * free * math.log(free * total) + math.log(chance)
-    other = -0.5 * theirs * math.log((left + floor) / theirs / total)
-    share_of_all = share_of(mine - other)
-    if share_of_all < rules.least:
-        return None
-    order = np.argsort(found_by[:, -1] * np.concatenate(extent_by), kind="stable")
-    steps = np.cumsum(weight[order]) / weight.sum()
-    drawn = []
-    for pick in order[np.searchsorted(steps, (np.arange(rules.drawn) + 0.5) / rules.drawn)]:
-        group = int(np.searchsorted(ends, pick, side="right"))
-        cells, shares, size = groups[group]
-        shape = places.summed(cells, radii[size], shares[pick - ends[group]])
-        position = np.flatnonzero(shape)
-        drawn.append(Disc(position, found_by[pick][:, None] * shape[position]))
-    return Discs(tuple(drawn), min(share_of_all, rules.most))
+    groups = [(around[k, ~missing[k]], part[:, ~missing[k]], int(k)) for k, part in zip(here, share)]
+    return _Shapes(groups, [part @ counts[k] for k, part in zip(here, share)], one)

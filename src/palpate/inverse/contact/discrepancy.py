@@ -41,15 +41,23 @@ def solve_with_model_error(
     estimator: PreparedContact, readings: Sequence[Floats], rng: np.random.Generator | None
 ) -> Frame:
     """The result of one frame with the smallest discrepancy that makes it fit; see the module."""
-    policy = estimator.policy
-    zeroed = estimator.problem.zeroed
     data, _ = estimator.data_of(readings)
-    if not estimator.noise_known:
-        plain = search(estimator, readings, rng)
-        few = len(data) <= policy.detection.few_readings or plain.unproven > 0
-        if not plain.contact:
-            return _undecided(plain) if few and np.any(data) else plain
-        return _doubted(estimator, plain, data)
+    if estimator.noise_known:
+        return _with_known_noise(estimator, readings, data, rng)
+    plain = search(estimator, readings, rng)
+    few = len(data) <= estimator.policy.detection.few_readings or plain.unproven > 0
+    if not plain.contact:
+        return _undecided(plain) if few and np.any(data) else plain
+    return _doubted(estimator, plain, data)
+
+
+def _with_known_noise(
+    estimator: PreparedContact, readings: Sequence[Floats], data: Floats, rng: np.random.Generator | None
+) -> Frame:
+    """The result with noise that was given, or measured with the zero. After a zero the fit shows the discrepancy, and one
+    is tried at once where the noise is far below what an elastic model of any pad can explain.
+    """
+    policy, zeroed = estimator.policy, estimator.problem.zeroed
     ratio = data / estimator.readings.std
     far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
     few = zeroed and far and len(data) <= policy.detection.few_readings

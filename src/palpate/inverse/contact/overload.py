@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
@@ -15,6 +16,7 @@ from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.contact.observed import constant, ends_of_range
 from palpate.inverse.contact.prepared import PreparedContact
+from palpate.inverse.contact.screening import Ceilings
 from palpate.sensing.limits import at_ends
 
 __all__ = ["solve_within_range"]
@@ -35,15 +37,7 @@ def solve_within_range(
     ends = ends_of_range(estimator, readings, data)
     if ends is None or not ends.any:
         return _unless_constant(estimator, solve_with_model_error(estimator, readings, rng), data)
-    # At rest, coarsely rounded readings are often equal. So saturation counts only far from zero.
-    far = (
-        np.abs(data) > policy.screening.deviations * estimator.readings.std
-        if estimator.noise_known
-        else np.ones(len(data), dtype=bool)
-    )
-    at_end = (ends.upper | ends.lower) & (far | constant(estimator, data))
-    if estimator.given_ends is not None:
-        at_end |= np.logical_or(*at_ends(estimator.readings.flat(readings), estimator.given_ends))
+    at_end = _saturated(estimator, readings, data, ends)
     count = np.bincount(estimator.noise.index)
     part = float((np.bincount(estimator.noise.index, at_end, len(count)) / count).max())
     if part < policy.screening.open_end:
@@ -80,6 +74,21 @@ def solve_within_range(
         nuisance_std=np.zeros(len(estimator.terms)) if found is least else found.nuisance_std,
         outliers=np.zeros(len(data), dtype=bool) if found is least else found.outliers,
     )
+
+
+def _saturated(
+    estimator: PreparedContact, readings: Sequence[Floats], data: Floats, ends: Ceilings
+) -> npt.NDArray[np.bool_]:
+    """Mask of the readings that count as saturated: at rest, coarsely rounded readings are often equal, so those at an
+    end that was not given must be far from zero, or all of a channel.
+    """
+    far = np.ones(len(data), dtype=bool)
+    if estimator.noise_known:
+        far = np.abs(data) > estimator.policy.screening.deviations * estimator.readings.std
+    at_end = (ends.upper | ends.lower) & (far | constant(estimator, data))
+    if estimator.given_ends is not None:
+        at_end |= np.logical_or(*at_ends(estimator.readings.flat(readings), estimator.given_ends))
+    return np.asarray(at_end)
 
 
 def _unless_constant(estimator: PreparedContact, frame: Frame, data: Floats) -> Frame:

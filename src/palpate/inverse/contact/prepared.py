@@ -92,36 +92,15 @@ class PreparedContact(ABC):
             problem = problem.coarser(self.policy.work.unknowns)
         self.problem, self.columns = problem, problem.columns
         self.cone = cone if self.policy.parts.constraint else Cone(cone.components, tension=True)
-        columns, operator = self.columns, problem.wide if self.wide else problem.operator
-        self.operator = operator
-        grid = operator.surface
-        # Cells of the operator's grid that belong to the result.
-        inner = problem.surface.shape
-        self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, inner))
-        self.inside = np.zeros(grid.shape, dtype=bool)
-        self.inside[self.window] = True
-        # Cells outside the outermost taxels.
-        self.outside = outside_taxels(operator)
-        # Prior variance of the shear components relative to pressure: friction squared, divided between two components.
-        shear = 0.5 * (cone.friction or self.policy.prior.shear) ** 2
-        self.variances = [1.0 if c == len(columns) - 1 else shear for c in range(len(columns))]
-        readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
-        second = readings <= self.policy.work.second_order and self.policy.parts.second_derivative
-        orders = self.derivatives if second else (1,)
+        self.operator = problem.wide if self.wide else problem.operator
+        #: Whether the linear model can fit any readings, noise included. It then gives no information on noise or
+        #: offsets.
+        self.ambiguous = problem.ambiguous
         #: Whether the linear model is matrix-free. Contact is matrix-free too if that is faster.
         self.at_size = contact_at_size(problem, wide=self.wide)
-        priors = {order: [DifferencePrior(grid, order, v) for v in self.variances] for order in orders}
-        self.orders = {order: linear_model(problem, each, wide=self.wide) for order, each in priors.items()}
-        problem.prepare_doubts(wide=self.wide)
-        self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
-        self.readings = Readings(operator, self.scales)
-        self.given_ends = ends_of(operator.planes_of)
-        self.zero = None if problem.zero is None else self.readings.flat(problem.zero)
-        self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.policy)
-        units = np.array([find_channel(c).kind.unit for a in operator.planes_of for c in a.channels])
-        #: Readings of each kind (kind, reading): stress, strain, displacement.
-        self.kinds = np.array([(units == u)[self.noise.index] for u in np.unique(units)])
-        self._responses = Responses(operator, columns, self.readings)
+        self._describe_array()
+        self._prepare_linear(cone.friction)
+        self._responses = Responses(self.operator, self.columns, self.readings)
         self._levels: dict[int, Level] = {}
         self.rounds = Rounds()
         ambiguity = (0.0, 0.0, 0.0, 0.0)
@@ -129,17 +108,60 @@ class PreparedContact(ABC):
             acting = pressing(problem.pad, problem.planes, problem.components[:-1])
             ambiguity = ambiguity_of(acting, self.acts, self.policy, coupled=cone.coupled)
         self.posterior = Posterior(
-            operator, columns, cone, self.inside, self.outside, self.reach, self.policy, ambiguity=ambiguity
+            self.operator, self.columns, cone, self.inside, self.outside, self.reach, self.policy, ambiguity=ambiguity
         )
+        windows = Windows(problem, self.columns, self.variances, self._list_nuisances())
+        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
+        self.outermost = outermost(self.orders[1])
+        #: Signs of contact to try (`proposals`): push (1), pull as a whole (-1), both (0; solved by the linear method).
+        self.signs: tuple[int, ...] = (1,)
+
+    def _describe_array(self) -> None:
+        """What follows from the grid and the taxels alone."""
+        operator, grid = self.operator, self.operator.surface
+        # Cells of the operator's grid that belong to the result.
+        inner = self.problem.surface.shape
+        self.window = tuple(slice((n - m) // 2, (n - m) // 2 + m) for n, m in zip(grid.shape, inner))
+        self.inside = np.zeros(grid.shape, dtype=bool)
+        self.inside[self.window] = True
+        # Cells outside the outermost taxels.
+        self.outside = outside_taxels(operator)
+        self.ring = ring_of(self.outside)
+        self.given_ends = ends_of(operator.planes_of)
         self.depth = max(min(a.depth for a in operator.planes_of), max(grid.spacings))
         self.taxels = max(int(a.valid.sum()) for a in operator.planes_of)
         #: Whether wide contacts are solved by products, so that each solution takes long.
         self.large = self.at_size or self.taxels >= self.policy.explanations.many_taxels
-        #: Whether the linear model can fit any readings, noise included. It then gives no information on noise or
-        #: offsets.
-        self.ambiguous = problem.ambiguous
+        #: Whether some readings decrease as slowly with distance as displacement does.
+        self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
+
+    def _prepare_linear(self, friction: float | None) -> None:
+        """The linear models, and the readings in units of their noise."""
+        problem, operator = self.problem, self.operator
+        # Prior variance of the shear components relative to pressure: friction squared, divided between two components.
+        shear = 0.5 * (friction or self.policy.prior.shear) ** 2
+        self.variances = [*[shear] * (len(self.columns) - 1), 1.0]
+        readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
+        second = readings <= self.policy.work.second_order and self.policy.parts.second_derivative
+        priors = {
+            order: [DifferencePrior(operator.surface, order, v) for v in self.variances]
+            for order in (self.derivatives if second else (1,))
+        }
+        self.orders = {order: linear_model(problem, each, wide=self.wide) for order, each in priors.items()}
+        problem.prepare_doubts(wide=self.wide)
+        self.scales, self.noise_known = self.orders[1].scales, self.orders[1].noise_known
+        self.readings = Readings(operator, self.scales)
+        self.zero = None if problem.zero is None else self.readings.flat(problem.zero)
+        self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.policy)
+        units = np.array([find_channel(c).kind.unit for a in operator.planes_of for c in a.channels])
+        #: Readings of each kind (kind, reading): stress, strain, displacement.
+        self.kinds = np.array([(units == u)[self.noise.index] for u in np.unique(units)])
+
+    def _list_nuisances(self) -> Sequence[str]:
+        """List the nuisances that may be in the readings; return the kinds of those that any frame may have."""
+        problem, planes = self.problem, self.operator.planes_of
         kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else USUAL
-        self.terms = nuisances(operator.planes_of, kinds) if self.policy.parts.nuisances else []
+        self.terms = nuisances(planes, kinds) if self.policy.parts.nuisances else []
         #: Whether a zero removed the offsets of stress and strain; an image may still have moved. They come last. If the
         #: user names a drift, it is one after the zero.
         self.removed = problem.zeroed and problem.nuisance is None
@@ -148,17 +170,11 @@ class PreparedContact(ABC):
         #: name come after them: they are only tried together with contact, if the outermost taxels show one.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None:
-            self.terms += [t for t in nuisances(operator.planes_of, LATER) if t.of_image or not problem.zeroed]
+            self.terms += [t for t in nuisances(planes, LATER) if t.of_image or not problem.zeroed]
             if not problem.zeroed and not self.large:
-                self.terms += groups(operator.planes_of)
+                self.terms += groups(planes)
         shown = self.terms and (not self.removed or self.terms[0].of_image)
-        windows = Windows(problem, self.columns, self.variances, kinds if shown else ())
-        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
-        self.ring = ring_of(self.outside)
-        self.outermost = outermost(self.orders[1])
-        self.far = any(find_channel(c).kind.absolute for a in operator.planes_of for c in a.channels)
-        #: Signs of contact to try (`proposals`): push (1), pull as a whole (-1), both (0; solved by the linear method).
-        self.signs: tuple[int, ...] = (1,)
+        return kinds if shown else ()
 
     def edge_load(self, pressure: Floats) -> float:
         """Fraction of the cells above the outermost taxels that are loaded."""

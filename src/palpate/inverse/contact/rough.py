@@ -88,20 +88,31 @@ def rough(
     change: Floats = np.zeros(0)
     deviation: Floats = np.zeros(0)
     if patterns is not None and used:
-        rows = readings.whitened(patterns, observed, noise)
-        left_over = readings.whitened(data - explained, observed, noise)
-        # With few readings, a wide contact fits at any offset and leaves no degrees of freedom. Small steps find the offsets before that happens.
-        few = observed.sum() <= policy.detection.few_readings
-        unit = unit_of(rows)
-        rows = rows / unit
-        told = rows.T @ rows if few else told_of(model, rows)
-        change = np.asarray(np.linalg.lstsq(told, rows.T @ left_over, rcond=UNTOLD)[0]) / unit
-        deviation = deviations_of(told) / unit * (max(left, floor) / known)
+        change, deviation = _step(estimator, model, patterns, data - explained, noise, observed)
+        deviation = deviation * (max(left, floor) / known)
     edge = estimator.edge_load(first[-1])
     beside = None
     if shifts is not None:
         beside = _beside(estimator, model, shifts, data - explained, noise, observed)
     return Rough(gain, left, free, first, explained, edge, change, deviation, beside)
+
+
+def _step(
+    estimator: PreparedContact, model: ContactModel, patterns: Floats, left: Floats, noise: Floats, observed: Flags
+) -> tuple[Floats, Floats]:
+    """Newton step of the sizes of ``patterns`` beside a contact that leaves the residual ``left``, and their standard
+    deviations (nuisance,).
+    """
+    readings = estimator.readings
+    rows, white = readings.whitened(patterns, observed, noise), readings.whitened(left, observed, noise)
+    unit = unit_of(rows)
+    rows = rows / unit
+    # With few readings, a wide contact fits at any offset and leaves no degrees of freedom. Small steps find the offsets
+    # before that happens.
+    few = observed.sum() <= estimator.policy.detection.few_readings
+    told = rows.T @ rows if few else told_of(model, rows)
+    change = np.asarray(np.linalg.lstsq(told, rows.T @ white, rcond=UNTOLD)[0]) / unit
+    return change, np.asarray(deviations_of(told) / unit)
 
 
 def wide_and_wrong(estimator: PreparedContact, near: Floats | None, left: float) -> bool:
