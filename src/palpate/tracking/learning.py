@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,6 +66,14 @@ def typical_noise(std: Floats) -> float | None:
         raise InvalidInput("std must not be negative: standard deviations of the readings, NaN where there are none.")
     good = std[np.isfinite(std)]
     return float(np.median(good)) if good.size else None
+
+
+class _Learned(NamedTuple):
+    """Penalty and noise of a frame in contact, and the part of its readings that surface cells cannot represent."""
+
+    parameter: float
+    noise: float
+    coarse: float
 
 
 class Learning:
@@ -166,59 +174,61 @@ class Learning:
         if not changed and "learn" not in background:
             return False
         leaves = leaving()  # of the region as it is now, not when the work begins
-        rows = estimator.readings.planes(y * estimator.readings.std)
         known = None if self._from_contact else self.in_contact(y)
 
-        def work() -> tuple[float, float, float, float, float]:
+        def work() -> tuple[_Learned, float, float]:
             with estimator.rounds:  # what a linear model makes of the frame is asked for several times
-                return learned()
+                return self._of_frame(y, known, leaves), energy, signal
 
-        def learned() -> tuple[float, float, float, float, float]:
-            linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
-            evidence = estimator.start.evidence(linear, rows, known)
-            if evidence.scale < floor:
-                # Noise below the accuracy of the pad: the detail that it would show is not real.
-                evidence = estimator.start.evidence(linear, rows, floor)
-            # A residual below this is no sign that the linear model fits noise, nor that cells are too wide.
-            little = evidence.scale / FOLLOWED if known is None else known / TOLD
-            # (For channels that cannot separate pressure from shear, this comparison is not valid.)
-            left = 0.0
-            if known is None or not estimator.ambiguous:
-                # As smooth as this noise requires.
-                few = len(y) <= FEW_READINGS
-                left = math.inf if few else leaves(estimator.start.evidence(linear, rows, little).parameter)
-            give_way()
-            if left > little:
-                left = min(left, self._left(y, little))
-            size = float(np.sqrt(np.mean(y**2)))
-            # A residual beyond the known noise comes from the cell size, or if too large from broken readings.
-            wide = known is not None and little < left <= COARSEST * size
-            follows = wide if known is not None else left > little
-            if follows:
-                # With shallow taxels a linear model fits noise, and what wide cells cannot represent. A penalty for
-                # that model lets pressure and shear grow against each other.
-                evidence = estimator.start.evidence(linear, rows, max(left, floor))
-            coarse = math.sqrt(left**2 - known**2) / size if wide and known is not None else 0.0
-            return evidence.parameter, max(evidence.scale, floor if known is None else 0.0), energy, signal, coarse
-
-        found: Any = background.result("learn", work)
-        if found is None:
+        done: tuple[_Learned, float, float] | None = background.result("learn", work)
+        if done is None:
             return False
+        found, of_energy, of_signal = done
         chance = BEYOND * noise**2 * math.sqrt(2.0 * len(y))
-        if background.threaded and signal > RELEARN * found[3] + chance and self._outgrown < OUTGROWN:
+        if background.threaded and signal > RELEARN * of_signal + chance and self._outgrown < OUTGROWN:
             # The load outgrew this penalty while it was learned. A penalty from a light touch fails in a press, so keep
             # the old one.
             self._outgrown += 1
             background.result("learn", work)
             return False
-        self._outgrown = 0
-        self.parameter, scale, self._energy, self._signal, coarse = found
-        self.discrepancy.raised(math.hypot(self.discrepancy.share, coarse) if coarse else 0.0)
+        self._outgrown, self._energy, self._signal = 0, of_energy, of_signal
+        self.parameter = found.parameter
+        self.discrepancy.raised(math.hypot(self.discrepancy.share, found.coarse) if found.coarse else 0.0)
         self.resolution = estimator.resolution(self.parameter)
         if self._from_contact:
             # A single frame of garbage must not raise the noise so much that contact is hidden.
-            self.noise = scale if self.noise is None else min(scale, LOUDER * self.noise)
+            self.noise = found.noise if self.noise is None else min(found.noise, LOUDER * self.noise)
         return True
+
+    def _of_frame(self, y: Floats, known: float | None, leaves: Callable[[float], float]) -> _Learned:
+        """What a frame in contact tells, with the ``known`` noise or with its own; ``leaves`` as in `learn`."""
+        estimator = self._estimator
+        rows = estimator.readings.planes(y * estimator.readings.std)
+        linear, floor = estimator.orders[1], MODEL_ERROR * float(np.abs(y).max())
+        evidence = estimator.start.evidence(linear, rows, known)
+        if evidence.scale < floor:
+            # Noise below the accuracy of the pad: the detail that it would show is not real.
+            evidence = estimator.start.evidence(linear, rows, floor)
+        # A residual below this is no sign that the linear model fits noise, nor that cells are too wide.
+        little = evidence.scale / FOLLOWED if known is None else known / TOLD
+        # (For channels that cannot separate pressure from shear, this comparison is not valid.)
+        left = 0.0
+        if known is None or not estimator.ambiguous:
+            # As smooth as this noise requires.
+            few = len(y) <= FEW_READINGS
+            left = math.inf if few else leaves(estimator.start.evidence(linear, rows, little).parameter)
+        give_way()
+        if left > little:
+            left = min(left, self._left(y, little))
+        size = float(np.sqrt(np.mean(y**2)))
+        # A residual beyond the known noise comes from the cell size, or if too large from broken readings.
+        wide = known is not None and little < left <= COARSEST * size
+        if wide or (known is None and left > little):
+            # With shallow taxels a linear model fits noise, and what wide cells cannot represent. A penalty for
+            # that model lets pressure and shear grow against each other.
+            evidence = estimator.start.evidence(linear, rows, max(left, floor))
+        coarse = math.sqrt(left**2 - known**2) / size if wide and known is not None else 0.0
+        return _Learned(evidence.parameter, max(evidence.scale, floor if known is None else 0.0), coarse)
 
     def _left(self, y: Floats, little: float) -> float:
         """Residual of contact of one sign, to compare with the linear model's noise; ends below ``little``."""
