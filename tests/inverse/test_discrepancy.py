@@ -147,6 +147,15 @@ def test_an_even_press_wider_than_the_array_has_no_upper_end() -> None:
     assert force(bare)[1] < 1.9 < force(bare)[2]
 
 
+@pytest.mark.parametrize("seed", [6, 15])
+def test_equal_readings_that_noise_explains_poorly_have_no_upper_end(seed: int) -> None:
+    """An offset, or an even press: undecided. One frame in twenty, whose misfit probability is below 0.1, said 0.4 mN at most."""
+    skin = pp.Skin(PAD, pp.AreaArray(shape=(11, 13), pitch=1e-3, depth=1.7e-3, channels=["stress_zz"]))
+    touch = skin.reconstruct(440.0 + 10.0 * np.random.default_rng(seed).standard_normal((1, 11, 13)))
+    assert status(touch) is pp.Status.UNDECIDED
+    assert math.isinf(force(touch)[2])
+
+
 @pytest.mark.parametrize(("count", "radius", "load"), [(2, 2e-3, 0.5), (4, 20e-3, 20.0)])
 def test_taxels_that_all_read_alike_may_be_pressed(count: int, radius: float, load: float) -> None:
     """A centred ball over 2 x 2 and a wide one over 4 x 4: an offset known to a thousandth was said, and 0 N."""

@@ -111,10 +111,12 @@ def _doubted(estimator: PreparedContact, frame: Frame, data: Floats) -> Frame:
 
 def _undecided(frame: Frame) -> Frame:
     """Result of a frame with few readings that look like noise of unknown level: bounds allow a contact that this
-    noise hides.
+    noise hides, and the even press that its offsets may be.
     """
     force = WIDE * frame.known.force
-    return replace(frame.blanked(), undecided=True, bounds=np.stack([-force, force], axis=-1))
+    low, high = np.moveaxis(frame.bounds, -1, 0)
+    bounds = np.stack([np.fmin(low, -force), np.fmax(high, force)], axis=-1)
+    return replace(frame.blanked(), undecided=True, bounds=bounds)
 
 
 def _explains(estimator: PreparedContact, frame: Frame) -> bool:
