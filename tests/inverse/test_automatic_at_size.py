@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.constrained import circulant, products
+from palpate.inverse.constrained import circulant, iterative, products
+from palpate.inverse.constrained.cone import Cone, minimise
 from palpate.inverse.constrained.faces import Face, straight
 from palpate.inverse.constrained.iterative import Iterative
 from palpate.inverse.constrained.model import Level
@@ -103,6 +104,34 @@ def test_taxels_for_ever_are_next_to_the_same_inside_an_array() -> None:
     some = everything.copy()
     some[7:20] = False
     assert Applied(boxes, readings, grid.shape, inside, readings.std, some).endless is None
+
+
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_slow_solutions_go_on_with_an_exact_factor(friction: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where conjugate gradients take too many steps and the readings are few: the same minimum, to more digits."""
+    skin = skin_of(6)
+    level = Level(skin.problem().wide, 1, (0, 1, 2), readings := Readings(skin.problem().wide, [np.ones(3)]))
+    everything = np.ones(len(readings.std), dtype=bool)
+    cells = np.arange(level.grid.shape[0] * level.grid.shape[1])
+    applied = Applied(level.boxes, readings, level.grid.shape, cells, readings.std, everything)
+    each = [q[cells][:, cells] for q in level.differences.even(1, [1e-4] * 3)]
+    hessian = Products(applied, Penalty(cells, each, level.grid.shape))
+    y, _ = noisy(skin, ball(skin, 3e-3))
+    linear = (y.ravel() @ applied).reshape(3, -1)
+    cone = Cone(("x", "y", "z"), friction)
+    exact = minimise(hessian.exactly(), linear, cone, keep_face=True)
+    monkeypatch.setattr(iterative, "SLOW", 5)
+    found = minimise(hessian, linear, cone, keep_face=True)
+    assert applied.slow
+    assert found.converged
+    assert not isinstance(found.factor, Iterative)
+    assert np.abs(found.traction - exact.traction).max() < 1e-7 * np.abs(exact.traction).max()
+    assert not isinstance(minimise(hessian, linear, cone, keep_face=True).factor, Iterative)
+    # too many readings for it
+    applied.slow = False
+    monkeypatch.setattr(products, "MATRIX", 0)
+    assert isinstance(minimise(hessian, linear, cone, tolerance=1e-3, keep_face=True).factor, Iterative)
+    assert not applied.slow
 
 
 @pytest.mark.parametrize(("where", "local"), [("inside", False), ("inside", True), ("across the edge", False)])

@@ -168,7 +168,10 @@ def minimise(
     """
     c, n = linear.shape
     scale = cone.scales
-    h_matrix: Quadratic = Formed(hessian) if isinstance(hessian, np.ndarray) else hessian
+    hessian = Formed(hessian) if isinstance(hessian, np.ndarray) else hessian
+    if hessian.slow:
+        hessian = hessian.exactly()
+    h_matrix = hessian
     if (scale != 1.0).any():
         h_matrix = h_matrix.scaled(scale)
     h_vector = linear * scale[:, None]
@@ -206,7 +209,8 @@ def minimise(
         if since > (PATIENCE if inside is None else AFTER):
             if inside is not None:
                 break
-            x, inside = interior(h_matrix.exactly(), h_vector, cone, best, tolerance)
+            h_matrix = h_matrix.exactly()
+            x, inside = interior(h_matrix, h_vector, cone, best, tolerance)
             best_size, since = np.inf if inside else best_size, 0
             gradient = h_matrix.product(x) - h_vector
             known, last = None, math.inf
@@ -215,6 +219,9 @@ def minimise(
         before, known = known, factored(h_matrix, cone, v, step_size, known, keep=keep)
         found_at, last = found_at if known is before else size, size
         x = _newton(h_matrix, *known, x, residual, step_size)
+        if h_matrix.slow and not (exact := hessian.exactly()).by_products:
+            near = cone.project(x) * scale[:, None]
+            return minimise(exact, linear, cone, near, tolerance=tolerance, keep_face=keep_face)
         gradient = h_matrix.product(x) - h_vector
         taken += 1
     converged = best_size <= tolerance or bool(inside)

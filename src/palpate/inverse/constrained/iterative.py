@@ -25,6 +25,9 @@ __all__ = ["SAMPLES", "Iterative"]
 STEP, SAMPLE, SHARP = 1e-2, 2e-2, 1e-3
 #: Largest number of steps of conjugate gradients.
 MAX_STEPS = 400
+#: Number of steps after which a Newton step ends, and is slow, where the readings are few enough for an exact factor
+#: (`products.MATRIX`): that takes less time then. 12 to 27 steps are usual.
+SLOW = 60
 #: Number of samples for variances, and for variances that are only added to squared gradients and smoothed.
 SAMPLES, FEW = 16, 8
 
@@ -38,6 +41,8 @@ class Multiplied(Protocol):
     def scales(self) -> Floats: ...
     @property
     def circulants(self) -> Any: ...
+    @property
+    def few(self) -> bool: ...
     def diagonal(self) -> Floats: ...
     def many(self, x: Any, *, about: bool = False) -> Any: ...
     def perturbed(self, rng: Any, count: int) -> Any: ...
@@ -122,7 +127,9 @@ class Iterative:
             z = self._near(r)
             direction, rz = z.copy(), _dots(r, z)
             small = tolerance**2 * rz
-            for _ in range(MAX_STEPS):
+            matrix = self.hessian.matrix
+            bounded = tolerance == STEP and self.hessian.few
+            for count in range(SLOW + 1 if bounded else MAX_STEPS):  # noqa: B007
                 moved = self._apply(direction, about=about)
                 curvature = _dots(direction, moved)
                 good = curvature > 0
@@ -139,6 +146,7 @@ class Iterative:
                         break
                 direction = z + (new / rz)[:, None].astype(np.float32) * direction
                 rz = new
+            matrix.slow |= bounded and count == SLOW
             out[there] = x.astype(np.float64) * size[there, None]
         return out
 

@@ -290,6 +290,7 @@ class Applied:
         self.boxes, self.box, self.surface, self.observed = boxes, boxes.around(cells), shape, observed
         self.readings, self.weight = readings, 1.0 / noise
         self.ray: Floats | None = None
+        self.slow = False  # whether a solution took too many steps (`iterative.SLOW`)
         self._place(cells)
 
     def _place(self, cells: Index) -> None:
@@ -451,6 +452,11 @@ class Products:
         self.matrix, self.penalty = matrix, penalty
         self.scales = np.ones(matrix.components) if scales is None else scales
 
+    @property
+    def slow(self) -> bool:
+        """Whether a solution for these influences, or for more cells, was slow."""
+        return self.matrix.slow
+
     def product(self, x: Floats) -> Floats:
         return np.asarray(self.many(x[None])[0])
 
@@ -502,11 +508,17 @@ class Products:
     def factor(self, face: Face, more: Floats) -> Factor:
         return Iterative(self, face, more)
 
+    @property
+    def few(self) -> bool:
+        """Whether the readings are few enough for an explicit matrix."""
+        readings, unknowns = self.matrix.shape
+        return readings**2 * unknowns <= MATRIX
+
     def exactly(self) -> Quadratic:
         """Return the quadratic form with an explicit matrix of the readings, if they are few enough."""
-        readings, unknowns = self.matrix.shape
-        if readings**2 * unknowns > MATRIX:
+        if not self.few:
             return self
+        readings = self.matrix.shape[0]
         columns = (np.eye(readings) @ self.matrix).T * np.repeat(self.scales, len(self.matrix.cells))[:, None]
         return Unformed(np.ascontiguousarray(columns), self.penalty.scaled(self.scales))
 

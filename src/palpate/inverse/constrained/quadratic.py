@@ -47,8 +47,13 @@ SUMMED = 20_000
 class Quadratic(Protocol):
     """A symmetric, positive definite matrix over (component, cell)."""
 
-    #: Whether only products are available.
-    by_products: bool
+    @property
+    def by_products(self) -> bool:
+        """Whether only products are available."""
+
+    @property
+    def slow(self) -> bool:
+        """Whether a solution by them was slow."""
 
     def product(self, x: Floats) -> Floats:
         """H x for x (component, cell)."""
@@ -72,7 +77,7 @@ class Quadratic(Protocol):
 class Formed:
     """A quadratic form with an explicit matrix."""
 
-    by_products = False
+    by_products = slow = False
 
     def __init__(self, matrix: Floats) -> None:
         self.matrix = matrix
@@ -287,7 +292,7 @@ class Penalty:
 class Unformed:
     """A matrix stored as readings and penalty."""
 
-    by_products = False
+    by_products = slow = False
 
     def __init__(self, columns: Floats, penalty: Penalty) -> None:
         #: G' as ``columns`` (component * cell, reading).
