@@ -26,8 +26,9 @@ STEP, SAMPLE, SHARP = 1e-2, 2e-2, 1e-3
 #: Largest number of steps of conjugate gradients.
 MAX_STEPS = 400
 #: Number of steps after which a Newton step ends, and is slow, where the readings are few enough for an exact factor
-#: (`products.MATRIX`): that takes less time then. 12 to 27 steps are usual.
-SLOW = 60
+#: (`products.MATRIX`): that takes as long as 100 to 300 steps, and 12 to 27 are usual. With 60, a frame of 17 x 18 x 3 took
+#: 1.7 times as long.
+SLOW = 200
 #: Number of samples for variances, and for variances that are only added to squared gradients and smoothed.
 SAMPLES, FEW = 16, 8
 
