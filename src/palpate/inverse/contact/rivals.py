@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.answer import combined, framed
-from palpate.inverse.contact.explanation import Solved
+from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.observed import Observed
 from palpate.inverse.contact.prepared import PreparedContact
@@ -34,41 +34,59 @@ def with_rivals(
 
     The odds of two explanations are exp(gain difference) times the ratio of their misfit probabilities.
     """
-    policy = estimator.policy
-    h, rivals = run.explanation, run.explanation.rivals
-    plain = replace(observed, filled=observed.data)
+    h = run.explanation
     # A load all round the edge with an opposite offset leaves the interior free and can fit anything.
-    anything = h.present.any() and h.rough.edge > policy.explanations.whole_edge
+    anything = h.present.any() and h.rough.edge > estimator.policy.explanations.whole_edge
     if frame.fit < POOR_FIT or anything:
-        for rival in [*rivals, *h.coarser][:1]:
-            # The chosen explanation fails the fit test, or could fit anything: take the first alternative, if it passes.
-            other = framed(estimator, solve(estimator, rival, plain), observed, rng)
-            trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
-            simpler = h.present.any() and not rival.present.any()
-            odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
-            if other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0):
-                return other
-    elif frame.sign == h.sign and run.members:
-        for rival in rivals[:1]:
-            # `score.best_of` requires more than a higher worth, so a rival that it did not choose may still be likely.
-            doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
-            if rival.sign != h.sign or not doubted:
-                continue
-            # Upper bound: assume that the alternative fits perfectly.
-            if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < policy.explanations.least_weight:
-                continue
-            second = solve(estimator, rival, plain)
-            other = framed(estimator, second, observed, rng)
-            weight = (
-                share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if other.fit > policy.fit.accepted else 0.0
-            )
-            trace.chosen(f"rival with the weight {weight:.2g}", rival, estimator.terms)
-            if other.contact and weight > policy.explanations.least_weight:
-                return (
-                    other
-                    if weight > 1.0 - policy.explanations.least_weight
-                    else _mean(estimator, run, second, frame, other, weight, rng)
-                )
+        return _one_that_fits(estimator, run, frame, observed, rng)
+    if frame.sign == h.sign and run.members:
+        return _averaged(estimator, run, frame, observed, rng)
+    return frame
+
+
+def _solved(estimator: PreparedContact, rival: Explanation, observed: Observed) -> Solved:
+    """The alternative solved from the readings as they are, without those that the chosen explanation filled in."""
+    return solve(estimator, rival, replace(observed, filled=observed.data))
+
+
+def _one_that_fits(
+    estimator: PreparedContact, run: Solved, frame: Frame, observed: Observed, rng: np.random.Generator | None
+) -> Frame:
+    """The frame of the first alternative if it passes the fit test, where the chosen explanation fails it or could fit
+    anything.
+    """
+    policy, h = estimator.policy, run.explanation
+    for rival in [*h.rivals, *h.coarser][:1]:
+        other = framed(estimator, _solved(estimator, rival, observed), observed, rng)
+        trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
+        simpler = h.present.any() and not rival.present.any()
+        odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
+        if other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0):
+            return other
+    return frame
+
+
+def _averaged(
+    estimator: PreparedContact, run: Solved, frame: Frame, observed: Observed, rng: np.random.Generator | None
+) -> Frame:
+    """The mean of the frame and the first alternative of the same sign, if that may carry weight."""
+    policy, h = estimator.policy, run.explanation
+    least = policy.explanations.least_weight
+    for rival in h.rivals[:1]:
+        # `score.best_of` requires more than a higher worth, so a rival that it did not choose may still be likely.
+        doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
+        if rival.sign != h.sign or not doubted:
+            continue
+        # Upper bound: assume that the alternative fits perfectly.
+        if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < least:
+            continue
+        second = _solved(estimator, rival, observed)
+        other = framed(estimator, second, observed, rng)
+        fits = other.fit > policy.fit.accepted
+        weight = share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if fits else 0.0
+        trace.chosen(f"rival with the weight {weight:.2g}", rival, estimator.terms)
+        if other.contact and weight > least:
+            return other if weight > 1.0 - least else _mean(estimator, run, second, frame, other, weight, rng)
     return frame
 
 

@@ -46,12 +46,9 @@ def rough(
     policy = estimator.policy
     readings, certain = estimator.readings, estimator.noise_known
     floor = estimator.least_noise(data)
-    known = 1.0 if certain else noise_at_first or policy.screening.first_noise * total
+    known = _first_noise(estimator, total, noise_at_first, near)
     filled = data.copy()
     linear = estimator.orders[1]
-    if certain and noise_at_first is not None and (estimator.large or wide_and_wrong(estimator, near, noise_at_first)):
-        # With a noise far below the residual, products take hundreds of steps.
-        known = max(noise_at_first, 1.0)
     cells = estimator.operator.surface.shape
     first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
     explained = np.zeros_like(data)
@@ -95,6 +92,17 @@ def rough(
     if shifts is not None:
         beside = _beside(estimator, model, shifts, data - explained, noise, observed)
     return Rough(gain, left, free, first, explained, edge, change, deviation, beside)
+
+
+def _first_noise(estimator: PreparedContact, total: float, at_first: float | None, near: Floats | None) -> float:
+    """The noise to start from: ``at_first`` or a part of the readings; or the given noise, unless products would take
+    hundreds of steps with a noise so far below the residual.
+    """
+    if not estimator.noise_known:
+        return at_first or estimator.policy.screening.first_noise * total
+    if at_first is not None and (estimator.large or wide_and_wrong(estimator, near, at_first)):
+        return max(at_first, 1.0)
+    return 1.0
 
 
 def _step(
