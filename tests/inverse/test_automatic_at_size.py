@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.constrained import circulant, iterative, products
+from palpate.inverse.constrained import circulant, factors, iterative, products
 from palpate.inverse.constrained.cone import Cone, minimise
 from palpate.inverse.constrained.faces import Face, straight
 from palpate.inverse.constrained.iterative import Iterative
@@ -104,6 +104,15 @@ def test_taxels_for_ever_are_next_to_the_same_inside_an_array() -> None:
     some = everything.copy()
     some[7:20] = False
     assert Applied(boxes, readings, grid.shape, inside, readings.std, some).endless is None
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_a_triangular_factor_solves_many_columns_in_pieces(transposed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    lower, right = np.tril(rng.standard_normal((6, 6))) + 6.0 * np.eye(6), rng.standard_normal((6, 9))
+    monkeypatch.setattr(factors, "PIECE", 12)  # two columns
+    found = factors._triangle(np.asfortranarray(lower), right, transposed=transposed)
+    assert np.allclose((lower.T if transposed else lower) @ found, right, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("friction", [None, 0.5])

@@ -128,9 +128,8 @@ class Iterative:
             z = self._near(r)
             direction, rz = z.copy(), _dots(r, z)
             small = tolerance**2 * rz
-            matrix = self.hessian.matrix
             bounded = tolerance == STEP and self.hessian.few
-            for count in range(SLOW + 1 if bounded else MAX_STEPS):  # noqa: B007
+            for _ in range(SLOW if bounded else MAX_STEPS):
                 moved = self._apply(direction, about=about)
                 curvature = _dots(direction, moved)
                 good = curvature > 0
@@ -147,7 +146,8 @@ class Iterative:
                         break
                 direction = z + (new / rz)[:, None].astype(np.float32) * direction
                 rz = new
-            matrix.slow |= bounded and count == SLOW
+            else:
+                self.hessian.matrix.slow |= bounded
             out[there] = x.astype(np.float64) * size[there, None]
         return out
 
