@@ -66,6 +66,14 @@ def test_a_page_that_shows_nothing_or_something_else_is_told_and_mended() -> Non
     assert OUTPUTS["written"](stale, printed) == mended
 
 
+def test_blocks_of_any_language_end_where_they_end() -> None:
+    page = "Before.\n\n```{include} table.md\n:start-line: 2\n```\n\nBetween.\n\n```sh\nmake\n```\n\nAfter.\n"
+    assert [(b.language, b.text) for b in OUTPUTS["blocks"](page)] == [
+        ("{include}", ":start-line: 2\n"),
+        ("sh", "make\n"),
+    ]
+
+
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=lambda p: p.name)
 def test_skin_files_are_valid(page: Path) -> None:
     for text in blocks(page, "toml"):
