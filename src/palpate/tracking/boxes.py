@@ -85,11 +85,16 @@ class Alike:
 
     def _seen(self, y: slice, x: slice, rows: slice, columns: slice) -> Floats:
         """Whitened responses of some rows and columns of taxels to cells: (y, x, component, reading)."""
-        parts = []
-        for windows, weights in zip(self._windows, self._weights):
-            seen = np.moveaxis(windows[:, y, x, :, rows, columns][self._columns], 0, 2)
-            parts.append((seen * weights[:, None, None]).reshape(*seen.shape[:3], -1))
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+        taken = [windows[:, y, x, :, rows, columns] for windows in self._windows]
+        _, height, width, *_ = taken[0].shape
+        sizes = [math.prod(seen.shape[3:]) for seen in taken]
+        out, stop = np.empty((height, width, len(self._columns), sum(sizes))), 0
+        for seen, size, weights in zip(taken, sizes, self._weights):
+            start, stop = stop, stop + size
+            for k, component in enumerate(self._columns):
+                part = out[:, :, k, start:stop].reshape(height, width, *seen.shape[3:])
+                np.multiply(seen[component], weights[:, None, None], out=part)
+        return out
 
     def box(self, y: slice, x: slice) -> Box:
         """Compute A'A of the cells of a box."""
