@@ -103,6 +103,37 @@ def matrices(
     Unsupported
         A pad that creeps, planes of different shapes, noise that is not given, a map that is too large.
     """
+    parameter = _checked(problem, pad, parameter, depth_range)
+    planes, surface = problem.planes, problem.surface
+    valid = np.concatenate([np.tile(a.valid.ravel(), len(a.channels)) for a in planes]).astype(float)
+    names = [c for a in planes for c in a.channels]
+    channel = np.repeat(np.eye(len(names)), math.prod(planes[0].shape), axis=0)
+    here = _dense(problem, problem.operator, valid)
+    coefficients = _of_depths(problem, pad, valid, depth_range) if depth_range else here[None]
+    follows = np.zeros(len(valid))
+    follows[valid > 0] = scale_free(planes)
+    noise = None
+    if all(a.noise_std is not None for a in planes):
+        noise = channel @ np.concatenate([np.asarray(a.noise_std) for a in planes])
+    penalty = prior = inverse = hessian = cone = None
+    if parameter is not None:
+        if noise is None:
+            raise Unsupported("the differentiable inverse weighs readings by their noise: give the array noise=....")
+        cone = cone_of(problem.components, friction) if constrained else None
+        penalty, prior = _penalty(problem, parameter, cone)
+        white = here * (valid / noise)[:, None]
+        spread = prior @ white.T
+        inverse = np.linalg.solve(np.eye(len(white)) + white @ spread, spread.T).T * (valid / noise)
+        hessian = white.T @ white + penalty if cone is not None else None
+    return Matrices(
+        here, coefficients, float(depth_range), follows, valid, channel, noise, penalty, prior, inverse, hessian, cone,
+        (len(names), *planes[0].shape), (len(surface.components), *surface.shape), problem.columns, len(valid),
+        here.shape[1], len(coefficients), bool(valid.all()),
+    )  # fmt: skip
+
+
+def _checked(problem: Problem, pad: Any, parameter: Any, depth_range: float) -> float | None:
+    """The parameter as a number; an error if it or another argument of `matrices` will not do."""
     planes, surface = problem.planes, problem.surface
     if isinstance(pad, Viscoelastic):
         raise Unsupported("the differentiable layers know no history, and this pad creeps: use skin.without_creep().")
@@ -118,8 +149,8 @@ def matrices(
         raise InvalidInput(
             f"parameter must be one positive number, such as skin.reconstruct(readings, method='tikhonov').parameter of one frame; got {parameter!r}."
         )
-    cells = math.prod(surface.shape)
-    unknowns, readings = cells * len(problem.columns), sum(len(a.channels) * math.prod(a.shape) for a in planes)
+    unknowns = math.prod(surface.shape) * len(problem.columns)
+    readings = sum(len(a.channels) * math.prod(a.shape) for a in planes)
     if unknowns * max(readings, unknowns if parameter else 0) > LARGEST:
         raise Unsupported(
             f"{readings} readings and {unknowns} unknowns make matrices of more than {8 * LARGEST / 1e6:.0f} MB. Give the skin a coarser surface=, seek fewer "
@@ -130,54 +161,39 @@ def matrices(
         "a differentiable skin",
         "Give the skin a coarser surface.",
     )
-    valid = np.concatenate([np.tile(a.valid.ravel(), len(a.channels)) for a in planes]).astype(float)
-    names = [c for a in planes for c in a.channels]
-    taxels = math.prod(planes[0].shape)
-    channel = np.repeat(np.eye(len(names)), taxels, axis=0)
+    return None if parameter is None else float(parameter)
 
-    def mapped(operator: Operator) -> Floats:
-        whole = np.zeros((len(valid), len(surface.components) * cells))
-        whole[valid > 0] = operator.dense()
-        return np.ascontiguousarray(
-            whole.reshape(len(valid), -1, cells)[:, list(problem.columns)].reshape(len(valid), -1)
-        )
 
-    here = mapped(problem.operator)
-    coefficients = here[None]
-    if depth_range:
-        nodes = np.cos(np.pi * (np.arange(DEPTHS) + 0.5) / DEPTHS)
-        sampled = []
-        for x in nodes:
-            moved_pad, moved = stretched(pad, planes, depth=1.0 + depth_range * float(x))
-            sampled.append(mapped(Operator(moved_pad, moved, surface, problem.boundary)))
-        weights = 2.0 / DEPTHS * np.cos(np.outer(np.arange(DEPTHS), np.arccos(nodes)))
-        weights[0] *= 0.5
-        coefficients = np.tensordot(weights, np.stack(sampled), axes=1)
-    follows = np.zeros(len(valid))
-    follows[valid > 0] = scale_free(planes)
-    noise = None
-    if all(a.noise_std is not None for a in planes):
-        noise = channel @ np.concatenate([np.asarray(a.noise_std) for a in planes])
-    penalty = prior = inverse = hessian = cone = None
-    if parameter is not None:
-        if noise is None:
-            raise Unsupported("the differentiable inverse weighs readings by their noise: give the array noise=....")
-        cone = cone_of(problem.components, friction) if constrained else None
-        shear = 1.0 if cone is None else 0.5 * (cone.friction or Policy().prior.shear) ** 2
-        laplacian = Differences(surface).laplacian.toarray() * surface.cell
-        inside = np.linalg.inv(laplacian)
-        variances = [1.0 if surface.components[c] == "z" else shear for c in problem.columns]
-        penalty = _diagonal([parameter / v * laplacian for v in variances])
-        prior = _diagonal([v / parameter * inside for v in variances])
-        white = here * (valid / noise)[:, None]
-        spread = prior @ white.T
-        inverse = np.linalg.solve(np.eye(len(white)) + white @ spread, spread.T).T * (valid / noise)
-        hessian = white.T @ white + penalty if cone is not None else None
-    return Matrices(
-        here, coefficients, float(depth_range), follows, valid, channel, noise, penalty, prior, inverse, hessian, cone,
-        (len(names), *planes[0].shape), (len(surface.components), *surface.shape), problem.columns, readings, unknowns,
-        len(coefficients), bool(valid.all()),
-    )  # fmt: skip
+def _dense(problem: Problem, operator: Operator, valid: Floats) -> Floats:
+    """The map (reading, unknown) of the components sought, with rows of 0 for masked taxels."""
+    whole = np.zeros((len(valid), len(problem.surface.components) * math.prod(problem.surface.shape)))
+    whole[valid > 0] = operator.dense()
+    parts = whole.reshape(len(valid), len(problem.surface.components), -1)[:, list(problem.columns)]
+    return np.ascontiguousarray(parts.reshape(len(valid), -1))
+
+
+def _of_depths(problem: Problem, pad: Any, valid: Floats, depth_range: float) -> Floats:
+    """Chebyshev coefficients (degree, reading, unknown) of the map over relative depths 1 +- ``depth_range``."""
+    nodes = np.cos(np.pi * (np.arange(DEPTHS) + 0.5) / DEPTHS)
+    sampled = []
+    for x in nodes:
+        moved_pad, moved = stretched(pad, problem.planes, depth=1.0 + depth_range * float(x))
+        sampled.append(_dense(problem, Operator(moved_pad, moved, problem.surface, problem.boundary), valid))
+    weights = 2.0 / DEPTHS * np.cos(np.outer(np.arange(DEPTHS), np.arccos(nodes)))
+    weights[0] *= 0.5
+    return np.asarray(np.tensordot(weights, np.stack(sampled), axes=1))
+
+
+def _penalty(problem: Problem, parameter: float, cone: Cone | None) -> tuple[Floats, Floats]:
+    """The penalty (unknown, unknown) times the parameter, and its inverse."""
+    surface = problem.surface
+    shear = 1.0 if cone is None else 0.5 * (cone.friction or Policy().prior.shear) ** 2
+    laplacian = Differences(surface).laplacian.toarray() * surface.cell
+    inside = np.linalg.inv(laplacian)
+    variances = [1.0 if surface.components[c] == "z" else shear for c in problem.columns]
+    return _diagonal([parameter / v * laplacian for v in variances]), _diagonal(
+        [v / parameter * inside for v in variances]
+    )
 
 
 def _diagonal(blocks: list[Floats]) -> Floats:
