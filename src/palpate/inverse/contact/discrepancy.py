@@ -59,24 +59,22 @@ def _with_known_noise(
     """
     policy, zeroed = estimator.policy, estimator.problem.zeroed
     ratio = data / estimator.readings.std
-    far = np.abs(ratio).max(initial=0.0) > policy.screening.deviations
-    few = zeroed and far and len(data) <= policy.detection.few_readings
-    if (zeroed and far and rms(ratio) * policy.fit.shares[0] > policy.fit.faint) or (
-        few and len(data) <= policy.fit.proves
-    ):
+    loud = zeroed and np.abs(ratio).max(initial=0.0) > policy.screening.deviations
+    if loud and (rms(ratio) * policy.fit.shares[0] > policy.fit.faint or len(data) <= policy.fit.proves):
         return _with_shares(estimator, readings, data, None, rng)
     plain = _solved(estimator, readings, rng)
     # Contact and offsets together may explain anything about few readings.
-    if few and not (_explains(estimator, plain) and plain.free > policy.fit.proves):
-        return _with_shares(estimator, readings, data, None, rng)
-    if zeroed and plain.contact and not plain.fit < POOR_FIT:
-        return replace(plain, discrepancy=_posterior(0.0, plain.free, ratio, policy))
+    proven = _explains(estimator, plain) and plain.free > policy.fit.proves
+    if loud and len(data) <= policy.detection.few_readings and not proven:
+        return _with_shares(estimator, readings, data, plain, rng)
+    misfit = plain.fit < POOR_FIT
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)
-    if not plain.contact and (
-        not plain.fit < POOR_FIT or np.abs(ratio[~plain.outliers]).max(initial=0.0) < policy.screening.deviations
-    ):
-        return replace(plain, undecided=plain.undecided or plain.fit < POOR_FIT)
+    if plain.contact and not misfit:
+        return replace(plain, discrepancy=_posterior(0.0, plain.free, ratio, policy))
+    quiet = np.abs(ratio[~plain.outliers]).max(initial=0.0) < policy.screening.deviations
+    if not plain.contact and (quiet or not misfit):
+        return replace(plain, undecided=plain.undecided or misfit)
     return _with_shares(estimator, readings, data, plain, rng)
 
 
@@ -175,16 +173,13 @@ def _with_shares(
             share = next((s for s in larger if s >= 0.9 * needed), None)
         else:
             share = larger[0] if larger and promises() else None
-    if best is not None and best[0] < policy.detection.most_left:
-        left, found = best
-        # No discrepancy makes the contact fit.
-        return replace(
-            found,
-            discrepancy=max(policy.fit.shares[-1], _posterior(left, found.free, sizes, policy)),
-            unexplained=True,
-        )
-    nothing = replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
-    return replace(nothing, bounds=hidden(estimator, data))
+    if best is None or not best[0] < policy.detection.most_left:
+        nothing = replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
+        return replace(nothing, bounds=hidden(estimator, data))
+    left, found = best
+    # No discrepancy makes the contact fit.
+    discrepancy = max(policy.fit.shares[-1], _posterior(left, found.free, sizes, policy))
+    return replace(found, discrepancy=discrepancy, unexplained=True)
 
 
 def _at_noise(
