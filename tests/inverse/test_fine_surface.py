@@ -103,7 +103,7 @@ def test_the_finest_cells_are_for_small_contacts_or_pressure_alone() -> None:
 def test_an_alternative_that_is_too_large_is_skipped() -> None:
     estimator = pp.Adaptive().prepare(pp.Skin(PAD, ARRAY).problem())
     data = np.ones(len(estimator.readings.std))
-    search = Search(estimator, data, data > 0, (), (1,), 1.0, None)
+    search = Search(estimator, data, data > 0, 1.0, None)
 
     def too_large(*found: Explanation) -> Iterator[Explanation]:
         yield from found

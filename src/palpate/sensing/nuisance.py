@@ -26,7 +26,7 @@ NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
 USUAL = ("offset", "rotation")
 #: Kinds that it seeks beside contact only, if the outermost taxels show one.
 LATER = ("ramp",)
-#: Kinds whose sizes the outermost taxels tell, where contact is faint: their first sizes are fitted there. Others start from 0.
+#: Kinds of one channel each whose sizes the outermost taxels tell, where contact is faint: their first sizes are fitted there. Others start from 0.
 AT_EDGE = ("offset", "ramp")
 #: Kinds for which the residual of every frame is tested, also of frames for which the user named others.
 DRIFTS = ("offset", "ramp")
@@ -49,7 +49,7 @@ class Nuisance:
     rows : array (reading,)
         Readings for a size of 1, in the order of the operator's rows (plane, channel, working taxel).
     group : str
-        Nuisances of one cause have the same: a row of all channels on one cable. Empty: none.
+        Nuisances that may have one cause have the same, such as the channels of a row on one cable. They are also tried together, each with its own size. Empty: none.
     """
 
     kind: str

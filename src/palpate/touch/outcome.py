@@ -254,7 +254,9 @@ class Outcome:
             if n.found and self.batch:
                 said.append(f"{n.label}{some(n.found)}: up to {plain_number(abs(n.size), 3)} {n.unit}")
             elif n.found:
-                said.append(f"{n.label}: {plain_number(n.size, 3)} {n.unit} (+- {plain_number(n.std, 2)})")
+                said.append(
+                    f"{n.label}: {plain_number(n.size, 3)} {n.unit} (standard deviation {plain_number(n.std, 2)})"
+                )
             if n.hidden and self.rough:  # a reason for wide intervals only
                 said.append(
                     f"contact may hide an offset{some(n.hidden)}: the {n.label} cannot be separated from contact; the error bars allow for "

@@ -190,7 +190,7 @@ class Contact:
             converged = self._push(frame) if learned or not filling else converged
             learned, converged = self._refined(frame, learned, converged, regular=regular, late=late)
         else:
-            converged = self._weighed(frame, converged, regular=regular)
+            converged = self._follow_pull(frame, converged, regular=regular)
         unused = self._check.unused
         if self.pushing and (unused.any() if self._fresh else not np.array_equal(unused, used)):
             converged = self._learned_again(frame, learned, converged)
@@ -200,7 +200,7 @@ class Contact:
         self._finish(frame, converged)
         return converged
 
-    def _weighed(self, frame: Frame, converged: bool, *, regular: bool) -> bool:
+    def _follow_pull(self, frame: Frame, converged: bool, *, regular: bool) -> bool:
         """Solve traction of either sign. Compare it with contact that pushes if it no longer pulls or no longer fits, but
         a frame that nothing explained before only in ``regular`` frames.
         """

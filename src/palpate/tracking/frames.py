@@ -12,8 +12,9 @@ __all__ = ["Frame", "Numbers", "Residual"]
 
 
 class Frame(NamedTuple):
-    """A frame to solve: readings without zero and offsets (NaN if missing), noise, deadline, and the factor by which
-    the noise of the zero increases the noise.
+    """A frame to solve: readings without the zero (NaN if missing), noise, deadline, and the factor by which the noise of
+    the zero increases the noise. `Contact.solve` gets the readings without offsets too; `Held.follow` and a single solve
+    seek the offsets themselves.
     """
 
     actual: Floats

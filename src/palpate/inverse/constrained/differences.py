@@ -67,7 +67,7 @@ class Differences:
         return np.flatnonzero(apart == 0), off
 
     def even(self, order: int, weights: Sequence[float]) -> list[Sparse]:
-        """Matrix of weight * int |D^order t|^2 for each weight. All share one sparsity pattern."""
+        """Matrix of weight * int |D^order t|^2 for each weight, of ``order`` 1 or 2. All share one sparsity pattern."""
         power = self.laplacian if order == 1 else self.squared
         return [_with_entries(power, power.data * (weight * self.grid.cell)) for weight in weights]
 

@@ -10,8 +10,9 @@ smooth within the contact but may jump at its edge. It learns the noise and the 
 3. the penalty relearned from its own result: |grad t|^2 is weighed by 1/tau, where tau(x) is the local mean square gradient of the previous solution. This is majorisation of log tau (M. Fazel, H. Hindi, S. Boyd, Proc. American Control Conf.
    2003, 2156-2162; with the posterior variance kept, the EM iteration of sparse Bayesian learning, M. E. Tipping, J. Mach.
    Learn. Res. 1, 2001, 211-244): real edges become sharp, traction outside the contact vanishes, and traction inside stays smooth;
-4. the mean over three models of the same readings: an even penalty on the first and second derivative (weighed by
-   evidence), and local weights of a wide and a narrow reach. One frame does not show which model is right, so their spread is part of the error bar;
+4. the mean over models of the same readings: an even penalty on the first and one on the second derivative (weighed by
+   evidence), and local weights of a wide and a narrow reach; of contacts of a few taxels also discs (`compact`). One frame does not show which model is right,
+   so their spread is part of the error bar;
 5. if friction is given, the same models of a contact that slides as a whole (q proportional to p), weighted by evidence. Without these models shear is underestimated, because the cone limits shear where noise makes the pressure small;
 6. readings that no contact explains (dead, stuck or saturated taxels) are left out and reported.
 """
@@ -21,6 +22,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +35,7 @@ from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilat
 from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
 from palpate.inverse.contact.constrained import ConstrainedEstimator
-from palpate.inverse.contact.score import weights_by_evidence
+from palpate.inverse.contact.score import odds_by_evidence
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
 from palpate.inverse.linear.evidence import LinearEvidence
 from palpate.inverse.observability import ACTS
@@ -249,7 +251,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """Yield the models on the cells of ``data``, with their weights."""
         policy = self.policy
         level = data.level
-        odds = weights_by_evidence({order: e.gain for order, e in evidence.items()})
+        odds = odds_by_evidence({order: e.gain for order, e in evidence.items()})
         chosen = [order for order in evidence if order == 1 or odds[order] >= policy.prior.improbable]
         total = sum(odds[order] for order in chosen)
         widths = self._widths(level)
@@ -290,8 +292,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         energies = {variance: self._energies(first, variance) for _, variance in widths}
         for width, variance in widths:
             member = self._relearned(first, width, variance, y, energies[variance])
-            member.weight = share
-            yield member
+            yield replace(member, weight=share)  # it may be the first model again
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """The model without cells whose pressure is below the noise. Pressure is never negative, so noise in these cells would add up to a force."""

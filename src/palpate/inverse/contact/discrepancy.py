@@ -170,7 +170,7 @@ def _with_shares(
         if found.contact:
             # The noise explains a part of the residual: the discrepancy need not.
             needed = math.sqrt(max(left**2 - 1.0 / ratio**2, 0.0))
-            share = next((s for s in larger if s >= 0.9 * needed), None)
+            share = next((s for s in larger if s >= policy.fit.margin * needed), None)
         else:
             share = larger[0] if larger and promises() else None
     if best is None or not best[0] < policy.detection.most_left:

@@ -30,8 +30,8 @@ def reach_of_kind(estimator: PreparedContact, columns: Floats, data: Floats) -> 
     """Size at which each nuisance makes readings as large as the largest of any channel of its kind. A sensor's zero
     error depends on its range, not on how strongly a contact happens to act on one channel.
     """
-    largest = np.where(estimator.kinds, np.abs(data), 0.0).max(axis=1, initial=0.0)
-    touched = (estimator.kinds.astype(float) @ (columns != 0)) > 0
+    largest = np.where(estimator.of_unit, np.abs(data), 0.0).max(axis=1, initial=0.0)
+    touched = (estimator.of_unit.astype(float) @ (columns != 0)) > 0
     return np.asarray(
         np.where(touched, largest[:, None], 0.0).max(axis=0, initial=0.0)
         / np.maximum(np.abs(columns).max(axis=0, initial=0.0), 1e-300)

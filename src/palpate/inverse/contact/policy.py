@@ -143,6 +143,13 @@ class Explanations:
     nuisance_rounds: int = number(
         12, "most rounds of solving nuisances and contact in turn: three suffice, or ten if hard to separate"
     )
+    settled: float = number(0.3, "standard deviations of a change below which sizes of nuisances have settled")
+    first_change: float = number(
+        0.5, "change of a nuisance, in standard deviations beside the contact, from which a first round takes it over"
+    )
+    outermost: float = number(
+        0.15, "scattered taxels within this fraction of the array's extent from its edge are outermost"
+    )
     groups: int = number(3, "most groups of taxels with an offset of their own; they are found one after another")
     per_nuisance: float = number(3.0, "gain that each nuisance needs, and that a sign other than push needs")
     largest_nuisance: float = number(
@@ -205,6 +212,9 @@ class Fit:
     shares: tuple[float, ...] = number(
         (0.02, 0.05, 0.1, 0.2, 0.3), "discrepancies to try in this order, as fractions of the readings"
     )
+    margin: float = number(
+        0.9, "after a contact that does not fit, skip discrepancies below this times the one that its residual needs"
+    )
     proves: float = number(
         10.0,
         "degrees of freedom that a contact must leave, with few readings, for its fit to prove it: with fewer, finer models, or contact and offsets together, fit the errors of a pad",
@@ -237,6 +247,12 @@ class Screening:
     at_end: int = number(2, "this many readings at an end of a channel's values, side by side, are saturated")
     at_end_rounded: int = number(4, "the same for rounded readings, whose peaks may have equal values")
     steps: int = number(4096, "readings count as rounded if the largest is at most this many steps: 12 bits")
+    rounded_from: int = number(8, "do not look for rounding among fewer readings of a channel than this")
+    near_zero: float = number(
+        0.05,
+        "equal readings within this fraction of the largest from zero, or beyond zero, are of taxels that nothing presses",
+    )
+    dead_band: float = number(0.5, "if more of a channel's readings are zero, it has a dead band, and not dead taxels")
     dead: float = number(0.1, "a zero reading is dead if its neighbours' mean is above this fraction of the largest")
     dead_neighbours: float = number(
         0.25, "and at most this fraction of them is zero: beside a dead band half of them are"

@@ -154,8 +154,8 @@ class PreparedContact(ABC):
         self.zero = None if problem.zero is None else self.readings.flat(problem.zero)
         self.noise = ChannelNoise(operator, self.readings, self.noise_known, self.policy)
         units = np.array([find_channel(c).kind.unit for a in operator.planes_of for c in a.channels])
-        #: Readings of each kind (kind, reading): stress, strain, displacement.
-        self.kinds = np.array([(units == u)[self.noise.index] for u in np.unique(units)])
+        #: Masks of the readings of each unit (unit, reading): of stress, strain, displacement.
+        self.of_unit = np.array([(units == u)[self.noise.index] for u in np.unique(units)])
 
     def _list_nuisances(self) -> Sequence[str]:
         """List the nuisances that may be in the readings; return the kinds of those that any frame may have."""

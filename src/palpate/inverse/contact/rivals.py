@@ -1,4 +1,4 @@
-"""Alternatives with nuisances, tried if the chosen explanation fits poorly."""
+"""Try an alternative if the chosen explanation fits poorly, or could fit anything."""
 
 from __future__ import annotations
 
@@ -52,42 +52,42 @@ def _solved(estimator: PreparedContact, rival: Explanation, observed: Observed) 
 def _one_that_fits(
     estimator: PreparedContact, run: Solved, frame: Frame, observed: Observed, rng: np.random.Generator | None
 ) -> Frame:
-    """The frame of the first alternative if it passes the fit test, where the chosen explanation fails it or could fit
+    """The frame of the alternative if it passes the fit test, where the chosen explanation fails it or could fit
     anything.
     """
     policy, h = estimator.policy, run.explanation
-    for rival in [*h.rivals, *h.coarser][:1]:
-        other = framed(estimator, _solved(estimator, rival, observed), observed, rng)
-        trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
-        simpler = h.present.any() and not rival.present.any()
-        odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
-        if other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0):
-            return other
-    return frame
+    rival = h.rival or h.coarser
+    if rival is None:
+        return frame
+    other = framed(estimator, _solved(estimator, rival, observed), observed, rng)
+    trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
+    simpler = h.present.any() and not rival.present.any()
+    odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
+    better = other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0)
+    return other if better else frame
 
 
 def _averaged(
     estimator: PreparedContact, run: Solved, frame: Frame, observed: Observed, rng: np.random.Generator | None
 ) -> Frame:
-    """The mean of the frame and the first alternative of the same sign, if that may carry weight."""
-    policy, h = estimator.policy, run.explanation
+    """The mean of the frame and the rival, if that is of the same sign and may carry weight."""
+    policy, h, rival = estimator.policy, run.explanation, run.explanation.rival
     least = policy.explanations.least_weight
-    for rival in h.rivals[:1]:
-        # `score.best_of` requires more than a higher worth, so a rival that it did not choose may still be likely.
-        doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
-        if rival.sign != h.sign or not doubted:
-            continue
-        # Upper bound: assume that the alternative fits perfectly.
-        if share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < least:
-            continue
-        second = _solved(estimator, rival, observed)
-        other = framed(estimator, second, observed, rng)
-        fits = other.fit > policy.fit.accepted
-        weight = share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if fits else 0.0
-        trace.chosen(f"rival with the weight {weight:.2g}", rival, estimator.terms)
-        if other.contact and weight > least:
-            return other if weight > 1.0 - least else _mean(estimator, run, second, frame, other, weight, rng)
-    return frame
+    if rival is None or rival.sign != h.sign:
+        return frame
+    # `score.best_of` requires more than a higher worth, so a rival that it did not choose may still be likely.
+    doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
+    # Upper bound: assume that the rival fits perfectly.
+    if not doubted or share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < least:
+        return frame
+    second = _solved(estimator, rival, observed)
+    other = framed(estimator, second, observed, rng)
+    fits = other.fit > policy.fit.accepted
+    weight = share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if fits else 0.0
+    trace.chosen(f"rival with the weight {weight:.2g}", rival, estimator.terms)
+    if not (other.contact and weight > least):
+        return frame
+    return other if weight > 1.0 - least else _mean(estimator, run, second, frame, other, weight, rng)
 
 
 def _mean(

@@ -5,7 +5,7 @@
 | `gain_of` | free log(total/left): log likelihood of Gaussian noise of unknown level, for the remaining degrees of freedom | rough explanations, readings left out, contact in a few cells |
 | `worth_of` | `gain_of` minus a penalty for each nuisance and for a sign other than push | explanations of one frame: `best_of`, `rivals_of`, `least_to_beat` |
 | `more_than_noise` | log evidence of the linear model over noise alone, minus that of uneven noise | contact and no contact |
-| `weights_by_evidence`, `shares_by_evidence` | exp(log evidence), normalised | penalties of one explanation; ways of sliding |
+| `odds_by_evidence`, `shares_by_evidence` | exp(log evidence), relative to the best; normalised | penalties of one explanation; ways of sliding |
 | `share_of` | 1/(1 + exp(-log odds)) | discs and fields; an explanation and its rival |
 | `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | a doubtful explanation and its rival |
 | `gain_without_cone` | minus the log probability of as large an F by noise of unknown level | a push and the same contact with traction of either sign |
@@ -31,6 +31,7 @@ __all__ = [
     "absorbs",
     "best_of",
     "coarser_of",
+    "credible",
     "gain_of",
     "gain_without_cone",
     "hopeless_signs",
@@ -40,13 +41,13 @@ __all__ = [
     "louder",
     "more_than_noise",
     "noise_beyond",
+    "odds_by_evidence",
     "rival_odds",
     "rivals_of",
     "same",
     "share_of",
     "shares_by_evidence",
     "simplest_of",
-    "weights_by_evidence",
     "worth_of",
 ]
 
@@ -82,7 +83,7 @@ def simplest_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     return max((h for h in tried if h.sign != 0 and not h.present.any()), key=lambda h: worth_of(h, policy))
 
 
-def _credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
+def credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
     """Explanations without nuisances, and those whose nuisances leave no larger residual than contact alone, but for
     what one nuisance costs. Other explanations gain only by smoothing the contact.
 
@@ -109,7 +110,7 @@ def _fits_freely(rough: Rough, policy: Policy) -> bool:
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best explanation. One with nuisances must beat those without, and one with another sign the simplest one, by the evidence required for contact itself."""
     simple, least = simplest_of(tried, policy), policy.detection.evidence
-    best = max(_credible(tried, policy), key=lambda h: worth_of(h, policy))
+    best = max(credible(tried, policy), key=lambda h: worth_of(h, policy))
     if best.present.any():
         plain = max((h for h in tried if not h.present.any()), key=lambda h: worth_of(h, policy))
         best = best if worth_of(best, policy) - worth_of(plain, policy) > least else plain
@@ -118,15 +119,15 @@ def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
 
 def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
     """The other credible, compact explanations with nuisances that are worth more than noise alone, best first."""
-    return tuple(h for h in _ranked(best, tried, policy) if any(h is c for c in _credible(tried, policy)))
+    return tuple(h for h in _ranked(best, tried, policy) if any(h is c for c in credible(tried, policy)))
 
 
-def coarser_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
-    """Compact explanations with nuisances that are worth more than the best but leave a larger residual than contact
-    alone: they are right only if contact alone, solved fully, does not explain the readings.
+def coarser_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> Explanation | None:
+    """The compact explanation with nuisances that is worth most, and more than the best, but leaves a larger residual than
+    contact alone: it is right only if contact alone, solved fully, does not explain the readings.
     """
     others = (h for h in _ranked(best, tried, policy) if worth_of(h, policy) > worth_of(best, policy))
-    return tuple(h for h in others if not any(h is c for c in _credible(tried, policy)))
+    return next((h for h in others if not any(h is c for c in credible(tried, policy))), None)
 
 
 def _ranked(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
@@ -173,7 +174,7 @@ def more_than_noise(gain: float, uneven: float, policy: Policy) -> bool:
     return gain > policy.detection.evidence + uneven
 
 
-def weights_by_evidence(gains: Mapping[K, float]) -> dict[K, float]:
+def odds_by_evidence(gains: Mapping[K, float]) -> dict[K, float]:
     """Odds relative to the best, exp(gain - best)."""
     best = max(gains.values())
     return {key: math.exp(max(gain - best, -50.0)) for key, gain in gains.items()}

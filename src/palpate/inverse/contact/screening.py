@@ -88,7 +88,7 @@ def ceilings(
         apart = np.diff(levels)
         smallest = float(apart[apart > 1e-9 * size].min(initial=math.inf))
         rounded = False
-        if size / smallest <= policy.screening.steps and b - a >= 8:
+        if size / smallest <= policy.screening.steps and b - a >= policy.screening.rounded_from:
             steps = (levels - levels[0]) / smallest
             rounded = bool(np.abs(steps - np.round(steps)).max() < 1e-6 * max(1.0, float(steps.max())))
         if rounded:
@@ -99,7 +99,8 @@ def ceilings(
         for flags, end in ((upper, levels[-1]), (lower, levels[0])):
             there = np.abs(values - end) <= 1e-12 * size
             # A limit on the other side of zero, or close to zero, is the reading of an unpressed taxel.
-            far = end > 0.05 * size if flags is upper else end < -0.05 * size
+            outwards = end if flags is upper else -end
+            far = outwards > policy.screening.near_zero * size
             if far and there.sum() >= fewest:
                 flags[a:b] = there
     for flags in (upper, lower):
@@ -138,7 +139,7 @@ def silent(
         & (count > 0)[zero]
     )
     # A channel in which most readings are zero has a dead band, not dead taxels.
-    often = np.bincount(index, zero) > 0.5 * np.bincount(index)
+    often = np.bincount(index, zero) > policy.screening.dead_band * np.bincount(index)
     return out & ~often[index]
 
 

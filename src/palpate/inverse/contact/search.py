@@ -43,9 +43,7 @@ def search(prepared: PreparedContact, readings: Sequence[Floats], rng: np.random
         trace.decided(
             "noise would explain it, but contact in a few cells gains", small.gain, policy.detection.few_cells
         )
-    h = noise_alone or explanation_of(
-        prepared, filled, usable, prepared.terms, signs=prepared.signs, noise=None if small is None else small.left
-    )
+    h = noise_alone or explanation_of(prepared, filled, usable, None if small is None else small.left)
     counted = observed
     if policy.parts.outliers and noise_alone is None:
         h, fewer = without_outliers(prepared, h, filled, usable)
@@ -72,7 +70,9 @@ def _solved(
     """Solve an explanation; with pull around its contact, or around the contact that it refuted, if that fits better.
     ``counted`` are the readings ``observed`` without outliers.
     """
-    for each in (h,) if h.refuted is None else (h.refuted, h):
+
+    def solved(each: Explanation) -> tuple[Solved, Frame, Frame | None]:
+        """The explanation solved, its frame, and the frame that takes its place, if any."""
         run = solve(prepared, each, counted)
         frame = framed(prepared, run, observed, rng)
         trace.chosen("solved", run.explanation, prepared.terms, contact=bool(run.members))
@@ -81,5 +81,11 @@ def _solved(
         if rimmed is not None:
             which = "contact with pull around it" if rimmed.sign == 2 else "a push on finer cells"
             trace.step(f"{which} takes its place: misfit probability {rimmed.fit:.3g}")
+        return run, frame, rimmed
+
+    if h.refuted is not None:
+        run, _, rimmed = solved(h.refuted)
+        if rimmed is not None:
             return run, rimmed
-    return run, frame
+    run, frame, rimmed = solved(h)
+    return run, frame if rimmed is None else rimmed

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.variances import taken_by
+from palpate.inverse.contact import trace
 from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.explanation import Explanation, Solved
 from palpate.inverse.contact.few_cells import contact_in_few_cells
@@ -137,6 +138,10 @@ class _Solving:
                 break
         left = rms(self.estimator.readings.whitened(self.data - self.explained, self.observed, self.noise))
         members = [self.leading, *self.models] if self.leading and self.first[-1].any() else []
+        total = sum(m.weight for m in members)
+        for m in members:  # models of hardly any weight were left out
+            m.weight /= total
+        trace.models(members)
         return self._solved(members, pushed=left <= self.policy.detection.unexplained)
 
     def _weigh(self) -> None:

@@ -99,7 +99,7 @@ def change_of_nuisances(
     precision = told_of(model, rows) + np.diag(prior)
     pull = rows.T @ misfit - prior * unit * (h.sign or 1) * h.sizes[h.present]
     step = np.linalg.lstsq(precision, pull, rcond=UNTOLD)[0]
-    least = policy.explanations.nuisance * deviations_of(precision) if sure else 0.5
+    least = policy.explanations.nuisance * deviations_of(precision) if sure else policy.explanations.first_change
     out[h.present] = np.where(np.abs(step) > least, step / unit, 0.0)
     return out
 

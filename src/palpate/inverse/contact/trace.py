@@ -20,9 +20,10 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
+from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.policy import Policy
-from palpate.inverse.contact.score import simplest_of, worth_of
+from palpate.inverse.contact.score import absorbs, credible, simplest_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["Trace", "Tried", "best", "chosen", "decided", "explanations", "named", "step", "traced"]
@@ -168,17 +169,47 @@ def explanations(
 
 def best(h: Explanation, tried: Sequence[Explanation], terms: Sequence[Nuisance], policy: Policy) -> None:
     """Record the best of the explanations tried, and its lead over the simplest one."""
-    if _heard():
-        lead = worth_of(h, policy) - worth_of(simplest_of(tried, policy), policy)
-        needed = policy.detection.evidence
-        why = f"worth {lead:.1f} more than contact alone, needed {needed:g}" if lead else _why_simple(tried, needed)
-        step(f"best of these: {named(h, terms)} ({why})")
+    if not _heard():
+        return
+    simple, needed = simplest_of(tried, policy), policy.detection.evidence
+    if absorbs(simple.rough, policy) and any(o.present.any() for o in tried):
+        edge, free = simple.rough.edge, simple.rough.free / len(simple.rough.explained)
+        rules = policy.explanations
+        step(
+            f"contact alone may have taken up nuisances, so that these may leave more than it does: it loads {edge:.2f} of the edge, limit "
+            f"{rules.edge:g}, and leaves {free:.2f} of the degrees of freedom, limit {rules.bends:g}"
+        )
+    lead = worth_of(h, policy) - worth_of(simple, policy)
+    why = f"worth {lead:.1f} more than contact alone, needed {needed:g}" if lead else _why_simple(tried, terms, policy)
+    step(f"best of these: {named(h, terms)} ({why})")
 
 
-def _why_simple(tried: Sequence[Explanation], needed: float) -> str:
+def _why_simple(tried: Sequence[Explanation], terms: Sequence[Nuisance], policy: Policy) -> str:
     """Why contact alone is the best of the explanations tried."""
-    others = any(h.present.any() or h.sign == 0 for h in tried)
-    return f"no other is worth {needed:g} more, or leaves as little" if others else "no other was left"
+    simple, needed = simplest_of(tried, policy), policy.detection.evidence
+    others = [h for h in tried if h.present.any() or h.sign == 0]
+    if not others:
+        return "no other was left"
+    first = max(others, key=lambda h: worth_of(h, policy))
+    more = worth_of(first, policy) - worth_of(simple, policy)
+    if not more > needed:
+        return f"no other is worth {needed:g} more"
+    words = f"{named(first, terms)} is worth {more:.1f} more, but "
+    if not any(first is h for h in credible(tried, policy)):
+        return words + f"leaves {first.rough.left / simple.rough.left:.3g} times as much"
+    return words + f"not {needed:g} more than every explanation without nuisances"
+
+
+def models(members: Sequence[ContactModel]) -> None:
+    """Tell the models of a solved explanation, with the weight that each has in the result."""
+    if not _heard():
+        return
+    each: dict[str, float] = {}
+    for m in members:
+        kind = "discs" if m.compact else "a field" if m.ray is None else "a field that slides as a whole"
+        what = f"{kind} on {len(m.cells)} cells of 1/{m.level.ratio} of a surface cell's side"
+        each[what] = each.get(what, 0.0) + m.weight
+    step("models: " + "; ".join(f"{what}, weight {weight:.3g}" for what, weight in each.items()))
 
 
 def chosen(what: str, h: Explanation, terms: Sequence[Nuisance], *, contact: bool = True) -> None:

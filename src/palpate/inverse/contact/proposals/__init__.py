@@ -10,7 +10,7 @@ solved together with them). `palpate.inverse.contact.score` compares what they y
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +24,6 @@ from palpate.inverse.contact.proposals import both, groups, offsets, pull, push,
 from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import rough_fit
 from palpate.inverse.contact.score import best_of, coarser_of, rivals_of, simplest_of, worth_of
-from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["PROPOSALS", "explanation_of"]
 
@@ -42,27 +41,20 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
 
 
 def explanation_of(
-    estimator: PreparedContact,
-    data: Floats,
-    observed: Flags,
-    terms: Sequence[Nuisance],
-    *,
-    signs: Sequence[int],
-    noise: float | None = None,
+    estimator: PreparedContact, data: Floats, observed: Flags, noise: float | None = None
 ) -> Explanation:
-    """Find the best explanation of a frame. The alternatives are stored in it as `Explanation.rivals`.
+    """Find the best explanation of a frame. Alternatives are stored in it as `Explanation.rival` and ``coarser``.
 
-    ``data`` (reading,) are the readings, and ``observed`` (reading,) marks those in use. ``terms`` are the
-    nuisances to consider; ``signs`` are the signs of contact to consider (`Explanation.sign`); ``noise`` is stored as
+    ``data`` (reading,) are the readings, and ``observed`` (reading,) marks those in use; ``noise`` is stored as
     `Explanation.noise`.
     """
-    readings, policy = estimator.readings, estimator.policy
+    readings, terms, policy = estimator.readings, estimator.terms, estimator.policy
     white = readings.white((data / readings.std)[observed], observed)
     total = math.sqrt(float(np.mean(white**2))) if len(white) else 0.0
     if not total > 0.0:
         flat = np.zeros((len(estimator.columns), math.prod(estimator.operator.surface.shape)))
         return Explanation(1, Rough(0.0, 0.0, 1.0, flat, np.zeros_like(data), 0.0), np.zeros(len(terms)))
-    search = Search(estimator, data, observed, terms, signs, total, noise)
+    search = Search(estimator, data, observed, total, noise)
     for propose in PROPOSALS:
         before = list(search.tried)
         search.add(propose(search))
@@ -71,10 +63,11 @@ def explanation_of(
     best = best_of(search.tried, policy)
     trace.best(best, search.tried, terms, policy)
     best, refuted = _regular(search, best)
-    rivals = rivals_of(best, search.tried, policy)
     if estimator.noise_known and best.present.any():
-        rivals = (next(h for h in search.tried if h.sign == best.sign and not h.present.any()), *rivals)
-    best = replace(best, rivals=rivals, coarser=coarser_of(best, search.tried, policy), refuted=refuted)
+        rival: Explanation | None = search.alone(best.sign)
+    else:
+        rival = next(iter(rivals_of(best, search.tried, policy)), None)
+    best = replace(best, rival=rival, coarser=coarser_of(best, search.tried, policy), refuted=refuted)
     return best if noise is None else replace(best, noise=noise)
 
 

@@ -16,7 +16,7 @@ __all__ = ["propose"]
 def propose(search: Search) -> Iterator[Explanation]:
     """Yield the linear model's solution. The linear model has some traction everywhere, so take the loaded fraction of the edge from the push."""
     data, observed = search.data, search.observed
-    if 0 not in search.signs or (~observed).sum() > len(data) // 2:
+    if 0 not in search.estimator.signs or (~observed).sum() > len(data) // 2:
         return
     found, left, free = search.estimator.start.noise(data, search.total, observed)
     gain = gain_of(free, search.total, left, search.estimator.least_noise(data))

@@ -18,6 +18,7 @@ __all__ = [
     "edge_drift",
     "edge_levels",
     "in_range",
+    "largest_part",
     "lowest_levels",
     "outermost_of",
     "reach",
@@ -38,7 +39,7 @@ def edge_levels(estimator: PreparedContact, data: Floats, observed: Flags, terms
         here = observed[place]
         if here.any():
             points = array.points[array.valid.ravel()][here]
-            levels = _levels_of(data[place][here], points, isinstance(array, ScatteredArray))
+            levels = _levels_of(data[place][here], points, _margin(estimator, array))
             for start, level in zip(starts, levels):
                 start[i] = level
     return [s for k, s in enumerate(starts) if not any(np.array_equal(s, before) for before in starts[:k])]
@@ -80,7 +81,7 @@ def edge_drift(estimator: PreparedContact, data: Floats, observed: Flags, terms:
             order = np.argsort(points[:, 0])
             edge = np.isin(np.arange(len(points)), [*order[:k], *order[-k:]])
         else:
-            edge = outermost_of(points, isinstance(array, ScatteredArray))
+            edge = outermost_of(points, _margin(estimator, array))
         edge &= observed[place]
         of = [j for j, t in enumerate(terms) if t.kind in AT_EDGE and t.rows[place].any()]
         if not of or edge.sum() < len(of):
@@ -93,8 +94,15 @@ def edge_drift(estimator: PreparedContact, data: Floats, observed: Flags, terms:
 
 def in_range(estimator: PreparedContact, columns: Floats, sizes: Floats, data: Floats) -> bool:
     """Whether nuisances are small enough for a sensor that was zeroed: one as large as the readings is not an offset."""
-    largest = estimator.policy.explanations.largest_nuisance * reach_of_kind(estimator, columns, data - columns @ sizes)
-    return bool((np.abs(sizes) <= largest)[~_without_datum(estimator, columns)].all())
+    return not largest_part(estimator, columns, sizes, data) > estimator.policy.explanations.largest_nuisance
+
+
+def largest_part(estimator: PreparedContact, columns: Floats, sizes: Floats, data: Floats) -> float:
+    """Size of the largest nuisance as a part of the largest reading of its kind without them; 0 of those that have no
+    datum (`_without_datum`).
+    """
+    largest = np.maximum(reach_of_kind(estimator, columns, data - columns @ sizes), 1e-300)
+    return float((np.abs(sizes) / largest)[~_without_datum(estimator, columns)].max(initial=0.0))
 
 
 def _without_datum(estimator: PreparedContact, columns: Floats) -> Flags:
@@ -136,7 +144,7 @@ def _channels(estimator: PreparedContact) -> Iterator[tuple[Array, Index]]:
             start += n
 
 
-def _levels_of(values: Floats, points: Floats, scattered: bool) -> list[float]:
+def _levels_of(values: Floats, points: Floats, margin: float) -> list[float]:
     """Candidate offsets of one channel, from its outermost taxels. On a line: the end that reads less, then each end.
     Shear acts far along a line and in opposite directions at its ends, so that the end that reads less is farther from
     the contact.
@@ -146,11 +154,15 @@ def _levels_of(values: Floats, points: Floats, scattered: bool) -> list[float]:
         k = max(1, min(2, len(values) // 6))
         ends = [float(values[order[:k]].mean()), float(values[order[-k:]].mean())]
         return [min(ends, key=abs), *ends]
-    return [float(np.median(values[outermost_of(points, scattered)]))]
+    return [float(np.median(values[outermost_of(points, margin)]))]
 
 
-def outermost_of(points: Floats, scattered: bool) -> Flags:
-    """Mask of the taxels at the edge of an area."""
+def _margin(estimator: PreparedContact, array: Array) -> float:
+    """Fraction of an array's extent within which taxels are outermost."""
+    return estimator.policy.explanations.outermost if isinstance(array, ScatteredArray) else 1e-6
+
+
+def outermost_of(points: Floats, margin: float) -> Flags:
+    """Mask of the taxels of an area within the fraction ``margin`` of its extent from an edge."""
     low, high = points.min(axis=0), points.max(axis=0)
-    margin = 0.15 if scattered else 1e-6
     return np.asarray(np.any((points - low < margin * (high - low)) | (high - points < margin * (high - low)), axis=1))

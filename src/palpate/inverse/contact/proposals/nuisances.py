@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import drift, trace
 from palpate.inverse.contact.explanation import Explanation, Rough
-from palpate.inverse.contact.proposals.levels import in_range, reach
+from palpate.inverse.contact.proposals.levels import largest_part
 from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import rough, wide_and_wrong
 from palpate.inverse.contact.score import least_to_beat
-from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["with_nuisances"]
 
@@ -26,42 +23,34 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
     the result cannot beat earlier explanations.
     """
     estimator = search.estimator
-    terms = [term for term, here in zip(search.terms, sought) if here]
-    solved = _in_turn(search, terms, sign, start[sought], least_to_beat(search.tried, estimator.policy))
+    solved = _in_turn(search, sought, sign, start[sought], least_to_beat(search.tried, estimator.policy))
     if solved is None:
         return None
     found, sizes = solved
-    columns = np.stack([term.rows for term in terms], axis=1)
-    if not sizes.any():
-        return None
-    if _too_large(search, columns, sizes):
+    if not sizes.any() or _too_large(search, sought, sizes):
         return None
     every = search.none
     every[sought] = sizes
     return Explanation(sign, found, every, choice=drift.cost(estimator, every, search.data))
 
 
-def _in_turn(
-    search: Search, terms: Sequence[Nuisance], sign: int, start: Floats, beat: float
-) -> tuple[Rough, Floats] | None:
-    """The rough solution with significant nuisances, and their sizes. None if its gain will almost certainly stay
+def _in_turn(search: Search, sought: Flags, sign: int, start: Floats, beat: float) -> tuple[Rough, Floats] | None:
+    """The rough solution with those of the nuisances ``sought`` that are significant, and the sizes of all sought. None if its gain will almost certainly stay
     below ``beat``, even if each remaining round improves as much as the best so far, or if the sizes grow too large.
 
     Contact and sizes are solved alternately; each step of the sizes lets the contact move on its face.
     """
     estimator, data, observed = search.estimator, search.data, search.observed
     rules = estimator.policy.explanations
-    columns = np.stack([term.rows for term in terms], axis=1)
-    readings = estimator.readings
-    unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
+    columns, lengths = estimator.shifts[:, sought], search.lengths[sought]
     few = observed.sum() <= estimator.policy.detection.few_readings
-    sizes, present = start.copy(), np.ones(len(terms), dtype=bool)
+    sizes, present = start.copy(), np.ones(len(start), dtype=bool)
     best: Rough | None = None
     near: Floats | None = None
     noise, step = search.first_noise, 0.0
-    plain = next((h.rough for h in search.tried if h.sign == sign and not h.present.any()), None)
-    if noise is None and plain is not None and wide_and_wrong(estimator, plain.traction, plain.left):
-        near, noise = plain.traction, plain.left
+    plain = search.alone(sign)
+    if noise is None and plain is not None and wide_and_wrong(estimator, plain.rough.traction, plain.rough.left):
+        near, noise = plain.rough.traction, plain.rough.left
     for turn in range(rules.nuisance_rounds):
         clean = sign * (data - columns @ sizes)
         found = rough(estimator, clean, observed, search.total, columns[:, present], noise, near, beat)
@@ -76,8 +65,9 @@ def _in_turn(
                 trace.decided("most that contact with nuisances can gain", most, beat)
                 return None
         best, kept = found, sizes.copy()
-        deviation = max(found.left, estimator.least_noise(data)) / np.maximum(unit, 1e-300)
-        change = np.zeros(len(terms))
+        # Beside a contact that is known. With `found.deviation`, beside one that moves on its face, fewer would be sure.
+        deviation = max(found.left, estimator.least_noise(data)) / np.maximum(lengths, 1e-300)
+        change = np.zeros(len(start))
         change[present] = sign * found.change
         sizes = sizes + change
         # The first joint step starts far from the solution. It shows whether there are nuisances, but not yet which.
@@ -90,9 +80,9 @@ def _in_turn(
             return None
         if not first:
             present, sizes = there, np.where(there, sizes, 0.0)
-        if (np.abs(change) < 0.3 * deviation).all():
+        if (np.abs(change) < rules.settled * deviation).all():
             break
-        if turn > 0 and _too_large(search, columns, sizes):
+        if turn > 0 and _too_large(search, sought, sizes):
             return None
     if best is None:
         raise RuntimeError("no round of nuisances was made")
@@ -100,11 +90,12 @@ def _in_turn(
     return best, np.where(present, kept, 0.0)
 
 
-def _too_large(search: Search, columns: Floats, sizes: Floats) -> bool:
-    """Whether nuisances exceed what a zeroed sensor may have (`levels.in_range`)."""
-    if in_range(search.estimator, columns, sizes, search.data):
+def _too_large(search: Search, sought: Flags, sizes: Floats) -> bool:
+    """Whether nuisances exceed what a zeroed sensor may have (`levels.largest_part`)."""
+    estimator = search.estimator
+    largest = largest_part(estimator, estimator.shifts[:, sought], sizes, search.data)
+    limit = estimator.policy.explanations.largest_nuisance
+    if not largest > limit:
         return False
-    largest = float((np.abs(sizes) / np.maximum(reach(columns, search.data), 1e-300)).max())
-    limit = search.estimator.policy.explanations.largest_nuisance
-    trace.decided("too large a nuisance, as a part of the largest reading", largest, limit)
+    trace.decided("too large a nuisance, as a part of the largest reading without it", largest, limit)
     return True

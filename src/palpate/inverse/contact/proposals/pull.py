@@ -18,7 +18,7 @@ def propose(search: Search) -> Iterator[Explanation]:
     """
     push = search.tried[0]
     doubted = search.worth_more(push) or (search.estimator.far and absorbs(push.rough, search.estimator.policy))
-    if -1 not in search.signs:
+    if -1 not in search.estimator.signs:
         return
     if not doubted:
         limit = search.estimator.policy.explanations.doubt

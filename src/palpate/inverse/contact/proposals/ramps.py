@@ -23,12 +23,9 @@ def propose(search: Search) -> Iterator[Explanation]:
     ramps = np.array([term.kind in AT_EDGE and term.kind != "offset" for term in search.terms], dtype=bool)
     if not ramps.any():
         return
-    readings = estimator.readings
-    columns = np.stack([term.rows for term in search.terms], axis=1)
-    unit = np.sqrt((readings.white((columns / readings.std[:, None])[observed], observed) ** 2).sum(axis=0))
     level = max(max(search.tried, key=lambda h: h.rough.gain).rough.left, estimator.least_noise(search.data))
     tilted = edge_drift(estimator, search.data, observed, search.terms)
-    least, most = estimator.policy.explanations.nuisance, float((np.abs(tilted) * unit / level)[ramps].max())
+    least, most = estimator.policy.explanations.nuisance, float((np.abs(tilted) * search.lengths / level)[ramps].max())
     if not most > least:
         trace.decided("ramp of the outermost taxels, in standard deviations", most, least)
         return

@@ -32,8 +32,6 @@ class Search:
     estimator: PreparedContact
     data: Floats
     observed: Flags
-    terms: Sequence[Nuisance]
-    signs: Sequence[int]
     total: float
     noise: float | None
     tried: list[Explanation] = field(default_factory=list)
@@ -51,6 +49,18 @@ class Search:
             if not self.tried:
                 raise
             trace.step(f"skipped: {error}")
+
+    @property
+    def terms(self) -> Sequence[Nuisance]:
+        """The nuisances that may be in the readings."""
+        return self.estimator.terms
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """Length of the whitened pattern of each nuisance (nuisance,): the inverse of its standard deviation beside a
+        contact that is known, for noise of one.
+        """
+        return np.sqrt((self.estimator.readings.whitened(self.estimator.shifts, self.observed) ** 2).sum(axis=0))
 
     @cached_property
     def first_noise(self) -> float | None:
@@ -73,6 +83,10 @@ class Search:
         )
         return Explanation(sign, found, self.none)
 
+    def alone(self, sign: int) -> Explanation | None:
+        """Contact of one sign without nuisances, if it was tried."""
+        return next((h for h in self.tried if h.sign == sign and not h.present.any()), None)
+
     def promises(self, sign: int, sought: Flags) -> bool:
         """Whether contact of this sign may win by the nuisances ``sought``: in one Newton step of them, together with
         contact on its face, one is above the model's accuracy, and they gain more than one costs and than `best_of`
@@ -80,7 +94,7 @@ class Search:
         array, it may hide an offset, so that the step counts for ramps alone, and only if no offset was found.
         """
         rules = self.estimator.policy.explanations
-        plain = next((h for h in self.tried if h.sign == sign and not h.present.any()), None)
+        plain = self.alone(sign)
         if plain is None or self.worth_more(plain) or absorbs(plain.rough, self.estimator.policy):
             return True
         if np.count_nonzero(plain.rough.traction[-1]) > rules.edge * self.estimator.taxels:
