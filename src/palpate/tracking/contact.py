@@ -3,6 +3,14 @@
 The contact pushes and is solved from all readings except outliers, or its traction has either sign. A frame that fits
 like the ones before costs one solution. If the misfit is unusual, and at regular intervals, the tracker checks whether
 something else explains that frame better: pressure on more cells, wrong readings, or traction that pulls.
+
+| `Contact.pushing` | every frame | at regular intervals, and where the misfit is unusual |
+|---|---|---|
+| True | `_push`, then `_refined`: learn the penalty if too much is left | `_weigh`: push against pull |
+| False | `_follow_pull`: `_pull` | `_weigh`; also where it no longer pulls or fits |
+
+A frame is *late* after many that were not finished: it waits for the thread, and is finished whatever the time. *Fresh*
+is the first frame of a contact.
 """
 
 from __future__ import annotations
@@ -23,7 +31,7 @@ from palpate.tracking.background import Background
 from palpate.tracking.discrepancy import LARGEST, share_of
 from palpate.tracking.dragging import Drag, Dragging
 from palpate.tracking.errors import ErrorBars
-from palpate.tracking.frames import Frame, Residual
+from palpate.tracking.frames import Alternative, Frame, Residual
 from palpate.tracking.health import Flags, Index, ReadingCheck
 from palpate.tracking.interim import Interim, wider
 from palpate.tracking.iteration import Iteration
@@ -454,30 +462,24 @@ class Contact:
 
     def _weigh(self, frame: Frame) -> bool:
         """Compare the alternatives and take the best."""
-        check = self._check
-        before = check.suspects.copy()
-        pushed, converged, pulls = self._pushed(frame)
-        count = int(check.suspects.sum())
-        suspects = check.suspects.copy()
-        unexplained = DISCREPANCY if self._learning.discrepancy.zeroed else self._limits.unexplained_signal
-        if pushed.fits and not pulls and count <= max(FEWEST, FEW * len(pushed.values)):
+        check, before = self._check, self._check.suspects.copy()
+        push = self._pushed(frame)
+        pushed, converged = push.residual, push.converged
+        if pushed.fits and not push.pulls and push.suspects.sum() <= max(FEWEST, FEW * len(pushed.values)):
             return self._accept_push(frame, pushed, converged)
-        marginal = self._marginal
         check.suspects[:] = False
-        pulled = self._pulled(frame)
+        pull = self._pulled(frame)
+        unexplained = DISCREPANCY if self._learning.discrepancy.zeroed else self._limits.unexplained_signal
         variance = frame.noise**2 + (unexplained * float(np.sqrt(np.mean(frame.actual[~pushed.unused] ** 2)))) ** 2
-        costs = [
-            0.5 * f.rms**2 * float((~f.unused).sum()) / variance + COST_OF_READING * c + extra
-            for f, c, extra in ((pushed, count, 0.0), (pulled, int(check.suspects.sum()), COST_OF_PULL))
-        ]
-        if costs[1] < costs[0]:
+        if _cost(pull, variance) + COST_OF_PULL < _cost(push, variance):
             self.pushing = False
             self._solution.clear()
-            self._take(pulled, frame.noise)
+            self._take(pull.residual, frame.noise)
             self._errors.outdate()
             return True
-        check.suspects[:] = suspects if pushed.fits else before & suspects
-        self._marginal = marginal
+        # Back to the push: the pull has changed the suspects and the offsets.
+        check.suspects[:] = push.suspects if pushed.fits else before & push.suspects
+        self._marginal = push.marginal
         if not np.array_equal(check.unused, pushed.unused) or self._solution.region is None:
             converged = self._push(frame)
             pushed = self._push_residual(frame)
@@ -530,7 +532,7 @@ class Contact:
             self._errors.outdate()
             self.noise = level
 
-    def _pushed(self, frame: Frame) -> tuple[Residual, bool, bool]:
+    def _pushed(self, frame: Frame) -> Alternative:
         """Solve pushing contact, add cells where pressure is missing, and exclude readings that it does not fit."""
         check, equations, solution = self._check, self._equations, self._solution
         if solution.region is None or not self.pushing:
@@ -569,9 +571,9 @@ class Contact:
             if not changed and solution.region is region:
                 residual = self._push_residual(frame)
                 break
-        return residual, converged, pulls
+        return Alternative(residual, check.suspects.copy(), self._marginal, converged, pulls)
 
-    def _pulled(self, frame: Frame) -> Residual:
+    def _pulled(self, frame: Frame) -> Alternative:
         """Solve traction of either sign, and exclude readings that it does not fit."""
         check = self._check
         residual = self._pull(frame)
@@ -589,7 +591,8 @@ class Contact:
         # Traction with as many degrees of freedom as readings fits anything.
         used = float((~residual.unused).sum())
         free = used - self._estimator.start.freedom(self._parameter)
-        return residual._replace(fits=residual.fits and free >= LEAST_FREE * used)
+        residual = residual._replace(fits=residual.fits and free >= LEAST_FREE * used)
+        return Alternative(residual, check.suspects.copy(), self._marginal)
 
     # -- cells ----------------------------------------------------------------------------------------------------------
 
@@ -654,3 +657,9 @@ class Contact:
     def _moved(self, region: Region) -> None:
         self._solution.move(region)
         self._search.moved()
+
+
+def _cost(tried: Alternative, variance: float) -> float:
+    """Half the squares of the residual in units of ``variance``, plus what the readings that count as wrong cost."""
+    used = float((~tried.residual.unused).sum())
+    return 0.5 * tried.residual.rms**2 * used / variance + COST_OF_READING * int(tried.suspects.sum())

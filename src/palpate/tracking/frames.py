@@ -1,4 +1,4 @@
-"""A frame to solve, the residual of a solution, and the numbers of an answer."""
+"""A frame to solve, the residual of a solution, an alternative that was tried, and the numbers of an answer."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import NamedTuple
 from palpate.elastic.pad import Floats
 from palpate.inverse.estimate import Errors, Stated
 from palpate.tracking.health import Flags
+from palpate.tracking.offsets import Marginal
 
-__all__ = ["Frame", "Numbers", "Residual"]
+__all__ = ["Alternative", "Frame", "Numbers", "Residual"]
 
 
 class Frame(NamedTuple):
@@ -30,6 +31,18 @@ class Residual(NamedTuple):
     rms: float
     unused: Flags
     fits: bool
+
+
+class Alternative(NamedTuple):
+    """Contact of one kind, solved: its residual, the readings that it takes for wrong, the offsets that go with it,
+    whether its iteration converged, and whether its readings ask for pull.
+    """
+
+    residual: Residual
+    suspects: Flags
+    marginal: Marginal | None
+    converged: bool = True
+    pulls: bool = False
 
 
 class Numbers(NamedTuple):
