@@ -1,15 +1,39 @@
-"""A frame to solve, the residual of a solution, an alternative that was tried, and the numbers of an answer."""
+"""What a frame shows at once, a frame to solve, the residual of a solution, an alternative that was tried, and the numbers of an answer."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.estimate import Errors, Stated
 from palpate.tracking.health import Flags
 from palpate.tracking.offsets import Marginal
 
-__all__ = ["Alternative", "Frame", "Numbers", "Residual"]
+__all__ = ["Alternative", "Frame", "Look", "Numbers", "Residual"]
+
+
+class Look(NamedTuple):
+    """What a frame shows before contact is sought. ``scaled``: readings in units of their standard deviations, NaN if
+    missing; ``actual``: without zero and offsets; ``y``: the same, 0 where unused; ``slope`` (component, cell): A'y;
+    ``score`` (cell,): the pressure of each cell alone, and its ``level`` at rest; ``rounding`` of the readings.
+    """
+
+    scaled: Floats
+    actual: Floats
+    y: Floats
+    noise: float
+    slope: npt.NDArray[np.float32]
+    score: Floats
+    level: Floats
+    rounding: float
+
+    @property
+    def highest(self) -> float:
+        """Largest score, in units of its level."""
+        return float((np.abs(self.score) / self.level).max())
 
 
 class Frame(NamedTuple):

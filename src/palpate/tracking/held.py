@@ -32,7 +32,7 @@ from palpate.tracking.offsets import Offsets
 from palpate.tracking.region import NormalEquations, on_surface
 from palpate.tracking.single import Answer, Compared, Comparison, Single
 
-__all__ = ["Held", "HeldAnswer", "own_traction"]
+__all__ = ["Held", "HeldAnswer", "own_force"]
 
 #: The models do not explain a frame if they leave more than they left of theirs, by this many standard deviations: of the
 #: sum of squares of noise, or of the pressure of any cell alone.
@@ -216,3 +216,8 @@ def own_traction(estimator: ConstrainedEstimator, contact: Contact) -> Floats:
     """Traction (component, *surface) by the tracker's own model."""
     cells = np.zeros(0, dtype=np.intp) if contact.cells is None else contact.cells
     return on_surface(estimator, cells, contact.traction)
+
+
+def own_force(estimator: ConstrainedEstimator, contact: Contact) -> Floats:
+    """Net force by the tracker's own model."""
+    return np.asarray(estimator.surface.total_force(own_traction(estimator, contact)))

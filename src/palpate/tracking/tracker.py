@@ -32,9 +32,9 @@ from palpate.tracking.background import Background
 from palpate.tracking.contact import EVERY, UNEXPLAINED, Contact
 from palpate.tracking.creep import Creep
 from palpate.tracking.discrepancy import bounds_of, without_numbers
-from palpate.tracking.frames import Frame, Numbers
+from palpate.tracking.frames import Frame, Look, Numbers
 from palpate.tracking.health import ENOUGH, Flags, Health, ReadingCheck
-from palpate.tracking.held import Held, own_traction
+from palpate.tracking.held import Held, own_force
 from palpate.tracking.learning import ROUNDING, Learning, rough_noise, typical_noise
 from palpate.tracking.misfit import probability_of
 from palpate.tracking.offsets import Offsets
@@ -70,8 +70,8 @@ class Tracker:
     layout : Layout
         How readings are checked and ordered.
     baseline : int or array
-        Frames at the start, without contact, whose mean is taken as zero (of three and more, those that are far from most are
-        left out); or the zero itself, one frame of readings; 0: the readings are zero already.
+        Frames at the start, without contact, whose mean is taken as zero (of three and more, those far from most are left out); or
+        the zero itself, one frame of readings; 0: the readings are zero already.
     tolerance : float
         Change of traction, as a part of its peak, at which a frame's iteration ends.
     budget : float, optional
@@ -283,8 +283,6 @@ class Tracker:
             self._learning.take_noise(other._learning._told)
         return True
 
-    # -- one frame -----------------------------------------------------------------------------------------------------
-
     def step(self, reading: Any, time: float | None = None, *, std: Any = None) -> Touch:
         """Contact in the next frame.
 
@@ -369,7 +367,9 @@ class Tracker:
             if not due or waits or self._check.clipped.mean() > ENOUGH:
                 return touch
             comparison.begun(load, shear)
-            self._compared = Compared(Answer.of(touch), self._own_force(), frame.actual * self._std)
+            self._compared = Compared(
+                Answer.of(touch), own_force(self.estimator, self._contact), frame.actual * self._std
+            )
         rest, actual = list(self._rest.frames), np.where(self._check.lacks, np.nan, frame.actual * self._std)
         clipped = self._check.clipped.astype(np.float64)
 
@@ -396,14 +396,11 @@ class Tracker:
             if not beside.threaded:
                 again = frame._replace(actual=frame.actual - self._offsets.value())
                 touch = rebuild(*self._in_contact(again, 0.0, regular=True))
-                compared = compared._replace(answer=Answer.of(touch), own=self._own_force())
+                compared = compared._replace(answer=Answer.of(touch), own=own_force(self.estimator, self._contact))
                 comparison.settle(compared.answer, reference)
                 self._held.hold(single, compared, reference)
         self._answer_by_held()
         return rebuild(*self._status(bool(touch.converged)))
-
-    def _own_force(self) -> Floats:  # by the tracker's own model
-        return np.asarray(self.estimator.surface.total_force(own_traction(self.estimator, self._contact)))
 
     def _answer_by_held(self) -> None:  # by the models of the last single solve
         if self._frame is not None:
@@ -431,27 +428,48 @@ class Tracker:
 
     def _step(self, flat: Floats, elapsed: float, started: float, noise_given: float | None) -> tuple[Status, bool]:
         """Process a frame; return its status, and whether its iteration converged."""
-        health, check, zero, learning, offsets = self.health, self._check, self._zero, self._learning, self._offsets
+        health, check, zero, learning = self.health, self._check, self._zero, self._learning
         health.frames += 1
         scaled = check.present(self._scaled(flat, check.usable(flat)))
         if not check.enough(np.isfinite(scaled)):
             return Status.MISSING, False
         if zero.baseline is None or zero.capturing:
-            self._standing = Standing()
-            learning.take_noise(zero.capture(scaled))
-            if not zero.capturing:
-                self._rest = Rest.of(zero.shown, self._equations)
-                if zero.moved:
-                    self._said.append(MOVED)
-            return Status.CAPTURING_ZERO, True
+            return self._capture(scaled), True
         learning.state(noise_given)
         if zero.moved:
             self._said.append(MOVED)
-        follows = self.drift_time is not None
-        of_zero = math.sqrt(1.0 + zero.variance)
+        look = self._look(zero.baseline, scaled, flat, elapsed)
+        if not self._touching and look.highest > TAKEN:
+            alone = only_reading(self._equations, look.y, look.level, check.unused)
+            if alone is not None:
+                check.count(alone, "unexplained")
+                return self._undecided(alone), True
+        look = self._without_unreal_offsets(zero.baseline, look, flat)
+        was_touching, self._touching = self._touching, look.highest > (LOST if self._touching else TAKEN)
+        if not self._touching:
+            return self._untouched(look, elapsed, ended=was_touching), True
+        deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
+        self._frame = Frame(scaled - zero.baseline, look.noise, deadline, math.sqrt(1.0 + zero.variance))
+        frame = self._frame._replace(actual=look.actual)
+        return self._in_contact(frame, elapsed, regular=health.frames % EVERY == 0)
+
+    def _capture(self, scaled: Floats) -> Status:
+        """Take a frame for the zero."""
+        zero = self._zero
+        self._standing = Standing()
+        self._learning.take_noise(zero.capture(scaled))
+        if not zero.capturing:
+            self._rest = Rest.of(zero.shown, self._equations)
+            if zero.moved:
+                self._said.append(MOVED)
+        return Status.CAPTURING_ZERO
+
+    def _look(self, baseline: Floats, scaled: Floats, flat: Floats, elapsed: float) -> Look:
+        """What a frame shows before contact is sought."""
+        check, learning, offsets, follows = self._check, self._learning, self._offsets, self.drift_time is not None
         if follows and self._touching:
             offsets.go_on(elapsed)
-        actual = scaled - zero.baseline - offsets.value()
+        actual = scaled - baseline - offsets.value()
         y = check.zeroed(actual, flat, offsets.index, learning.noise or 0.0)
         unused = check.unused
         noise, rounding = learning.noise, ROUNDING * float(np.abs(scaled[~unused]).max(initial=0.0))
@@ -461,53 +479,47 @@ class Tracker:
         if follows:
             offsets.pass_time(elapsed, offsets.scale(learning.noise, y), observed=self._contact.observes)
         slope, level = self._equations.adjoint(y, unused), self._rest.level(max(noise, 1e-30))
-        score = self._equations.score(slope)
-        highest = float((np.abs(score) / level).max())
-        if (
-            not self._touching
-            and highest > TAKEN
-            and (alone := only_reading(self._equations, y, level, unused)) is not None
-        ):
-            check.count(alone, "unexplained")
-            return self._undecided(alone), True
-        if self._touching and offsets.mean.any():
-            raw_score = self._equations.score(slope + self._equations.of_offsets(offsets.mean, unused))
-            raw_highest = float((np.abs(raw_score) / level).max())
-            if raw_highest < LOST:
-                # At rest with the old zero: offsets, and a rate of drift smaller than its error, were not real.
-                offsets.clear()
-                if raw_highest <= highest:
-                    offsets.rate = np.zeros_like(offsets.rate)
-                y = check.zeroed(scaled - zero.baseline, flat, offsets.index, noise)
-                score, highest = raw_score, raw_highest
-        was_touching, self._touching = self._touching, highest > (LOST if self._touching else TAKEN)
-        if not self._touching:
-            if was_touching:
-                self._release()
-                zero.shift(offsets.value())  # quiet with them: they are the zero's
-            offsets.clear()
-            if follows and learning.noise is not None:
-                self._rest.look(np.where(unused, math.nan, y), score, largest=TAKEN * float(level.max()))
-            alone = check.unexplained & (np.abs(actual) > UNEXPLAINED * noise)
-            health.rezeroed += zero.follow(np.where(alone, math.nan, scaled), elapsed, noise)
-            self._at_rest(y, noise * of_zero, rounding)
-            check.forgive(np.abs(actual) < UNEXPLAINED * noise, 1)
-            return (self._undecided(alone) if alone.any() else self._unless_frozen(Status.NO_CONTACT)), True
-        deadline = math.inf if self.budget is None else started + BUDGET_OF_ITERATION * self.budget
-        self._frame = Frame(scaled - zero.baseline, noise, deadline, of_zero)
-        return self._in_contact(
-            self._frame._replace(actual=actual),
-            elapsed,
-            regular=health.frames % EVERY == 0,
-        )
+        return Look(scaled, actual, y, noise, slope, self._equations.score(slope), level, rounding)
+
+    def _without_unreal_offsets(self, baseline: Floats, look: Look, flat: Floats) -> Look:
+        """The look without offsets, if the frame is at rest with the old zero: then they, and a rate of drift smaller
+        than its error, were not real.
+        """
+        check, offsets, equations = self._check, self._offsets, self._equations
+        if not self._touching or not offsets.mean.any():
+            return look
+        raw = look._replace(score=equations.score(look.slope + equations.of_offsets(offsets.mean, check.unused)))
+        if not raw.highest < LOST:
+            return look
+        offsets.clear()
+        if raw.highest <= look.highest:
+            offsets.rate = np.zeros_like(offsets.rate)
+        return raw._replace(y=check.zeroed(look.scaled - baseline, flat, offsets.index, look.noise))
+
+    def _untouched(self, look: Look, elapsed: float, *, ended: bool) -> Status:
+        """Let zero, noise and health follow a frame without contact; ``ended``: contact has just ended."""
+        health, check, zero, offsets = self.health, self._check, self._zero, self._offsets
+        of_zero = math.sqrt(1.0 + zero.variance)
+        if ended:
+            self._release()
+            zero.shift(offsets.value())  # quiet with them: they are the zero's
+        offsets.clear()
+        if self.drift_time is not None and self._learning.noise is not None:
+            self._rest.look(
+                np.where(check.unused, math.nan, look.y), look.score, largest=TAKEN * float(look.level.max())
+            )
+        alone = check.unexplained & (np.abs(look.actual) > UNEXPLAINED * look.noise)
+        health.rezeroed += zero.follow(np.where(alone, math.nan, look.scaled), elapsed, look.noise)
+        self._at_rest(look.y, look.noise * of_zero, look.rounding)
+        check.forgive(np.abs(look.actual) < UNEXPLAINED * look.noise, 1)
+        return self._undecided(alone) if alone.any() else self._unless_frozen(Status.NO_CONTACT)
 
     def _at_rest(self, y: Floats, noise: float, rounding: float) -> None:
         """Learn from a frame without contact (readings minus zero and offsets): drift, noise, and whether noise explains
         it.
         """
         learning, offsets, unused = self._learning, self._offsets, self._check.unused
-        follows = self.drift_time is not None
-        if follows:
+        if follows := self.drift_time is not None:
             self._zero.shift(offsets.follow(y, unused))
         self._residual, self._quiet = math.nan, np.where(unused, 0.0, y)
         self._standing.look(y, unused)
@@ -631,8 +643,6 @@ class Tracker:
         self._steady = Steady()
         self._fit = math.nan
 
-    # -- the result ------------------------------------------------------------------------------------------------------
-
     def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
         estimator, learning, contact = self.estimator, self._learning, self._contact
         touching, noise = self._touching and status.known, learning.noise
@@ -676,7 +686,7 @@ class Tracker:
     def _numbers(self, status: Status) -> Numbers:
         """The numbers of a frame with this status."""
         grid, noise = self.estimator.surface, self._learning.noise
-        nothing: Floats = np.zeros((len(grid.components), *self.estimator.operator.surface.shape))
+        nothing: Floats = np.zeros((len(grid.components), *grid.shape))
         if not status.known:
             self.health.unknown += 1
             return Numbers(math.nan * nothing)

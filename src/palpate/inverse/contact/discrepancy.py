@@ -133,7 +133,8 @@ def _with_shares(
     rng: np.random.Generator | None,
 ) -> Frame:
     """The frame with the first of the discrepancies that makes it fit; otherwise with the best of them, or
-    unexplained.
+    unexplained. Drift after the zero is sought only if contact alone is not found: if neither explained the readings
+    without a discrepancy, contact and offsets together explain what the offsets do not by pressure all over.
     """
     policy = estimator.policy
     level = estimator.even_noise
@@ -145,7 +146,8 @@ def _with_shares(
         """The factor of the noise, and the frame."""
         factor = math.hypot(1.0, share * ratio)
         trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
-        return factor, _solved(level, readings, rng, factor)
+        alone = _solved(level.seeks_no_drift, readings, rng, factor)
+        return factor, alone if alone.contact else _solved(level, readings, rng, factor)
 
     def promises() -> bool:
         """Whether the largest discrepancy shows a contact or an offset: if not, a smaller one seldom does."""

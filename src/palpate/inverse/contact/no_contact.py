@@ -41,7 +41,7 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     trace.decided("log evidence of contact over noise alone", plain.gain, policy.detection.evidence + loud)
     if not more_than_noise(plain.gain, loud, policy):
         return Explanation(1, nothing, sizes)
-    if not estimator.terms:
+    if not estimator.usual:
         return None
     shifts = estimator.shifts[:, : estimator.usual]
     patterns = np.stack([estimator.start.projected(estimator.readings.planes(c)) for c in shifts.T])

@@ -253,11 +253,16 @@ class PreparedContact(ABC):
             return self
         return self._with_terms(kept, sum(t.of_image for t in self.terms[: self.usual]))
 
+    @cached_property
+    def seeks_no_drift(self) -> PreparedContact:
+        """A copy that seeks none of the nuisances that the zero removed; its errors still allow for them."""
+        return self._with_terms(self.terms, sum(t.of_image for t in self.terms[: self.usual])) if self.removed else self
+
     def _with_terms(self, terms: list[Nuisance], usual: int) -> PreparedContact:
         """A copy with other nuisances, the first ``usual`` of which may be present without contact."""
         out = copy.copy(self)
         out.terms, out.usual = terms, usual
-        for made in ("shifts", "settled"):
+        for made in ("shifts", "settled", "seeks_no_drift"):
             out.__dict__.pop(made, None)
         return out
 

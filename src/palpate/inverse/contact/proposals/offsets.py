@@ -15,8 +15,6 @@ __all__ = ["propose"]
 
 def propose(search: Search) -> Iterator[Explanation]:
     """Yield contact of either sign with offsets, the likelier sign first; signs that cannot win or gain are skipped."""
-    if not search.terms:
-        return
     estimator = search.estimator
     for sign in likelier_signs(search.tried, search.hopeless):
         if not search.promises(sign, search.usual):

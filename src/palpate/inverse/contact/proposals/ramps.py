@@ -29,7 +29,7 @@ def propose(search: Search) -> Iterator[Explanation]:
     if not most > least:
         trace.decided("ramp of the outermost taxels, in standard deviations", most, least)
         return
-    sought = np.array([term.kind != "group" for term in search.terms])
+    sought = np.array([term.kind != "group" for term in search.terms]) & (search.usual | ~estimator.since_zero)
     for sign in likelier_signs(search.tried, search.hopeless):
         found = with_nuisances(search, sign, tilted, sought) if search.promises(sign, sought) else None
         if found is not None:

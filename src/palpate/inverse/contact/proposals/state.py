@@ -93,6 +93,8 @@ class Search:
         requires. Always, if contact alone leaves a large residual or may have taken them up. If it covers much of the
         array, it may hide an offset, so that the step counts for ramps alone, and only if no offset was found.
         """
+        if not sought.any():
+            return False
         rules = self.estimator.policy.explanations
         plain = self.alone(sign)
         if plain is None or self.worth_more(plain) or absorbs(plain.rough, self.estimator.policy):
