@@ -75,8 +75,7 @@ class Tracker:
     tolerance : float
         Change of traction, as a part of its peak, at which a frame's iteration ends.
     budget : float, optional
-        Seconds a frame may take. The iteration ends early where it must (``converged`` is then False), and what takes longer
-        (learning the penalty, moving the region of interest, error bars) runs beside the stream in a thread of its own.
+        Seconds a frame may take. The iteration ends early where it must (``converged`` is then False); the rest runs beside the stream.
     rezero : float, optional
         Time constant [s], and at least ten frames, with which the zero follows drift while nothing touches; None keeps it.
     rate : float
@@ -558,12 +557,10 @@ class Tracker:
             return Status.OVERLOAD, converged
         if self._held.answer is not None and self._held.answer.proven:
             return self._unless_frozen(Status.SOLVED if self._held.answer.pushes else Status.NOT_PUSHING), True
-        status = Status.SOLVED if converged else Status.NOT_CONVERGED
         if not contact.fits or self._comparison.refutes(contact.size):
-            status = Status.UNEXPLAINED
-        elif not contact.pushing:
-            status = Status.NOT_PUSHING
-        return self._unless_frozen(status), converged
+            return self._unless_frozen(Status.UNEXPLAINED), converged
+        solved = Status.SOLVED if converged else Status.NOT_CONVERGED
+        return self._unless_frozen(solved if contact.pushing else Status.NOT_PUSHING), converged
 
     def _say(self, elapsed: float) -> None:
         """Add the notes about the present contact."""
