@@ -11,6 +11,7 @@ import palpate as pp
 from palpate import solutions
 from palpate.inverse.contact.again import Again, keeping
 from palpate.sensing.uncertainty import EXACT
+from palpate.tracking.held import own_force
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 THREE = ["stress_xz", "stress_yz", "stress_zz"]
@@ -30,7 +31,7 @@ def stream(skin: pp.Skin, frames: list[Any], noise: float) -> list[tuple[pp.Touc
     with skin.track(baseline=10) as tracker:
         for frame in [np.zeros_like(frames[0])] * 12 + frames:
             touch = tracker.step(frame + noise * rng.standard_normal(frame.shape))
-            found.append((touch, float(tracker._own_force()[-1])))
+            found.append((touch, float(own_force(tracker.estimator, tracker._contact)[-1])))
     return found[12:]
 
 

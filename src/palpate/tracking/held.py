@@ -32,7 +32,7 @@ from palpate.tracking.offsets import Offsets
 from palpate.tracking.region import NormalEquations, on_surface
 from palpate.tracking.single import Answer, Compared, Comparison, Single
 
-__all__ = ["Held", "HeldAnswer", "own_force"]
+__all__ = ["Held", "HeldAnswer", "own_force", "own_traction"]
 
 #: The models do not explain a frame if they leave more than they left of theirs, by this many standard deviations: of the
 #: sum of squares of noise, or of the pressure of any cell alone.
