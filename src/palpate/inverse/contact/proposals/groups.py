@@ -37,22 +37,24 @@ def _beside(search: Search, h: Explanation) -> Iterator[Explanation]:
     more. All are candidates, so that each must also gain the log of their number.
     """
     policy = search.estimator.policy
-    each = [[i] for i, term in enumerate(search.terms) if term.kind == "group"]
-    names = dict.fromkeys(search.terms[i].group for (i,) in each)
-    together = [[i for (i,) in each if search.terms[i].group == name] for name in names]
-    groups = each + [g for g in together if len(g) > 1]
+    named: dict[str, list[int]] = {}
+    for i, term in enumerate(search.terms):
+        if term.kind == "group":
+            named.setdefault(term.group, []).append(i)
+    each = [[i] for i in sorted(i for group in named.values() for i in group)]
+    groups = each + [group for group in named.values() if len(group) > 1]
     choice = math.log(len(groups))
     for _ in range(policy.explanations.groups):
-        steps = steps_of(search.estimator, h, search.data, search.observed, groups)
+        steps, present = steps_of(search.estimator, h, search.data, search.observed, groups), h.present
         worth = [
-            -math.inf if h.present[g].any() else gain - policy.explanations.per_nuisance * len(g)
+            -math.inf if present[g].any() else gain - policy.explanations.per_nuisance * len(g)
             for g, (_, gain) in zip(groups, steps)
         ]
         best = int(np.argmax(worth))
         if not worth[best] > choice:
             trace.decided("gain of the best group of taxels, less its price", worth[best], choice)
             return
-        sought, start = h.present.copy(), h.sizes.copy()
+        sought, start = present.copy(), h.sizes.copy()
         sought[groups[best]], start[groups[best]] = True, steps[best][0]
         found = with_nuisances(search, h.sign, start, sought)
         if found is None or not found.present[groups[best]].any():
