@@ -59,7 +59,7 @@ def test_parts_that_are_left_out_are_missed() -> None:
     assert error(sample, Policy(parts=Parts(outliers=False, screening=False))) > 1.5 * whole
     assert error(sample, Policy(parts=Parts(wide_weights=False, narrow_weights=False))) > 1.1 * whole
     assert np.isnan(
-        error(sample, Policy(detection=Detection(evidence=1e9, few_cells=1e9)))
+        error(sample, Policy(detection=Detection(evidence=1e9, in_few_cells=1e9)))
     )  # undecided: nobody gave the noise
     pulls = sample.layout.skin.reconstruct(
         sample.readings, method=Ablated(policy=Policy(parts=Parts(constraint=False))), components=["z"]

@@ -67,7 +67,7 @@ def even_contact(
         # of their own.
         beside = dilated(region.reshape(grid.shape), 1).ravel()
         missing = pull > reference
-        if not (missing & ~beside).any() and missing.sum() <= policy.work.few_cells * region.sum():
+        if not (missing & ~beside).any() and missing.sum() <= policy.work.missing_cells * region.sum():
             break
         # If Newton's method cycles, most of the surface is in contact. For a large surface, solve one problem over a
         # larger region instead of one per round.

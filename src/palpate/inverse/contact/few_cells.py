@@ -76,7 +76,7 @@ def contact_in_few_cells(estimator: PreparedContact, data: Floats, observed: Fla
             best = FewCells(gain, size_left)
         if size_left <= floor:
             break
-    return best if best is not None and best.gain > policy.detection.few_cells + heavy else None
+    return best if best is not None and best.gain > policy.detection.in_few_cells + heavy else None
 
 
 def heavy_tails(white: Floats, channel: Index, free: int, policy: Policy) -> float:

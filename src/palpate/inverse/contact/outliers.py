@@ -48,7 +48,7 @@ def without_outliers(
         largest = float(np.abs(best.explained / readings.std).max(initial=0.0))
         # An outlier among n readings raises the residual to its own size over sqrt(n). With few readings it inflates
         # the noise that is used to judge it.
-        part = 1.0 if estimator.at_size else policy.explanations.half
+        part = 1.0 if estimator.at_size else policy.screening.examined
         limit = max(part * policy.screening.deviations * best.left, policy.screening.gross * largest)
         if not residual[worst] > limit or loaded_above(estimator, worst, clean - best.explained, counted):
             break
@@ -88,7 +88,7 @@ def _like_the_worst(residual: Floats, limit: float, estimator: PreparedContact) 
     """Mask of the readings whose residuals are beyond the limit and at least half the largest. Of neighbours only the
     worse: its residual is also seen in theirs.
     """
-    half = estimator.policy.explanations.half * float(residual.max())
+    half = estimator.policy.screening.beside_largest * float(residual.max())
     return np.asarray((residual > limit) & (residual >= half) & (residual >= _of_neighbours(residual, estimator)))
 
 

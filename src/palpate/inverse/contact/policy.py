@@ -89,7 +89,7 @@ class Detection:
         "log evidence for contact over noise, or for an explanation over the simplest: odds of 400 to one",
         tried=True,
     )
-    few_cells: float = number(
+    in_few_cells: float = number(
         4.0, "gain over heavy-tailed noise that contact in a few cells needs: the largest of 400 empty frames was 2.5"
     )
     patch: float = number(
@@ -171,9 +171,9 @@ class Explanations:
         0.6,
         "if channels cannot separate pressure from shear, reject pressure on more than this fraction of the surface if its residual is more than `structured`",
     )
-    half: float = number(
-        0.5,
-        "one half: examine residuals from half the limit, because an outlier inflates the noise that judges it; on large arrays, leave out those from half the largest too, and skip a sign of contact with less than half the best gain; a line whose ends read less than half of its lowest level may have an offset; half of the lowest reading is the standard deviation of an offset that a contact hides, because two of them are all of it",
+    hopeless: float = number(0.5, "skip a sign of contact that gains less than this fraction of what the other gains")
+    dips: float = number(
+        0.5, "a line whose ends read less than this fraction of its lowest level between them may have an offset"
     )
     many_taxels: int = number(
         400,
@@ -237,6 +237,12 @@ class Screening:
     )
     gross: float = number(
         0.05, "and as a fraction of the largest prediction: uniform cells alone cause errors of a per cent", tried=True
+    )
+    examined: float = number(
+        0.5, "examine residuals from this fraction of the limit, because an outlier inflates the noise that judges it"
+    )
+    beside_largest: float = number(
+        0.5, "on large arrays, leave out several outliers at once: those above this fraction of the largest"
     )
     broken: float = number(8.0, "log evidence for leaving out one of n readings, beyond log n: odds of 3000 to one")
     most: float = number(0.2, "largest fraction of the readings to leave out: beyond it the contact is wrong")
@@ -501,6 +507,10 @@ class Errors:
         0.2,
         "an even press explains offsets if its residual is below this fraction of them; its components above this fraction of the largest have no bound",
     )
+    hidden_lowest: float = number(
+        0.5,
+        "standard deviation of an offset that a contact hides, over the lowest reading: two of them are all of it",
+    )
     hidden_drift: float = number(
         0.1,
         "standard deviation of an offset that a loaded edge hides, and of drift of displacements, as a fraction of the largest reading: two of them are half of `largest_nuisance`",
@@ -539,14 +549,16 @@ class Work:
         "relative accuracy of the models of an earlier frame in a later one: noise changes them by more, and with friction 1e-9 takes twice as long",
     )
     unknowns: int = number(9000, "most unknowns of a frame: a dense normal matrix of 650 MB")
-    second_order: int = number(4096, "most readings for trying the second derivative: its spectrum doubles the cost")
+    second_derivative: int = number(
+        4096, "most readings for trying the second derivative: its spectrum doubles the cost"
+    )
     hold: int = number(4096, "with more readings, local weights are not tested: data alone show where contact is")
     likely: float = number(0.15, "start with the cells above this fraction of the linear solution's peak: saves time")
     cell_rounds: int = number(
         5,
         "rounds of adding cells: more of them follow a minimum that presses everywhere, because coarse cells leave more than noise",
     )
-    few_cells: float = number(
+    missing_cells: float = number(
         0.02, "stop adding cells if the missing ones touch the others and are at most this fraction of them"
     )
     entries: int = number(

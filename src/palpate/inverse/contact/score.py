@@ -157,7 +157,7 @@ def hopeless_signs(tried: Sequence[Explanation], policy: Policy) -> list[int]:
     rules, best = policy.explanations, max(tried, key=lambda h: h.rough.gain)
     if not best.rough.gain > 0.0 or best.rough.edge > rules.edge:
         return []
-    least = rules.half * best.rough.gain
+    least = rules.hopeless * best.rough.gain
     return [h.sign for h in tried if h.rough.gain < least and not _fits_freely(h.rough, policy)]
 
 

@@ -41,7 +41,7 @@ def search(prepared: PreparedContact, readings: Sequence[Floats], rng: np.random
     noise_alone = noise_alone if small is None else None
     if small is not None:
         trace.decided(
-            "noise would explain it, but contact in a few cells gains", small.gain, policy.detection.few_cells
+            "noise would explain it, but contact in a few cells gains", small.gain, policy.detection.in_few_cells
         )
     h = noise_alone or explanation_of(prepared, filled, usable, None if small is None else small.left)
     counted = observed

@@ -70,7 +70,7 @@ def _hidden_offsets(estimator: PreparedContact, run: Solved) -> Floats:
     hidden = part * np.array([np.abs(s).max(initial=0.0) for s in sizes])
     if not run.explanation.rough.edge > policy.explanations.whole_edge:
         lowest = np.array([0.0 if estimator.far else max(s.min(initial=math.inf), 0.0) for s in sizes])
-        hidden = np.minimum(hidden, policy.explanations.half * lowest)
+        hidden = np.minimum(hidden, policy.errors.hidden_lowest * lowest)
     return np.where([t.kind == "offset" for t in estimator.terms], hidden, 0.0)
 
 
