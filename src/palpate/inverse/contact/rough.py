@@ -73,12 +73,14 @@ def rough(
         left = math.sqrt(float((misfit**2).sum()) / free)
         # Fill unused readings with the prediction of the contact.
         filled = np.where(observed, data, explained)
-        if left > known / policy.noise.again and (left < known * policy.noise.again or not certain):
-            break
-        if (certain and left <= known and (turn > 0 or known <= 1.0)) or left <= floor:
+        # This noise equals its residual, or is below it: noise that is not given is only lowered.
+        settled = left > known / policy.noise.again and (left < known * policy.noise.again or not certain)
+        fits = left <= floor or (certain and left <= known and (turn > 0 or known <= 1.0))
+        if settled or fits:
             break
         before, gain = gain, gain_of(free, total, left, floor)
-        if (certain and turn >= 2) or gain < min(before, beat):
+        hopeless = gain < min(before, beat)
+        if hopeless or (certain and turn >= 2):
             break
         known = max(left, floor, 1.0 if certain else 0.0)
     gain = gain_of(free, total, left, floor) if total > 0 else 0.0

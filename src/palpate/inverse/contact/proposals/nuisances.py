@@ -73,13 +73,13 @@ def _in_turn(search: Search, sought: Flags, sign: int, start: Floats, beat: floa
         # The first joint step starts far from the solution. It shows whether there are nuisances, but not yet which.
         first = turn == 0 and not few
         sure = found.deviation if first else deviation
-        there = np.abs(sizes) > rules.nuisance * sure
-        if not there.any():
+        significant = np.abs(sizes) > rules.nuisance * sure
+        if not significant.any():
             most = float((np.abs(sizes) / np.maximum(sure, 1e-300)).max())
             trace.decided("largest nuisance, in standard deviations", most, rules.nuisance)
             return None
         if not first:
-            present, sizes = there, np.where(there, sizes, 0.0)
+            present, sizes = significant, np.where(significant, sizes, 0.0)
         if (np.abs(change) < rules.settled * deviation).all():
             break
         if turn > 0 and _too_large(search, sought, sizes):
