@@ -103,6 +103,7 @@ class Contact:
         self._dragging = Dragging(estimator, equations)
         self.residual = math.nan
         self._unjudged: Residual | None = None
+        self._told_by = ~check.unused  # the readings that the present penalty was learned from
         self.release()
 
     def release(self) -> None:
@@ -200,8 +201,9 @@ class Contact:
         else:
             converged = self._follow_pull(frame, converged, regular=regular)
         unused = self._check.unused
-        if self.pushing and (unused.any() if self._fresh else not np.array_equal(unused, used)):
-            converged = self._learned_again(frame, learned, converged)
+        lost = unused & self._told_by
+        if self.pushing and (unused.any() if self._fresh else lost.any() or not np.array_equal(unused, used)):
+            converged = self._learned_again(frame, learned or bool(lost.any()), converged)
         self._fresh = False
         behind = self._background.threaded and not (converged and self.pushing)
         self._behind = self._behind + 1 if behind and not late else 0
@@ -267,6 +269,7 @@ class Contact:
     def _learn_again(self, frame: Frame, unused: Flags) -> None:
         """Discard a penalty that was learned from readings that are now excluded."""
         largest = float(self._equations.diagonal.max())
+        self._told_by = ~unused
         self._learning.again(np.where(unused, 0.0, frame.actual), frame.noise, largest)
 
     def _learn(self, frame: Frame, *, misfit: bool = False) -> bool:
@@ -295,6 +298,7 @@ class Contact:
         self._since_learned = 0 if changed else self._since_learned + 1
         self._holed = 0 if changed else self._holed
         if changed:
+            self._told_by = ~self._learned_of
             self._errors.outdate(later=True)
         return changed
 
