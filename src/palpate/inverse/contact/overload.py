@@ -51,11 +51,11 @@ def solve_within_range(
     push, force = float(np.nansum(least.traction[-1])), estimator.operator.surface.cell
     sign = -1.0 if push < 0 else 1.0
     without = sign * float(np.nansum(found.traction[-1])) if found.contact else 0.0
-    apart = WIDE * math.hypot(least.known.force[-1], found.known.force[-1]) / force
-    proven = [f.free > policy.fit.proves for f in (least, found)]
-    if 0.0 < without < abs(push) - (apart if proven[1] else 0.0) and proven != [True, False]:
-        push = sign * without
-    elif without < abs(push) or not proven[1]:
+    least_proven, proven = (f.free > policy.fit.proves for f in (least, found))
+    apart = WIDE * math.hypot(least.known.force[-1], found.known.force[-1]) / force if proven else 0.0
+    if 0.0 < without < abs(push) - apart and (proven or not least_proven):
+        push = sign * without  # the smaller load counts, unless only the larger one is proven
+    elif without < abs(push) or not proven:
         found = least
     bounds = np.full((len(found.traction), 2), math.nan)
     bounds[-1] = (force * push, math.inf) if sign > 0 else (-math.inf, force * push)
