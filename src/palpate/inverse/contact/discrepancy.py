@@ -133,8 +133,11 @@ def _with_shares(
     rng: np.random.Generator | None,
 ) -> Frame:
     """The frame with the first of the discrepancies that makes it fit; otherwise with the best of them, or
-    unexplained. Drift after the zero is sought only if contact alone is not found: if neither explained the readings
-    without a discrepancy, contact and offsets together explain what the offsets do not by pressure all over.
+    unexplained.
+
+    Offsets that arose after the zero take load away from beyond the outermost taxels, where contact alone put it to
+    imitate them. If they add load there, the drift is not one offset of each channel, and contact takes up the rest:
+    then contact alone counts, with its larger discrepancy.
     """
     policy = estimator.policy
     level = estimator.even_noise
@@ -146,8 +149,12 @@ def _with_shares(
         """The factor of the noise, and the frame."""
         factor = math.hypot(1.0, share * ratio)
         trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
+        found = _solved(level, readings, rng, factor)
+        if not found.contact or not found.nuisance[level.since_zero].any():
+            return factor, found
         alone = _solved(level.seeks_no_drift, readings, rng, factor)
-        return factor, alone if alone.contact else _solved(level, readings, rng, factor)
+        spread = alone.contact and found.beyond[0] > alone.beyond[0]
+        return factor, alone if spread else found
 
     def promises() -> bool:
         """Whether the largest discrepancy shows a contact or an offset: if not, a smaller one seldom does."""
