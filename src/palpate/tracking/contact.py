@@ -201,9 +201,10 @@ class Contact:
         else:
             converged = self._follow_pull(frame, converged, regular=regular)
         unused = self._check.unused
-        lost = unused & self._told_by
-        if self.pushing and (unused.any() if self._fresh else lost.any() or not np.array_equal(unused, used)):
-            converged = self._learned_again(frame, learned or bool(lost.any()), converged)
+        # With a thread, `_learn` drops a penalty that is being learned from such readings.
+        lost = not self._background.threaded and bool((unused & self._told_by).any())
+        if self.pushing and (unused.any() if self._fresh else lost or not np.array_equal(unused, used)):
+            converged = self._learned_again(frame, learned or lost, converged)
         self._fresh = False
         behind = self._background.threaded and not (converged and self.pushing)
         self._behind = self._behind + 1 if behind and not late else 0

@@ -63,7 +63,9 @@ def explained_by_noise(estimator: PreparedContact, data: Floats, observed: Flags
     if sizes[estimator.since_zero].any():
         even = even_press(estimator, sizes)
         if even is not None and even[-1] > 0 and np.linalg.norm(even[:-1]) <= policy.prior.most_friction * even[-1]:
-            return None  # after a zero, a press is likelier than such a drift; with more shear it is drift of all channels
+            return (
+                None  # after a zero, a press is likelier than such a drift; with more shear it is drift of all channels
+            )
     left = rms(estimator.readings.whitened(data - estimator.shifts @ sizes, observed))
     return Explanation(1, replace(nothing, left=left), sizes)
 
