@@ -1,4 +1,4 @@
-"""A zero that has drifted by a smooth pattern, not by one offset per channel, is a model error of the readings."""
+"""Drift after a zero: a smooth pattern is a model error of the readings, and the same drift of all channels is no press."""
 
 from __future__ import annotations
 
@@ -30,3 +30,15 @@ def test_a_smooth_drift_after_the_zero_is_not_read_as_pressure_all_over(seed: in
     assert low <= 0.3 <= high
     assert abs(float(touch.force[-1]) - 0.3) < 0.2
     assert any("uncertain" in note or "roughly" in note for note in touch.notes)
+
+
+@pytest.mark.parametrize("drift", [100.0, pytest.param(30.0, marks=pytest.mark.long)])
+def test_the_same_drift_of_all_channels_is_no_press(drift: float) -> None:
+    """An even press with so much shear would slide: it was read as 17 mN (8 to infinity) with a shear of 31 mN."""
+    pad = pp.BondedLayers([pp.Layer(thickness=3e-3, youngs_modulus=2e5, poissons_ratio=0.5)])
+    array = pp.AreaArray(shape=(8, 8), pitch=1e-3, depth=1.5e-3, channels=["stress_xz", "stress_yz", "stress_zz"])
+    rng = np.random.default_rng(0)
+    zero = 10.0 * rng.standard_normal((10, 3, 8, 8))
+    touch = pp.Skin(pad, array).reconstruct(10.0 * rng.standard_normal((3, 8, 8)) + drift, zero=zero)
+    assert touch.status == pp.Status.NO_CONTACT
+    assert sum("offset" in note for note in touch.notes) == 3
