@@ -93,6 +93,22 @@ def _solved(
     return replace(found, nuisance=sizes, nuisance_std=std)
 
 
+def _credible(
+    estimator: PreparedContact, readings: Sequence[Floats], rng: np.random.Generator | None, factor: float
+) -> Frame:
+    """The frame with ``factor`` times the noise; with drift after the zero only if that is credible.
+
+    Offsets that are real take load away from beyond the outermost taxels, where contact alone put it to imitate them. If
+    they add load there, the drift is not one offset of each channel, and contact takes up the rest: then contact alone
+    counts, which needs a larger discrepancy.
+    """
+    found = _solved(estimator, readings, rng, factor)
+    if not found.contact or not found.nuisance[estimator.since_zero].any():
+        return found
+    alone = _solved(estimator.seeks_no_drift, readings, rng, factor)
+    return alone if alone.contact and found.beyond[0] > alone.beyond[0] else found
+
+
 def _doubted(estimator: PreparedContact, frame: Frame, data: Floats) -> Frame:
     """The frame with a discrepancy computed from its residual: none at the misfit probability `Fit.accepted`, all of it
     at `POOR_FIT`. Many frames of a wrong pad pass the fit test narrowly.
@@ -134,10 +150,6 @@ def _with_shares(
 ) -> Frame:
     """The frame with the first of the discrepancies that makes it fit; otherwise with the best of them, or
     unexplained.
-
-    Offsets that arose after the zero take load away from beyond the outermost taxels, where contact alone put it to
-    imitate them. If they add load there, the drift is not one offset of each channel, and contact takes up the rest:
-    then contact alone counts, with its larger discrepancy.
     """
     policy = estimator.policy
     level = estimator.even_noise
@@ -149,12 +161,7 @@ def _with_shares(
         """The factor of the noise, and the frame."""
         factor = math.hypot(1.0, share * ratio)
         trace.step(f"solved with a model error of {share:.0%} of the readings, as {factor:.3g} times the noise")
-        found = _solved(level, readings, rng, factor)
-        if not found.contact or not found.nuisance[level.since_zero].any():
-            return factor, found
-        alone = _solved(level.seeks_no_drift, readings, rng, factor)
-        spread = alone.contact and found.beyond[0] > alone.beyond[0]
-        return factor, alone if spread else found
+        return factor, _credible(level, readings, rng, factor)
 
     def promises() -> bool:
         """Whether the largest discrepancy shows a contact or an offset: if not, a smaller one seldom does."""
