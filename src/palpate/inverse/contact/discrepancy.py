@@ -66,7 +66,7 @@ def _with_known_noise(
     # Contact and offsets together may explain anything about few readings.
     proven = _explains(estimator, plain) and plain.free > policy.fit.proves
     if loud and len(data) <= policy.detection.few_readings and not proven:
-        return _with_shares(estimator, readings, data, plain, rng)
+        return _with_shares(estimator, readings, data, None, rng)
     misfit = plain.fit < POOR_FIT
     if plain.contact and not zeroed:
         return _doubted(estimator, plain, data)

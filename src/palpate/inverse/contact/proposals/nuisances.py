@@ -35,8 +35,8 @@ def with_nuisances(search: Search, sign: int, start: Floats, sought: Flags) -> E
 
 
 def _in_turn(search: Search, sought: Flags, sign: int, start: Floats, beat: float) -> tuple[Rough, Floats] | None:
-    """The rough solution with those of the nuisances ``sought`` that are significant, and the sizes of all sought. None if its gain will almost certainly stay
-    below ``beat``, even if each remaining round improves as much as the best so far, or if the sizes grow too large.
+    """The rough solution with those of the nuisances ``sought`` that are significant, and the sizes of all sought. None
+    if its gain will almost certainly stay below ``beat``, even if each remaining round improves as much as the best so far, or if the sizes grow too large.
 
     Contact and sizes are solved alternately; each step of the sizes lets the contact move on its face.
     """
