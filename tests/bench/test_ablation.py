@@ -122,6 +122,14 @@ def test_the_table_counts_what_it_says() -> None:
     assert (row.low, row.high) == pytest.approx((0.5, 2.0))
     assert (row.worst, row.largest, row.frames, row.alarms) == pytest.approx((2.0, 0.2, 2, 1))
     assert (row.coverage, row.time) == pytest.approx((0.5, 3.0))
+    undecided = Outcome(np.nan, None, None, None, 1.0)
+    for empty in (False, True):
+        found.append(("area", empty, {"whole": undecided, "without: x": undecided}))
+    found.append(("line", False, {"whole": frame(0.1, 0.1)["whole"], "without: x": undecided}))
+    again, other = bench.summary(found)
+    assert (again.mean, again.unanswered, other.unanswered) == (1.0, 2, 3)
+    assert (other.mean, other.frames, other.missed, other.alarms) == pytest.approx((1.0, 4, 0, 1))
+    assert other.changed == pytest.approx(0.75)  # an answer that is lost is a change
     text = bench.as_markdown([whole, row], command="palpate bench ablation", empty=1)
     lines = [line for line in text.splitlines() if line.startswith("|")]
     assert len({line.count("|") for line in lines}) == 1

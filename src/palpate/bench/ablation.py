@@ -72,15 +72,15 @@ def variants(*, thresholds: bool = True) -> dict[str, Policy]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one frame by one variant: relative error, whether the 95 % intervals of normal force contain the truth
-    (calibrated, and 1.96 of the model's own standard deviations; None: no error bars), whether contact was found,
-    processor time [s].
+    """Result of one frame by one variant: relative error (NaN without contact or without an answer), whether the 95 %
+    intervals of normal force contain the truth (calibrated, and 1.96 of the model's own standard deviations; None: no
+    error bars), whether contact was found (None: no answer, as for undecided frames), processor time [s].
     """
 
     error: float
     covered: bool | None
     plain: bool | None
-    touching: bool
+    touching: bool | None
     seconds: float
 
 
@@ -94,15 +94,16 @@ def _outcome(sample: Sample, method: Ablated) -> Outcome:
     size = float(np.linalg.norm(sample.truth[columns]))
     difference = float(np.linalg.norm((np.asarray(touch.values) - sample.truth)[columns]))
     true = float(np.asarray(Touch(sample.truth, skin.surface, touch.components, "truth").force)[-1])
-    touching = bool(np.asarray(touch.values).any())
-    if touch._errors is None:
-        return Outcome(difference / size if size > 0 else math.nan, None, None, touching, seconds)
+    touching = bool(np.asarray(touch.values).any()) if math.isfinite(difference) else None
+    error = difference / size if size > 0 else math.nan
+    if touch._errors is None or touching is None:
+        return Outcome(error, None, None, touching, seconds)
     low, high = (np.asarray(v)[..., -1] for v in touch.interval(0.95, of="force"))
     posterior = touch._errors.posterior
     std = np.hypot(posterior.force[-1], posterior.outside_force[-1])
     bounds = Calibration().bounds(0.95, np.asarray(touch.force)[-1], std, np.zeros(()), np.asarray(-math.inf))
     return Outcome(
-        difference / size if size > 0 else math.nan,
+        error,
         bool(low <= true <= high),
         bool(bounds[0] <= true <= bounds[1]),
         touching,
@@ -166,11 +167,11 @@ def ablation(
 class Row:
     """A variant compared with the whole method.
 
-    ``mean`` is the geometric mean of the ratios of errors, ``low`` and ``high`` its 95 % interval (bootstrap over
-    frames). ``kinds`` is the same mean for each kind with its relative standard error (NaN for a single frame) and the
-    number of frames. ``worst`` is the largest ratio, ``largest`` the largest error, ``changed`` the fraction of frames
-    with another result. ``missed`` and ``alarms`` are the numbers of contacts that were not found and of empty frames
-    taken for contact. ``coverage`` and ``plain`` are those of `Outcome`, ``time`` is the processor time relative to
+    ``mean`` is the geometric mean of the ratios of errors, over contacts that both answer; ``low`` and ``high`` are its
+    95 % interval (bootstrap over frames). ``kinds`` is the same mean for each kind with its relative standard error
+    (NaN for a single frame) and the number of frames. ``worst`` is the largest ratio, ``largest`` the largest error,
+    ``changed`` the fraction of contacts with another result. ``missed``, ``alarms`` and ``unanswered`` are the numbers
+    of contacts that were not found, of empty frames taken for contact and of all frames without an answer. ``coverage`` and ``plain`` are those of `Outcome`, ``time`` is the processor time relative to
     that of the whole method.
     """
 
@@ -185,6 +186,7 @@ class Row:
     changed: float
     missed: int
     alarms: int
+    unanswered: int
     coverage: float
     plain: float
     time: float
@@ -199,10 +201,14 @@ def summary(found: Sequence[tuple[str, bool, dict[str, Outcome]]], seed: int = 0
         empties = [by for _, empty, by in found if empty and name in by]
         if not touched:
             continue
-        kinds = np.array([kind for kind, _ in touched])
-        picks = rng.integers(len(touched), size=(RESAMPLED, len(touched)))
         outcomes = [by[name] for _, by in touched]
-        logs = np.log([by[name].error / by["whole"].error for _, by in touched])
+        both = [(kind, by) for kind, by in touched if math.isfinite(by[name].error + by["whole"].error)]
+        if not both:
+            continue
+        kinds = np.array([kind for kind, _ in both])
+        picks = rng.integers(len(both), size=(RESAMPLED, len(both)))
+        logs = np.log([by[name].error / by["whole"].error for _, by in both])
+        appeared = sum(math.isfinite(by[name].error) != math.isfinite(by["whole"].error) for _, by in touched)
         low, high = np.exp(np.quantile(logs[picks].mean(axis=1), [0.025, 0.975]))
         covered = [o.covered for o in outcomes if o.covered is not None]
         plain = [o.plain for o in outcomes if o.plain is not None]
@@ -215,10 +221,11 @@ def summary(found: Sequence[tuple[str, bool, dict[str, Outcome]]], seed: int = 0
                 float(high),
                 {k: _mean(logs[kinds == k]) for k in CONTACT_KINDS if (kinds == k).any()},
                 float(np.exp(logs.max())),
-                max(o.error for o in outcomes),
-                float(np.mean(logs != 0.0)),
-                sum(not o.touching for o in outcomes),
-                sum(by[name].touching for by in empties),
+                max(by[name].error for _, by in both),
+                (int((logs != 0.0).sum()) + appeared) / len(touched),
+                sum(o.touching is False for o in outcomes),
+                sum(by[name].touching is True for by in empties),
+                sum(o.touching is None for o in [*outcomes, *(by[name] for by in empties)]),
                 float(np.mean(covered)) if covered else math.nan,
                 float(np.mean(plain)) if plain else math.nan,
                 float(np.sum([o.seconds for o in outcomes]) / np.sum([by["whole"].seconds for _, by in touched])),
@@ -240,21 +247,21 @@ def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
     lines = [
         f"Made by `{command}`: {whole.frames} contacts ({counts}) and {empty} empty frame{'' if empty == 1 else 's'} not used for tuning (`palpate.bench.unseen`). Columns: error divided by that "
         "of the whole method (geometric mean over frames, 95 % interval; then for each kind, with its standard error), largest ratio, largest error, share of "
-        "frames with another result, number of contacts, contacts missed, false alarms, share of true normal forces inside the 95 % interval, processor time "
+        "contacts with another result, number of contacts, contacts missed, false alarms, frames without an answer (undecided; not in the columns of errors), share of true normal forces inside the 95 % interval, processor time "
         "divided by that of the whole method.",
         "",
-        f"| | error | {' | '.join(whole.kinds)} | largest ratio | largest error | frames changed | contacts | contacts missed | false alarms | force inside 95 % | time ratio |",
-        f"|---|---|{'---|' * len(whole.kinds)}---|---|---|---|---|---|---|---|",
+        f"| | error | {' | '.join(whole.kinds)} | largest ratio | largest error | frames changed | contacts | contacts missed | false alarms | no answer | force inside 95 % | time ratio |",
+        f"|---|---|{'---|' * len(whole.kinds)}---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         each = " | ".join(_with_error(*r.kinds[k]) if k in r.kinds else "" for k in whole.kinds)
         lines.append(
             f"| {r.name} | {r.mean:.3f} ({r.low:.3f} to {r.high:.3f}) | {each} | {r.worst:.2f} | {r.largest:.2f} | {100 * r.changed:.0f} % | "
-            f"{r.frames} | {r.missed} | {r.alarms} | {r.coverage:.3f} | {r.time:.2f} |"
+            f"{r.frames} | {r.missed} | {r.alarms} | {r.unanswered} | {r.coverage:.3f} | {r.time:.2f} |"
         )
     lines.append(
         f"| without: calibration of the error bars | 1 (1 to 1) | {' | '.join('1' for _ in whole.kinds)} | 1 | {whole.largest:.2f} | 0 % | "
-        f"{whole.frames} | {whole.missed} | {whole.alarms} | {whole.plain:.3f} | 1 |"
+        f"{whole.frames} | {whole.missed} | {whole.alarms} | {whole.unanswered} | {whole.plain:.3f} | 1 |"
     )
     return "\n".join(lines) + "\n"
 
