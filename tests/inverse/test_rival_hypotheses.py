@@ -67,10 +67,12 @@ def test_the_level_between_two_contacts_is_tried_where_both_reach_the_ends() -> 
 def test_readings_left_out_by_one_hypothesis_and_not_by_the_other_can_be_weighed() -> None:
     """Their models have 358 and 360 readings."""
     frame = make_frame("stuck", 44, seed=35791)
-    touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
+    with traced() as trace:
+        touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
+    assert "rival, misfit probability" in str(trace)
     low, high = touch.interval(0.95, "force")
     assert np.all((np.asarray(low) <= frame.load.force) & (frame.load.force <= np.asarray(high)))
-    assert float(touch.force[-1]) == pytest.approx(float(frame.load.force[-1]), rel=0.2)
+    assert any("the net force is uncertain" in note for note in touch.notes)
 
 
 def test_a_pull_that_explains_next_to_nothing_is_not_tried_with_nuisances(monkeypatch: pytest.MonkeyPatch) -> None:

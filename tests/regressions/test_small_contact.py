@@ -91,8 +91,8 @@ def test_a_reading_of_one_taxel_alone_may_be_a_broken_taxel(known: bool) -> None
     felt, _ = _press(array, (0.3, 0.3), 0.4, 5e-3, 1)
     for readings, broken in ((railed, True), (felt, False)):
         notes = skin.reconstruct(readings).notes
-        assert any(note.startswith("small contact") for note in notes)
-        assert any("or a broken taxel" in note for note in notes) == broken
+        assert any("small contact" in note for note in notes)
+        assert any("broken taxel" in note for note in notes) == broken
 
 
 def test_the_linear_model_takes_it_for_noise() -> None:

@@ -20,6 +20,7 @@ smooth within the contact but may jump at its edge. It learns the noise and the 
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -180,7 +181,9 @@ class AdaptiveEstimator(ConstrainedEstimator):
         ratio = self._ratio(self.taxels * c, self.start.freedom(parameter), count * c, joined=c > 1)
         white = self.readings.white(y[observed], observed)
         data, start = refined(ratio)
-        found = self._compact(data, first, white, noise, observed, parameter, possible)
+        even = self._members(data, start, y, evidence)
+        leading = next(even)
+        found = discs(self, data, first, white, leading, possible) if self.policy.parts.compact else None
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
         if fields < 0.5:
@@ -189,7 +192,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         coarse = data if ratio == 1 or not self._slides else refined(1)[0]
         slides = self._ways_of_sliding(coarse, first, weight)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
-        for m in self._members(data, start, y, evidence):
+        for m in itertools.chain([leading], even):
             m.weight *= rest * fields
             yield m
         alone = copy.copy(self)
@@ -207,24 +210,6 @@ class AdaptiveEstimator(ConstrainedEstimator):
                 yield member
         if fields >= 0.5:
             yield from compact
-
-    def _compact(
-        self,
-        data: Normal,
-        first: Floats,
-        white: Floats,
-        noise: Floats,
-        observed: Flags,
-        parameter: float,
-        possible: int,
-    ) -> Discs | None:
-        """Candidate discs for a contact of a few taxels (`palpate.inverse.contact.compact`); None if the contact is
-        larger.
-        """
-        if not self.policy.parts.compact or data.at_size:
-            return None
-        left = white - self.readings.whitened(self.explained_by(first), observed, noise)
-        return discs(self, data, first, white, float(left @ left), self.taken(first[-1], parameter), possible)
 
     def _compact_models(self, data: Normal, found: Discs | None) -> Iterator[ContactModel]:
         """One model for each disc, with its weight."""

@@ -21,7 +21,8 @@ import scipy.sparse
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.differences import Sparse
-from palpate.inverse.constrained.model import Normal
+from palpate.inverse.constrained.model import ContactModel, Normal
+from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.policy import Discs as Rules
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import share_of
@@ -221,15 +222,14 @@ def discs(
     data: Normal,
     first: Floats,
     white: Floats,
-    left: float,
-    taken: float,
+    field: ContactModel,
     possible: int,
 ) -> Discs | None:
     """The discs that fit the whitened readings ``white``. None if the contact is not small, or if a smooth field fits
     better.
 
-    ``first`` is the first solution (component, *surface), ``left`` its squared residual and ``taken`` its degrees of
-    freedom; ``possible`` is the number of surface cells on which a contact may lie.
+    ``first`` is the first solution (component, *surface), ``field`` the leading model on the cells of ``data``;
+    ``possible`` is the number of surface cells on which a contact may lie.
     """
     rules, dimensions = estimator.policy.discs, data.level.grid.dimensions
     free = len(white) - len(data.linear)
@@ -253,16 +253,14 @@ def discs(
         [extent for part in parts for extent in part.extents],
         _Tried(*(np.concatenate([getattr(p.tried, name) for p in parts]) for name in ("traction", "left"))),
     )
-    found, sizes, theirs = shapes.tried, shapes.sizes, max(len(white) - taken, 1.0)
-    least = float(found.left.min())
+    found, sizes, theirs = shapes.tried, shapes.sizes, max(len(white) - taken_by(field), 1.0)
+    least, left = float(found.left.min()), float(((field.explained - white) ** 2).sum())
     if (least - fit.floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
         return None
     # Prior: every radius up to the largest is equally likely.
     top = -0.5 * free * math.log(least)
     log_weight = -0.5 * free * np.log(found.left) + np.log(np.gradient(np.array(rules.radii)))[sizes] + volume
     weight = np.exp(log_weight - top)
-    if weight[sizes == len(rules.radii) - 1].sum() > rules.at_end * weight.sum():
-        return None
     # Fraction of all shapes that fit as well as the best.
     anywhere = max(possible * data.level.ratio**dimensions, len(data.cells))
     chance = float(weight.sum()) / (anywhere * len(rules.radii) * usual / min(rules.best, coarse.size))

@@ -439,7 +439,6 @@ class Discs:
     radii: tuple[float, ...] = number(
         (0.5, 1.0, 1.5, 2.25, 3.25, 4.5, 6.0), "radii to try, in cells of the finer grid, up to one pitch"
     )
-    at_end: float = number(0.8, "with more of the weight at the largest radius, contact is larger than a disc")
     taxels: tuple[float, float] = number(
         (3.0, 6.0), "a contact is small if pressure above half its peak covers at most this many taxels (line, area)"
     )
