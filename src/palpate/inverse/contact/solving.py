@@ -278,15 +278,9 @@ class _Solving:
         return True
 
     def _left_by(self, leading: ContactModel) -> float:
-        """Residual noise of the leading model, in units of the whitening. Non-negative pressure cannot fit noise, even
-        where a linear model could.
-        """
+        """Residual noise of the leading model, in units of the whitening."""
         estimator = self.estimator
-        if self.follows or leading.compact or estimator.noise_known:
-            took = taken_by(leading)
-        else:
-            took = estimator.taken(self.first[-1], self.evidence[1].parameter)
-        left = estimator.noise.left(leading, self.y, self.observed, took)
+        left = estimator.noise.left(leading, self.y, self.observed, taken_by(leading))
         return float(left * (self.noise[0] / estimator.readings.std[0]))
 
     def _given_noise(self, left: float, taken: float) -> bool:
