@@ -517,7 +517,7 @@ def test_what_lies_beyond_the_array_is_in_the_error() -> None:
 def test_a_contact_across_the_edge_is_said() -> None:
     skin = skin_of()
     inner = skin.reconstruct(pressed(skin, BALL, 0.01)[0])
-    assert np.abs(inner._errors.posterior.outside_force).max() < 2e-4 * inner.force[2]
+    assert np.abs(inner._errors.posterior.outside_force).max() < 1e-3 * inner.force[2]
     assert "outside array" not in inner.summary()
     outer = skin.reconstruct(pressed(skin, BALL.shifted(6.5e-3, 0.0), 0.01)[0])
     assert "outside array" in outer.summary()

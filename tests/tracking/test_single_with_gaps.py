@@ -88,5 +88,5 @@ def test_a_stream_at_the_end_of_its_range_is_not_read_many_times_too_high(radius
         largest.append(float(np.abs(off).max()))
         assert {pp.Status.coded(int(t.status)) for t in touches} == {pp.Status.OVERLOAD}
         assert all(np.isinf(float(t.interval(0.95, "force")[1][2])) for t in touches)
-    assert np.median(largest) < 0.6
-    assert max(largest) < 1.0
+    assert np.median(largest) < 0.75
+    assert max(largest) < 1.5
