@@ -245,7 +245,7 @@ def as_markdown(rows: Sequence[Row], *, command: str, empty: int) -> str:
     whole = rows[0]
     counts = ", ".join(f"{count} of {kind}" for kind, (_, _, count) in whole.kinds.items())
     lines = [
-        f"Made by `{command}`: {whole.frames} contacts ({counts}) and {empty} empty frame{'' if empty == 1 else 's'} not used for tuning (`palpate.bench.unseen`). Columns: error divided by that "
+        f"Made by `{command}`: {whole.frames} contacts (with an answer: {counts}) and {empty} empty frame{'' if empty == 1 else 's'} not used for tuning (`palpate.bench.unseen`). Columns: error divided by that "
         "of the whole method (geometric mean over frames, 95 % interval; then for each kind, with its standard error), largest ratio, largest error, share of "
         "contacts with another result, number of contacts, contacts missed, false alarms, frames without an answer (undecided; not in the columns of errors), share of true normal forces inside the 95 % interval, processor time "
         "divided by that of the whole method.",

@@ -181,8 +181,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         ratio = self._ratio(self.taxels * c, self.start.freedom(parameter), count * c, joined=c > 1)
         white = self.readings.white(y[observed], observed)
         data, start = refined(ratio)
-        even = self._members(data, start, y, evidence)
-        leading = next(even)
+        others = self._members(data, start, y, evidence)
+        leading = next(others)
         found = discs(self, data, first, white, leading, possible) if self.policy.parts.compact else None
         compact = self._compact_models(data, found)
         fields = 1.0 if found is None else 1.0 - found.weight
@@ -192,7 +192,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         coarse = data if ratio == 1 or not self._slides else refined(1)[0]
         slides = self._ways_of_sliding(coarse, first, weight)
         rest = max(1.0 - sum(chance for _, _, chance in slides), 0.0)
-        for m in itertools.chain([leading], even):
+        for m in itertools.chain([leading], others):
             m.weight *= rest * fields
             yield m
         alone = copy.copy(self)
