@@ -58,7 +58,7 @@ def test_frames_of_a_batch_across_the_edge_are_counted() -> None:
     array = pp.LineArray(count=15, pitch=2e-3, depth=2e-3, channels=["stress_zz"], noise=50.0)
     skin = pp.Skin(PAD, array)
     frames = np.stack(
-        [skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=50.0).shifted(x)) for x in (0.0, 13e-3)]
+        [skin.sense(pp.solutions.hertz_line(half_width=3e-3, force=50.0).shifted(x)) for x in (0.0, 14e-3)]
     )
     assert any(ACROSS in note and "1 of 2 frames" in note for note in skin.reconstruct(frames).notes)
 

@@ -87,6 +87,22 @@ class Differences:
         data[:, on] = diagonal.reshape(len(tau), -1)
         return [_with_entries(self.laplacian, d) for d in data]
 
+    def about(self, shape: Floats, weights: Sequence[tuple[float, float]]) -> list[Sparse]:
+        """Matrix of a * sum over edges of (difference of t/s)^2 + b * sum of (t/s)^2 over the cells with a ``shape`` s > 0,
+        for each (a, b) of ``weights``: t is s times a factor that varies slowly. All share one sparsity pattern.
+        """
+        row = np.repeat(np.arange(len(shape)), np.diff(self.laplacian.indptr))
+        col, on = self.laplacian.indices, self._entries[0]
+        inverse = np.divide(1.0, shape, out=np.zeros_like(shape), where=shape > 0.0)
+        between = np.where(row == col, 0.0, -inverse[row] * inverse[col])
+        neighbours = np.bincount(row[between < 0.0], minlength=len(shape))
+        out = []
+        for a, b in weights:
+            data = a * between
+            data[on] = (a * neighbours + b) * inverse**2
+            out.append(_with_entries(self.laplacian, data))
+        return out
+
     def touching(self, cells: npt.NDArray[np.intp]) -> tuple[list[npt.NDArray[np.intp]], Rows]:
         """Edges (flat, for each axis) that cells touch, and the differences across them from these cells only. The
         last results are cached, because rounds use the same cells.

@@ -312,6 +312,12 @@ class Part:
     def place(self) -> slice:
         return slice(self.start, self.start + self.chain.size)
 
+    @property
+    def log_determinant(self) -> float:
+        """Log determinant of the penalty."""
+        half = sum(float(np.log(np.diagonal(u)).sum()) for u in self.chain.upper) if self.chain.size else 0.0
+        return 2.0 * half + self.chain.size * math.log(self.scale)
+
 
 def each_of(parts: Sequence[Part], rows: Sequence[Floats], *, back: bool = False) -> list[Floats]:
     """rows L'^-1 (or L^-1), P = L L', for the rows (k, size) of each part; parts of one chain are solved together."""

@@ -14,7 +14,7 @@ from palpate.inverse.constrained.faces import Face
 from palpate.inverse.constrained.factors import Bordered, Dense, Factor, FewReadings
 from palpate.inverse.constrained.iterative import Iterative
 from palpate.inverse.constrained.model import ContactModel
-from palpate.inverse.constrained.quadratic import Formed
+from palpate.inverse.constrained.quadratic import Formed, prior_factor
 from palpate.inverse.constrained.rows import Rows
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "covariance_of",
     "deviations_of",
     "face_of",
+    "log_determinant",
     "seen_of",
     "shared_errors",
     "taken_by",
@@ -144,6 +145,19 @@ def taken_of_each(model: ContactModel) -> Floats:
         taken = factor.inner.taken()
         return taken + len(factor.corner) / max(len(taken), 1)
     return factor.squares(face_of(model.solution)[0].columns(model.data.matrix))
+
+
+def log_determinant(model: ContactModel) -> float:
+    """Log determinant of 1 + G P^-1 G', the covariance of the whitened readings under the penalty P as a prior, on the
+    free directions of the solution.
+    """
+    face, factor = face_of(model.solution)
+    if isinstance(factor, FewReadings):
+        return 2.0 * float(np.log(np.diagonal(factor.lower)).sum())
+    if not isinstance(factor, Dense):
+        raise TypeError("there is no determinant without a factor")
+    prior = prior_factor(model.penalty, face)
+    return 2.0 * float(np.log(np.diagonal(factor.lower)).sum()) - sum(p.log_determinant for p in prior.parts)
 
 
 def shared_errors(model: ContactModel, columns: Floats, prior: Floats) -> Floats:

@@ -32,7 +32,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.factors import cholesky
-from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated
+from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated, scattered
 from palpate.inverse.constrained.variances import taken_by, variance_of
 from palpate.inverse.contact.compact import Discs, discs
 from palpate.inverse.contact.constrained import ConstrainedEstimator
@@ -215,13 +215,16 @@ class AdaptiveEstimator(ConstrainedEstimator):
         """One model for each disc, with its weight."""
         if found is None:
             return
+        level = data.level
         for disc in found.drawn:
-            # Expected gradient: the disc's pressure over one cell, because that is the step at its edge; its shear if
-            # it has no pressure.
-            size = float(disc.traction[-1].max()) or float(np.abs(disc.traction).max())
-            slope = size / min(data.level.grid.spacings)
-            per_cell = [1.0 / (data.level.grid.cell * (v * slope**2 + 1e-300)) for v in self.variances]
-            each = data.level.differences.even(1, per_cell)
+            # The size of the disc's pressure, or of its shear if it has no pressure, may change by itself over a radius.
+            leading = max(disc.traction[::-1], key=lambda t: bool(t.any()))
+            size, count = float(np.abs(leading).max()), len(disc.position)
+            radius = 0.5 * count if level.grid.dimensions == 1 else math.sqrt(count / math.pi)
+            shape = scattered(np.abs(leading) / size, data.cells[disc.position], level.grid.shape).ravel()
+            each = level.differences.about(
+                shape, [(radius**2 / (v * size**2), 1.0 / (count * v * size**2)) for v in self.variances]
+            )
             member = self.model(data.part(disc.position), each, disc.traction, keep_face=True)
             member.weight, member.compact = found.weight / len(found.drawn), True
             yield member

@@ -1,9 +1,9 @@
-"""Models of a contact of a few taxels: discs (strips on a line) of constant traction, at any place and of any size.
+"""Models of a contact of a few taxels: the contacts of balls (cylinders on a line), at any place and of any size.
 
 Between shallow taxels the sensitivity is low: a small contact gives the same readings as a wide one with less force,
 and a penalty on gradients always prefers the wide one. Here each place and radius that fits the readings is weighted
-by its residual. Discs drawn from that distribution become models of the frame, with traction on their cells only. The
-spread between them is part of every error bar.
+by its residual. Discs drawn from that distribution become models of the frame, with traction on their cells only: that
+of a ball, sqrt(1 - (r / a)^2) (Hertz). The spread between them is part of every error bar.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ import scipy.sparse
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.model import ContactModel, Normal
-from palpate.inverse.constrained.variances import taken_by
+from palpate.inverse.constrained.variances import log_determinant
 from palpate.inverse.contact.policy import Discs as Rules
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import share_of
+from palpate.inverse.linear.evidence import log_evidence
 
 __all__ = ["Disc", "Discs", "discs"]
 
@@ -57,14 +58,15 @@ class _Tried:
 
 
 class _Fit:
-    """Fits traction on a shape to the whitened readings ``white``; ``detail``: squared accuracy of shapes."""
+    """Fits traction on a shape to the whitened readings ``white``."""
 
-    def __init__(self, estimator: PreparedContact, data: Normal, white: Floats, detail: float) -> None:
+    def __init__(self, estimator: PreparedContact, data: Normal, white: Floats) -> None:
         self.c, n = len(data.linear), len(data.cells)
         self.white, self._nearest = white, estimator.cone.nearest
         #: Whitened columns (cell, component, reading).
         self.columns = np.ascontiguousarray(np.asarray(data.matrix.T).reshape(self.c, n, -1).transpose(1, 0, 2))
-        self.total, self.floor = float(white @ white), detail * len(white)
+        self.total = float(white @ white)
+        self.least = float(np.finfo(np.float64).eps) * self.total
 
     def of(self, gram: Floats, right: Floats) -> _Tried:
         """Fit of shapes with normal equations ``gram`` (..., component, component) and ``right`` (..., component)."""
@@ -75,12 +77,12 @@ class _Fit:
         found = self._nearest(found.T).T
         rest = self.total - 2.0 * (found * right).sum(axis=1)
         rest = rest + (found * (gram @ found[..., None])[..., 0]).sum(axis=1)
-        return _Tried(found, np.maximum(rest, 0.0) + self.floor)
+        return _Tried(found, np.maximum(rest, self.least))
 
 
 class _Shapes(NamedTuple):
     """Shapes that were tried. Those of a group share their cells, of which each has its ``shares`` (shape, cell), and the
-    index ``size`` of their radius; ``extent`` (shape,) is the area of each in cells.
+    index ``size`` of their radius; ``extent`` (shape,) is the total traction of each over that of its centre, in cells.
     """
 
     groups: list[tuple[Index, Floats, int]]
@@ -103,7 +105,7 @@ class _Shapes(NamedTuple):
 
 
 class _Neighbours:
-    """Distances between the cells of a region, for looking up discs and rings."""
+    """Distances between the cells of a region, for looking up discs."""
 
     def __init__(self, cells: Index, shape: tuple[int, ...], rules: Rules) -> None:
         steps, self.far, next_to, self.shares = _steps(len(shape), rules.radii[-1], rules.steps)
@@ -117,35 +119,34 @@ class _Neighbours:
         along = np.cumprod((1, *wide[:0:-1]))[::-1]
         self.steps, self.next_to = steps @ along, next_to @ along
 
-    def found(self, centres: Index, radius: float, beyond: float = -1.0) -> Index:
-        """Cells (centre, neighbour) farther than ``beyond`` and at most ``radius`` from each centre, in cells; -1 for
-        a missing one.
+    def found(self, centres: Index, radius: float) -> tuple[Index, Floats]:
+        """Cells (centre, neighbour) at most ``radius`` from each centre, in cells; -1 for a missing one. And the traction of
+        each neighbour under a ball, whose contact ends half a cell beyond ``radius``, over that of the centre.
         """
-        low, high = np.searchsorted(self.far, (beyond, radius), side="right")
-        return np.asarray(self.number[self.first[centres][:, None] + self.steps[None, low:high]])
+        within = np.searchsorted(self.far, radius, side="right")
+        traction = np.sqrt(1.0 - (self.far[:within] / (radius + 0.5)) ** 2)
+        return np.asarray(self.number[self.first[centres][:, None] + self.steps[None, :within]]), traction
 
-    def of(self, centres: Index, radius: float, beyond: float = -1.0) -> Sparse:
-        """Sparse matrix (centre, cell) with ones inside each disc, or each ring if ``beyond`` is given."""
-        found = self.found(centres, radius, beyond)
+    def of(self, centres: Index, radius: float) -> Sparse:
+        """Sparse matrix (centre, cell) with the traction of each disc."""
+        found, traction = self.found(centres, radius)
         there = found >= 0
         ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
-        return scipy.sparse.csr_array((np.ones(ends[-1]), found[there], ends), shape=(len(centres), self.count))
+        each = np.broadcast_to(traction, found.shape)[there]
+        return scipy.sparse.csr_array((each, found[there], ends), shape=(len(centres), self.count))
 
     def sums(self, centres: Index, radius: float, rows: Floats) -> tuple[Floats, Floats]:
-        """Sums (centre, component, reading) of ``rows`` (cell, component, reading) over discs, and their numbers of cells."""
+        """Sums (centre, component, reading) of ``rows`` (cell, component, reading) over discs, and their total traction."""
         disc = self.of(centres, radius)
         sums = np.asarray(disc @ rows.reshape(self.count, -1)).reshape(-1, *rows.shape[1:])
-        return sums, np.diff(disc.indptr).astype(np.float64)
+        return sums, np.asarray(disc.sum(axis=1))
 
     def normal(self, centres: Index, radii: Sequence[float], rows: Floats, white: Floats) -> tuple[Floats, Floats]:
         """Gram matrix (radius, centre, component, component) and product with ``white`` (radius, centre, component) of the
-        same sums, for increasing radii.
+        same sums.
         """
-        flat, c = rows.reshape(self.count, -1), rows.shape[1]
-        sums = [self.of(centres, r, beyond) @ flat for beyond, r in zip((-1.0, *radii), radii)]
-        for inner, ring in itertools.pairwise(sums):
-            ring += inner  # all that lies within
-        columns = np.stack(sums).reshape(len(radii), len(centres), c, -1)
+        columns = np.stack([self.sums(centres, r, rows)[0] for r in radii])
+        c = rows.shape[1]
         gram = np.empty((*columns.shape[:2], c, c))
         for i, j in itertools.combinations_with_replacement(range(c), 2):
             gram[..., i, j] = gram[..., j, i] = np.einsum("rpm,rpm->rp", columns[:, :, i], columns[:, :, j])
@@ -153,10 +154,7 @@ class _Neighbours:
 
     def summed(self, centres: Index, radius: float, weights: Floats) -> Floats:
         """Weighted sum of discs (cell,)."""
-        found = self.found(centres, radius)
-        there = found >= 0
-        each = np.broadcast_to(weights[:, None], found.shape)
-        return np.bincount(found[there], each[there], minlength=self.count).astype(np.float64)
+        return np.asarray(weights @ self.of(centres, radius))
 
     def next_to_each(self, centres: Sequence[int]) -> Index:
         """Adjacent cells of each cell (cell, neighbour), including the cell itself; -1 for a missing one."""
@@ -225,8 +223,8 @@ def discs(
     field: ContactModel,
     possible: int,
 ) -> Discs | None:
-    """The discs that fit the whitened readings ``white``. None if the contact is not small, or if a smooth field fits
-    better.
+    """The discs that fit the whitened readings ``white``. None if the contact is not small, or if a smooth field is
+    likelier: log evidence of both, with a Gaussian prior of the size found on the traction of a disc.
 
     ``first`` is the first solution (component, *surface), ``field`` the leading model on the cells of ``data``;
     ``possible`` is the number of surface cells on which a contact may lie.
@@ -235,8 +233,7 @@ def discs(
     free = len(white) - len(data.linear)
     if data.at_size or free < len(data.linear) + 2 or len(data.cells) > rules.cells or not _small(estimator, first[-1]):
         return None
-    detail = 0.0 if estimator.noise_known else (rules.detail * float(np.abs(white).max())) ** 2
-    fit, places = _Fit(estimator, data, white, detail), _Neighbours(data.cells, data.level.grid.shape, rules)
+    fit, places = _Fit(estimator, data, white), _Neighbours(data.cells, data.level.grid.shape, rules)
     every = fit.of(*places.normal(np.arange(len(data.cells)), rules.radii[2:3], fit.columns, white))
     some = np.argsort(every.left, kind="stable")[: rules.places]
     coarse = fit.of(*places.normal(some, rules.radii, fit.columns, white)).left.reshape(len(rules.radii), -1)
@@ -253,20 +250,19 @@ def discs(
         [extent for part in parts for extent in part.extents],
         _Tried(*(np.concatenate([getattr(p.tried, name) for p in parts]) for name in ("traction", "left"))),
     )
-    found, sizes, theirs = shapes.tried, shapes.sizes, max(len(white) - taken_by(field), 1.0)
-    least, left = float(found.left.min()), float(((field.explained - white) ** 2).sum())
-    if (least - fit.floor) / free > max(rules.worse**2 * max(left / theirs, 1.0), detail):
-        return None
+    found, sizes = shapes.tried, shapes.sizes
     # Prior: every radius up to the largest is equally likely.
-    top = -0.5 * free * math.log(least)
+    top = -0.5 * free * math.log(float(found.left.min()))
     log_weight = -0.5 * free * np.log(found.left) + np.log(np.gradient(np.array(rules.radii)))[sizes] + volume
-    weight = np.exp(log_weight - top)
+    weight = np.exp(log_weight - top) * found.traction.any(axis=1)
+    if not weight.any():
+        return None
     # Fraction of all shapes that fit as well as the best.
     anywhere = max(possible * data.level.ratio**dimensions, len(data.cells))
     chance = float(weight.sum()) / (anywhere * len(rules.radii) * usual / min(rules.best, coarse.size))
-    mine = top + 0.5 * free * math.log(free * fit.total) + math.log(chance)
-    other = -0.5 * theirs * math.log((left + fit.floor) / theirs / fit.total)
-    share_of_all = share_of(mine - other)
+    traction_known_to = len(data.linear) * math.log(free * fit.total / float(found.left.min()))
+    mine = log_evidence(float(found.left.min()), traction_known_to, len(white), None) + math.log(chance)
+    share_of_all = share_of(mine - _evidence_of(field, white))
     if share_of_all < rules.least:
         return None
     order = np.argsort(found.traction[:, -1] * np.concatenate(shapes.extents), kind="stable")
@@ -274,6 +270,13 @@ def discs(
     picks = order[np.searchsorted(steps, (np.arange(rules.drawn) + 0.5) / rules.drawn)]
     drawn = tuple(shapes.drawn(int(pick), places, rules.radii) for pick in picks)
     return Discs(drawn, min(share_of_all, rules.most))
+
+
+def _evidence_of(field: ContactModel, white: Floats) -> float:
+    """Log evidence of a smooth field, with the noise that suits it."""
+    left, traction = float(((field.explained - white) ** 2).sum()), field.solution.traction
+    energy = float((traction * field.penalty.product(traction)).sum())
+    return log_evidence(left + energy, log_determinant(field), len(white), None)
 
 
 def _small(estimator: PreparedContact, pressure: Floats) -> bool:

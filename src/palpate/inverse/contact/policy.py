@@ -443,16 +443,10 @@ class Discs:
         (3.0, 6.0), "a contact is small if pressure above half its peak covers at most this many taxels (line, area)"
     )
     drawn: int = number(8, "discs that become models")
-    detail: float = number(
-        0.015, "accuracy of discs over the largest reading, if noise is not given: real contacts have other edges"
-    )
     least: float = number(
         0.02, "discs of less total weight are not solved: 40 of 60 ordinary frames have none, 16 have only discs"
     )
     most: float = number(0.67, "largest total weight of discs: other shapes are always possible")
-    worse: float = number(
-        2.0, "discs are rejected if their residual exceeds noise, and that of a smooth field, by this factor"
-    )
     cells: int = number(4000, "with more cells than this, discs are not tried")
     places: int = number(200, "number of places, the best for the third radius, at which all radii are tried")
     best: int = number(24, "number of best discs around which places between cells are tried")
