@@ -14,10 +14,11 @@ from palpate.inverse.constrained.cone import Cone, minimise
 from palpate.inverse.constrained.differences import Differences
 from palpate.inverse.constrained.faces import Face, Ray
 from palpate.inverse.constrained.factors import Bordered, Chain, Dense, Factor, FewReadings, cholesky
+from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.constrained.quadratic import Formed, Penalty, Unformed, formed_or_not, prior_factor
 from palpate.inverse.constrained.responses import Responses
 from palpate.inverse.constrained.rows import Rows
-from palpate.inverse.constrained.variances import told_of, with_matrix
+from palpate.inverse.constrained.variances import log_determinant, told_of, with_matrix
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.linear.priors import DifferencePrior
 from palpate.inverse.linear.spectrum import DataSpectrum
@@ -84,6 +85,40 @@ def test_a_chain_is_a_cholesky_factor() -> None:
     inverse = np.linalg.inv(full)
     np.testing.assert_allclose(chain.entries(i, j), inverse[i, j], rtol=1e-8, atol=1e-12)
     assert np.isnan(chain.entries(np.array([n - 1]), np.array([0]))).all()
+
+
+def test_a_shape_with_a_factor_that_varies() -> None:
+    """The matrix is zero but for its last part for the shape itself, and on the shape's cells alone."""
+    d = Differences(pp.AreaGrid(shape=(4, 5), spacing=(0.5, 0.25)))
+    shape = np.zeros((4, 5))
+    shape[1:3, 1:4] = np.random.default_rng(0).uniform(0.2, 1.0, (2, 3))
+    flat, inside = shape.ravel(), shape.ravel() > 0.0
+    rough, both = (q.toarray() for q in d.about(flat, [(1.0, 0.0), (3.0, 0.5)]))
+    np.testing.assert_allclose(rough @ flat, 0.0, atol=1e-12)
+    assert not rough[~inside].any()
+    assert not rough[:, ~inside].any()
+    factor = np.zeros((4, 5))
+    factor[1:3, 1:4] = np.random.default_rng(1).standard_normal((2, 3))
+    t, part = (factor * shape).ravel(), factor[1:3, 1:4]
+    steps = float(sum((np.diff(part, axis=axis) ** 2).sum() for axis in (0, 1)))
+    assert t @ rough @ t == pytest.approx(steps)
+    assert t @ both @ t == pytest.approx(3.0 * steps + 0.5 * float((part**2).sum()))
+
+
+@pytest.mark.parametrize("friction", [None, 0.4])
+def test_the_log_determinant_of_the_readings(friction: float | None) -> None:
+    formed, unformed, penalty, linear, _, cells = problem(3, (14, 9))
+    found = []
+    for hessian in (formed, unformed):
+        solution = minimise(hessian, linear, Cone(("x", "y", "z"), friction), keep_face=True)
+        found.append(log_determinant(ContactModel(None, hessian, penalty, solution)))  # type: ignore[arg-type]
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+    if friction is not None:
+        return
+    free = np.flatnonzero(np.concatenate([np.ones(2 * len(cells), dtype=bool), solution.traction[-1] > 0.0]))
+    columns, prior = unformed.columns[free], penalty.dense()[np.ix_(free, free)]
+    seen = np.eye(columns.shape[1]) + columns.T @ np.linalg.solve(prior, columns)
+    assert found[0] == pytest.approx(float(np.linalg.slogdet(seen)[1]), rel=1e-6)
 
 
 @pytest.mark.parametrize("friction", [None, 0.4])

@@ -349,7 +349,7 @@ def work_of_few(unknowns: int, readings: int, reach: int) -> float:
     return unknowns * wide * (2.4 * wide + 2.0 * readings) + unknowns * readings**2 + readings**3 / 3.0
 
 
-def prior_factor(penalty: Penalty, face: Face) -> FewReadings:
+def prior_factor(penalty: Penalty, face: Face) -> Factor:
     """Factor of the penalty alone on the free directions of a face."""
     parts, order = penalty.scaled(face.scales).parts(face, np.zeros(len(face.index)))
     return FewReadings(parts, order, [np.zeros((0, p.chain.size)) for p in parts], np.zeros((0, 0)))

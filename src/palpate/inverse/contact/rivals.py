@@ -56,7 +56,7 @@ def _one_that_fits(
     anything.
     """
     policy, h = estimator.policy, run.explanation
-    rival = h.rival or h.coarser
+    rival = h.rival
     if rival is None:
         return frame
     other = framed(estimator, _solved(estimator, rival, observed), observed, rng)

@@ -6,7 +6,7 @@
 | `worth_of` | `gain_of` minus a penalty for each nuisance and for a sign other than push | explanations of one frame: `best_of`, `rivals_of`, `least_to_beat` |
 | `more_than_noise` | log evidence of the linear model over noise alone, minus that of uneven noise | contact and no contact |
 | `odds_by_evidence`, `shares_by_evidence` | exp(log evidence), relative to the best; normalised | penalties of one explanation; ways of sliding |
-| `share_of` | 1/(1 + exp(-log odds)) | discs and fields; an explanation and its rival |
+| `share_of` | 1/(1 + exp(-log odds)) | discs and fields, by their log evidence; an explanation and its rival |
 | `rival_odds` | difference of worth, plus log of the ratio of misfit probabilities | a doubtful explanation and its rival |
 | `gain_without_cone` | minus the log probability of as large an F by noise of unknown level | a push and the same contact with traction of either sign |
 
@@ -30,8 +30,6 @@ from palpate.inverse.fit import MIN_DEGREES
 __all__ = [
     "absorbs",
     "best_of",
-    "coarser_of",
-    "credible",
     "gain_of",
     "gain_without_cone",
     "hopeless_signs",
@@ -83,21 +81,6 @@ def simplest_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     return max((h for h in tried if h.sign != 0 and not h.present.any()), key=lambda h: worth_of(h, policy))
 
 
-def credible(tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
-    """Explanations without nuisances, and those whose nuisances leave no larger residual than contact alone, but for
-    what one nuisance costs. Other explanations gain only by smoothing the contact.
-
-    All are credible if the contact loads the edge or fits most readings freely, because its residual is then small in
-    any case.
-    """
-    rules, rough = policy.explanations, simplest_of(tried, policy).rough
-    if absorbs(rough, policy):
-        return list(tried)
-    return [
-        h for h in tried if not h.present.any() or gain_of(h.rough.free, h.rough.left, rough.left) < rules.per_nuisance
-    ]
-
-
 def absorbs(rough: Rough, policy: Policy) -> bool:
     """Whether a contact alone may have taken up nuisances: it loads the edge, or fits most readings freely."""
     return rough.edge > policy.explanations.edge or _fits_freely(rough, policy)
@@ -110,27 +93,15 @@ def _fits_freely(rough: Rough, policy: Policy) -> bool:
 def best_of(tried: Sequence[Explanation], policy: Policy) -> Explanation:
     """The best explanation. One with nuisances must beat those without, and one with another sign the simplest one, by the evidence required for contact itself."""
     simple, least = simplest_of(tried, policy), policy.detection.evidence
-    best = max(credible(tried, policy), key=lambda h: worth_of(h, policy))
+    best = max(tried, key=lambda h: worth_of(h, policy))
     if best.present.any():
         plain = max((h for h in tried if not h.present.any()), key=lambda h: worth_of(h, policy))
         best = best if worth_of(best, policy) - worth_of(plain, policy) > least else plain
     return best if worth_of(best, policy) - worth_of(simple, policy) > least else simple
 
 
-def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> tuple[Explanation, ...]:
-    """The other credible, compact explanations with nuisances that are worth more than noise alone, best first."""
-    return tuple(h for h in _ranked(best, tried, policy) if any(h is c for c in credible(tried, policy)))
-
-
-def coarser_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> Explanation | None:
-    """The compact explanation with nuisances that is worth most, and more than the best, but leaves a larger residual than
-    contact alone: it is right only if contact alone, solved fully, does not explain the readings.
-    """
-    others = (h for h in _ranked(best, tried, policy) if worth_of(h, policy) > worth_of(best, policy))
-    return next((h for h in others if not any(h is c for c in credible(tried, policy))), None)
-
-
-def _ranked(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
+def rivals_of(best: Explanation, tried: Sequence[Explanation], policy: Policy) -> list[Explanation]:
+    """The other compact explanations with nuisances that are worth more than noise alone, best first."""
     others = [
         h for h in tried if h.present.any() and h is not best and is_compact(h, policy) and worth_of(h, policy) > 0.0
     ]

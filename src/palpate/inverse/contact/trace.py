@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from palpate.inverse.constrained.model import ContactModel
 from palpate.inverse.contact.explanation import Explanation
 from palpate.inverse.contact.policy import Policy
-from palpate.inverse.contact.score import absorbs, credible, simplest_of, worth_of
+from palpate.inverse.contact.score import simplest_of, worth_of
 from palpate.sensing.nuisance import Nuisance
 
 __all__ = ["Trace", "Tried", "best", "chosen", "decided", "explanations", "named", "step", "traced"]
@@ -172,13 +172,6 @@ def best(h: Explanation, tried: Sequence[Explanation], terms: Sequence[Nuisance]
     if not _heard():
         return
     simple, needed = simplest_of(tried, policy), policy.detection.evidence
-    if absorbs(simple.rough, policy) and any(o.present.any() for o in tried):
-        edge, free = simple.rough.edge, simple.rough.free / len(simple.rough.explained)
-        rules = policy.explanations
-        step(
-            f"contact alone may have taken up nuisances, so that these may leave more than it does: it loads {edge:.2f} of the edge, limit "
-            f"{rules.edge:g}, and leaves {free:.2f} of the degrees of freedom, limit {rules.bends:g}"
-        )
     lead = worth_of(h, policy) - worth_of(simple, policy)
     why = f"worth {lead:.1f} more than contact alone, needed {needed:g}" if lead else _why_simple(tried, terms, policy)
     step(f"best of these: {named(h, terms)} ({why})")
@@ -194,10 +187,7 @@ def _why_simple(tried: Sequence[Explanation], terms: Sequence[Nuisance], policy:
     more = worth_of(first, policy) - worth_of(simple, policy)
     if not more > needed:
         return f"no other is worth {needed:g} more"
-    words = f"{named(first, terms)} is worth {more:.1f} more, but "
-    if not any(first is h for h in credible(tried, policy)):
-        return words + f"leaves {first.rough.left / simple.rough.left:.3g} times as much"
-    return words + f"not {needed:g} more than every explanation without nuisances"
+    return f"{named(first, terms)} is worth {more:.1f} more, but not {needed:g} more than every explanation without nuisances"
 
 
 def models(members: Sequence[ContactModel]) -> None:

@@ -23,7 +23,7 @@ from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import rough_fit
-from palpate.inverse.contact.score import best_of, coarser_of, rivals_of, simplest_of, worth_of
+from palpate.inverse.contact.score import best_of, rivals_of, simplest_of, worth_of
 
 __all__ = ["PROPOSALS", "explanation_of"]
 
@@ -43,7 +43,7 @@ PROPOSALS: tuple[Callable[[Search], Iterator[Explanation]], ...] = (
 def explanation_of(
     estimator: PreparedContact, data: Floats, observed: Flags, noise: float | None = None
 ) -> Explanation:
-    """Find the best explanation of a frame. Alternatives are stored in it as `Explanation.rival` and ``coarser``.
+    """Find the best explanation of a frame. The best alternative is stored in it as `Explanation.rival`.
 
     ``data`` (reading,) are the readings, and ``observed`` (reading,) marks those in use; ``noise`` is stored as
     `Explanation.noise`.
@@ -67,7 +67,7 @@ def explanation_of(
         rival: Explanation | None = search.alone(best.sign)
     else:
         rival = next(iter(rivals_of(best, search.tried, policy)), None)
-    best = replace(best, rival=rival, coarser=coarser_of(best, search.tried, policy), refuted=refuted)
+    best = replace(best, rival=rival, refuted=refuted)
     return best if noise is None else replace(best, noise=noise)
 
 
