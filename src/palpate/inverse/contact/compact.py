@@ -250,9 +250,9 @@ def discs(
         [extent for part in parts for extent in part.extents],
         _Tried(*(np.concatenate([getattr(p.tried, name) for p in parts]) for name in ("traction", "left"))),
     )
-    found, sizes = shapes.tried, shapes.sizes
+    found, sizes, least = shapes.tried, shapes.sizes, float(shapes.tried.left.min())
     # Prior: every radius up to the largest is equally likely.
-    top = -0.5 * free * math.log(float(found.left.min()))
+    top = -0.5 * free * math.log(least)
     log_weight = -0.5 * free * np.log(found.left) + np.log(np.gradient(np.array(rules.radii)))[sizes] + volume
     weight = np.exp(log_weight - top) * found.traction.any(axis=1)
     if not weight.any():
@@ -260,8 +260,9 @@ def discs(
     # Fraction of all shapes that fit as well as the best.
     anywhere = max(possible * data.level.ratio**dimensions, len(data.cells))
     chance = float(weight.sum()) / (anywhere * len(rules.radii) * usual / min(rules.best, coarse.size))
-    traction_known_to = len(data.linear) * math.log(free * fit.total / float(found.left.min()))
-    mine = log_evidence(float(found.left.min()), traction_known_to, len(white), None) + math.log(chance)
+    # The log determinant is that of the traction's size, which is its prior, in units of its error.
+    logdet = len(data.linear) * math.log(free * fit.total / least)
+    mine = log_evidence(least, logdet, len(white), None) + math.log(chance)
     share_of_all = share_of(mine - _evidence_of(field, white))
     if share_of_all < rules.least:
         return None
