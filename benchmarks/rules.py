@@ -56,7 +56,6 @@ RULES: Mapping[str, Mapping[str, Any]] = {
     "uneven noise is no contact": {"parts.uneven_evidence": False},
     "second derivative": {"parts.second_derivative": False},
     "discs": {"discs.least": 2.0},
-    "worse discs": {"discs.worse": math.inf},
     "contact in a few cells": {"parts.few_cells": False},
     "pull about a contact": {"parts.rims": False},
     "cancelling rims": {"rims.cancel": math.inf},
