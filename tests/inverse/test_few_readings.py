@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -108,17 +109,22 @@ def test_a_shape_with_a_factor_that_varies() -> None:
 @pytest.mark.parametrize("friction", [None, 0.4])
 def test_the_log_determinant_of_the_readings(friction: float | None) -> None:
     formed, unformed, penalty, linear, _, cells = problem(3, (14, 9))
-    found = []
-    for hessian in (formed, unformed):
+    found, without_data = [], cast(Any, None)
+    for hessian in (unformed, formed):
         solution = minimise(hessian, linear, Cone(("x", "y", "z"), friction), keep_face=True)
-        found.append(log_determinant(ContactModel(None, hessian, penalty, solution)))  # type: ignore[arg-type]
+        found.append(log_determinant(ContactModel(without_data, hessian, penalty, solution)))
     assert found[0] == pytest.approx(found[1], rel=1e-6)
+    if not isinstance(solution.factor, Dense) or solution.face is None:
+        raise AssertionError("a formed matrix has a dense factor")
+    whole, seen = solution.factor.lower @ solution.factor.lower.T, solution.face.columns(unformed.columns.T)
+    expected = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole - seen.T @ seen)[1]
+    assert found[0] == pytest.approx(float(expected), rel=1e-6)
     if friction is not None:
         return
     free = np.flatnonzero(np.concatenate([np.ones(2 * len(cells), dtype=bool), solution.traction[-1] > 0.0]))
     columns, prior = unformed.columns[free], penalty.dense()[np.ix_(free, free)]
-    seen = np.eye(columns.shape[1]) + columns.T @ np.linalg.solve(prior, columns)
-    assert found[0] == pytest.approx(float(np.linalg.slogdet(seen)[1]), rel=1e-6)
+    covariance = np.eye(columns.shape[1]) + columns.T @ np.linalg.solve(prior, columns)
+    assert found[0] == pytest.approx(float(np.linalg.slogdet(covariance)[1]), rel=1e-6)
 
 
 @pytest.mark.parametrize("friction", [None, 0.4])

@@ -9,6 +9,7 @@ import palpate as pp
 from long_runs import long_runs
 from palpate.bench.ablation import Ablated
 from palpate.elastic.pad import Floats
+from palpate.inverse.contact.compact import _Neighbours
 from palpate.inverse.contact.few_cells import heavy_tails
 from palpate.inverse.contact.policy import Parts, Policy
 
@@ -206,3 +207,16 @@ def test_a_spike_on_few_taxels_is_broken() -> None:
     assert touch.status == pp.Status.SOLVED
     assert np.flatnonzero(np.asarray(touch.outliers)).tolist() == [2 * 4 + 1]
     assert float(touch.force[2]) == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+def test_a_disc_carries_the_load_of_a_ball(dimensions: int) -> None:
+    """Of unit traction in its middle: pi/2 a under a cylinder, 2/3 pi a^2 under a ball (Hertz), in cells. Cells whose middle is
+    in the outermost half cell are left out, which costs 6 % of a ball's.
+    """
+    rules, shape = Policy().discs, (31,) * dimensions
+    places = _Neighbours(np.arange(31**dimensions), shape, rules)
+    middle = np.array([np.ravel_multi_index((15,) * dimensions, shape)])
+    a = rules.radii[-1] + 0.5
+    load = float(places.of(middle, rules.radii[-1]).sum())
+    assert load == pytest.approx(np.pi / 2 * a if dimensions == 1 else 2 / 3 * np.pi * a**2, rel=0.07)

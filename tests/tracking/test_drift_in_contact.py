@@ -47,7 +47,8 @@ def test_an_offset_after_the_zero_is_no_drag(part: float, *, given: bool) -> Non
 def test_a_drift_after_the_zero_is_no_wide_press(n: int, radius: float, part: float) -> None:
     """Contact alone explained it: 1.4 N [1.05, 1.7] and 2.0 N [1.3, 3.0] of 1 N on 7 x 7, without a word.
 
-    On 6 x 6 noise alone makes the fit doubtful (0.008), and a model error then leaves the offset unknown.
+    On 6 x 6 the contact takes a fifth of the offset, the fit is doubtful (0.008), and a model error then leaves the offset
+    unknown.
     """
     skin, rng = _skin(n=n, channels=["stress_zz"]), np.random.default_rng(7)
     clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=radius, force=1.0).shifted(0.3e-3, 0.0)))
