@@ -444,22 +444,17 @@ def test_a_dead_taxel_under_a_narrow_contact_is_left_out(seed: int) -> None:
     assert any(f"taxel ({dead},)" in note for note in touch.notes)
 
 
-def test_a_threshold_of_the_sensor_makes_no_dead_taxels() -> None:
-    """Readings below a threshold come as zero: at the contact's edge they lie beside large ones, and say that little presses there."""
-    from palpate.inverse.contact.policy import Policy
-    from palpate.inverse.contact.screening import silent
-    from palpate.inverse.fit import neighbours
-
+@pytest.mark.parametrize("seed", range(2))
+def test_zeros_below_a_threshold_of_the_sensor_are_left_out_beside_a_load(seed: int) -> None:
+    """Readings below a threshold come as zero. Where the neighbours say otherwise they are no measurement: taken as one, 1.76 of 2 N were found, with a pull."""
     array = pp.AreaArray(shape=(10, 10), pitch=2e-3, depth=2e-3, channels=["stress_zz"])
     skin = pp.Skin(pp.HalfSpace(youngs_modulus=1e5, poissons_ratio=0.48), array)
-    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=8e-3, force=2.0)))[0]
-    rng = np.random.default_rng(0)
-    readings = (clean + 0.01 * clean.max() * rng.standard_normal(clean.shape)).ravel()
-    cut = np.where(readings < np.quantile(readings, 0.4), 0.0, readings)
-    index = np.zeros(len(cut), dtype=np.intp)
-    assert not silent(cut, index, neighbours([array]), Policy()).any()
-    cut[44] = 0.0
-    assert np.flatnonzero(silent(cut, index, neighbours([array]), Policy())).tolist() == [44]
+    clean = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=8e-3, force=2.0)))
+    readings = clean + 0.01 * clean.max() * np.random.default_rng(seed).standard_normal(clean.shape)
+    touch = skin.reconstruct(np.where(readings < np.quantile(readings, 0.4), 0.0, readings))
+    assert float(touch.force[2]) == pytest.approx(2.0, rel=0.03)
+    low, high = touch.interval(0.95, of="force")
+    assert low[2] < 2.0 < high[2]
 
 
 def test_a_converter_that_rails_at_ten_peaks_beside_a_pull_is_answered() -> None:

@@ -172,9 +172,6 @@ class Explanations:
         "if channels cannot separate pressure from shear, reject pressure on more than this fraction of the surface if its residual is more than `structured`",
     )
     hopeless: float = number(0.5, "skip a sign of contact that gains less than this fraction of what the other gains")
-    dips: float = number(
-        0.5, "a line whose ends read less than this fraction of its lowest level between them may have an offset"
-    )
     many_taxels: int = number(
         400,
         "an array of this many taxels is large: leave out several outliers at once, and seek no offsets of groups, which took a third of the time of a frame of 32 x 32 x 3",
@@ -258,11 +255,7 @@ class Screening:
         0.05,
         "equal readings within this fraction of the largest from zero, or beyond zero, are of taxels that nothing presses",
     )
-    dead_band: float = number(0.5, "if more of a channel's readings are zero, it has a dead band, and not dead taxels")
     dead: float = number(0.1, "a zero reading is dead if its neighbours' mean is above this fraction of the largest")
-    dead_neighbours: float = number(
-        0.25, "and at most this fraction of them is zero: beside a dead band half of them are"
-    )
     neighbours: int = number(3, "this many adjacent outliers that exceed the prediction in one direction are contact")
     candidates: int = number(4, "residuals examined in each round, largest first; the largest reading is examined too")
     fewest: int = number(6, "do not look for broken readings, or for symmetry, among fewer readings than this")
@@ -323,9 +316,6 @@ class Noise:
     )
     turns: int = number(4, "rounds of contact and noise in turn, for noise of each channel or given up to a factor")
     turns_of_all: int = number(2, "the same for one noise level of all channels")
-    broken_rounds: int = number(
-        2, "number of first attempts in which readings of dead taxels and channels are filled in again"
-    )
     offset_rounds: int = number(
         2, "rounds after which offsets move only if off by `explanations.nuisance` standard deviations"
     )

@@ -119,8 +119,8 @@ def silent(
     pairs: Pairs,
     policy: Policy,
 ) -> Flags:
-    """Dead taxels: readings of exactly zero among neighbours with clear readings of one sign; noise would have moved
-    them. Neighbouring zeros are a dead band of the sensor instead.
+    """Readings of exactly zero among neighbours with clear readings of one sign: dead taxels, or a dead band of the
+    sensor. Neither says how much presses there; noise would have moved them.
     """
     zero = data == 0.0
     out = np.zeros(len(data), dtype=bool)
@@ -128,19 +128,12 @@ def silent(
         return out
     largest = np.zeros(int(index[-1]) + 1)
     np.maximum.at(largest, index, np.abs(data))
-    total, count, alike = np.zeros(len(data)), np.zeros(len(data)), np.zeros(len(data))
+    total, count = np.zeros(len(data)), np.zeros(len(data))
     for i, j in (pairs, pairs[::-1]):
         np.add.at(total, i, data[j])
         np.add.at(count, i, 1.0)
-        np.add.at(alike, i, zero[j])
-    out[zero] = (
-        (np.abs(total) > policy.screening.dead * count * largest[index])[zero]
-        & (alike <= policy.screening.dead_neighbours * count)[zero]
-        & (count > 0)[zero]
-    )
-    # A channel in which most readings are zero has a dead band, not dead taxels.
-    often = np.bincount(index, zero) > policy.screening.dead_band * np.bincount(index)
-    return out & ~often[index]
+    out[zero] = (np.abs(total) > policy.screening.dead * count * largest[index])[zero] & (count > 0)[zero]
+    return out
 
 
 def stuck(

@@ -125,7 +125,7 @@ class _Solving:
             self._fit()
             # The last attempt keeps its readings, noise and nuisances, so that it makes models of them.
             last = attempt + 1 == self.policy.noise.attempts
-            if not last and (self._more_at_ends() or self._outliers(attempt)):
+            if not last and (self._more_at_ends() or self._outliers()):
                 continue
             if not self.first[-1].any():
                 break
@@ -202,23 +202,20 @@ class _Solving:
         self._refill()
         return True
 
-    def _outliers(self, attempt: int) -> bool:
-        """Remove outliers, and refill readings of broken channels; return whether anything changed."""
+    def _outliers(self) -> bool:
+        """Remove outliers; return whether there were any."""
         estimator, policy, alive = self.estimator, self.policy, self.frame.alive
         level = np.maximum(self.noise, self.coarse * estimator.readings.std)
         wrong = estimator.noise.outliers(self.data, self.explained, level) & ~self.limited
         part = (wrong | ~self.observed)[alive].mean()
         few = part <= policy.screening.most and not loaded(wrong, self.data, self.explained, estimator.pairs, policy)
-        leaves_out = few and policy.parts.outliers
-        again = leaves_out and (wrong & self.observed).any()
-        if again:
-            residual = self.data - self.explained
-            worst = int(np.argmax(np.where(wrong & self.observed, np.abs(residual) / level, 0.0)))
-            again = leaves_out = not loaded_above(estimator, worst, residual, self.observed)
-        if not (again or (attempt < policy.noise.broken_rounds and not alive.all())):
+        if not few or not policy.parts.outliers or not (wrong & self.observed).any():
             return False
-        if leaves_out:
-            self.observed &= ~wrong
+        residual = self.data - self.explained
+        worst = int(np.argmax(np.where(wrong & self.observed, np.abs(residual) / level, 0.0)))
+        if loaded_above(estimator, worst, residual, self.observed):
+            return False
+        self.observed &= ~wrong
         self._refill()
         return True
 

@@ -65,7 +65,7 @@ def lowest_levels(
         if len(values) > 2 * width:
             least = float(np.convolve(values, np.full(width, 1.0 / width), mode="valid").min())
             ends = min(float(values[: width // 2].mean()), float(values[-(width // 2) :].mean()), 0.0)
-            start[i] = sign * least if least < ends + estimator.policy.explanations.dips * least else 0.0
+            start[i] = sign * least if least < ends else 0.0
     return [start] if start.any() else []
 
 
