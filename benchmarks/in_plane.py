@@ -1,10 +1,11 @@
 """Normal force from markers that only move sideways: balls on a bonded gel, with two displacements and with all three.
 
-A gel of 3.5 mm (200 kPa, Poisson's ratio 0.48) on a rigid base, 8 x 8 markers over 16 x 16 mm; balls of random force, width and place that press
+A gel of 3.5 mm (200 kPa, Poisson's ratio 0.48) on a rigid base, 8 x 8 markers or more over 16 x 16 mm; balls of random force, width and place that press
 without friction, slide, stick in the middle, or twist; 1 % noise. Readings are made on cells four times finer than those of the result.
 
     python benchmarks/in_plane.py                                  # table, a few minutes
     python benchmarks/in_plane.py --frames 20 --markdown in_plane.md
+    python benchmarks/in_plane.py --counts 24 32 --frames 3 --displacements "in the plane"
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from palpate.sensing.grids import block_means, refined
 from palpate.sensing.uncertainty import EXACT
 
 GEL = pp.BondedLayers([pp.Layer(thickness=3.5e-3, youngs_modulus=200e3, poissons_ratio=0.48)])
-COUNT, PITCH, FINER, NOISE, FRICTION = 8, 2e-3, 4, 0.01, 0.4
+WIDTH, FINER, NOISE, FRICTION = 16e-3, 4, 0.01, 0.4
 CHANNELS = {
     "in the plane": ["displacement_x", "displacement_y"],
     "all three": ["displacement_x", "displacement_y", "displacement_z"],
@@ -67,16 +68,17 @@ def held(touch: pp.Touch, of: str, true: np.ndarray) -> np.ndarray:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=8, help="balls of each row")
+    parser.add_argument("--counts", type=int, nargs="*", default=[8], help="markers along a side")
     parser.add_argument("--depths", type=float, nargs="*", default=[0.5, 0.0], help="of the markers [mm]")
     parser.add_argument("--displacements", nargs="*", choices=list(CHANNELS), default=list(CHANNELS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--markdown", type=Path, help="file for the table")
     args = parser.parse_args()
     lines = [f"| markers | displacements | ball | friction | {' | '.join(QUANTITIES)} |", "|---" * 12 + "|"]
-    for depth in (1e-3 * d for d in args.depths):
+    for count, depth in ((n, 1e-3 * d) for n in args.counts for d in args.depths):
         for label in args.displacements:
             channels = CHANNELS[label]
-            array = pp.AreaArray(shape=(COUNT, COUNT), pitch=PITCH, depth=depth, channels=channels)
+            array = pp.AreaArray(shape=(count, count), pitch=WIDTH / count, depth=depth, channels=channels)
             skin = pp.Skin(GEL, array, uncertainty=EXACT)
             maker = pp.Skin(GEL, array, surface=refined(skin.surface, FINER, 0))
             for kind in KINDS:
@@ -110,10 +112,13 @@ def main() -> None:
                     mean = np.mean(found, axis=0)
                     told = "not known" if friction is None else f"{friction:g}"
                     numbers = " | ".join(f"{v:.2f}" for v in mean)
-                    lines.append(f"| {1e3 * depth:g} mm deep | {label} | {kind} | {told} | {numbers} |")
+                    lines.append(
+                        f"| {count} x {count}, {1e3 * depth:g} mm deep | {label} | {kind} | {told} | {numbers} |"
+                    )
                     print(lines[-1], flush=True)
     if args.markdown is not None:
-        made = f"Made by `python benchmarks/in_plane.py --frames {args.frames}`.\n"
+        counts = " ".join(map(str, args.counts))
+        made = f"Made by `python benchmarks/in_plane.py --counts {counts} --frames {args.frames}`.\n"
         args.markdown.write_text("\n".join([made, *lines]) + "\n")
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
+from unittest import mock
 
 import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.inverse.contact import prepared
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.policy import Policy, changed
 from palpate.inverse.contact.proposals.state import Search
 from palpate.sensing.grids import block_means, divided, refined, resampled, unresolved
 
@@ -129,3 +131,17 @@ def test_a_stream_is_tracked_on_coarser_cells() -> None:
     assert float(touch.force[2]) == pytest.approx(1.0, abs=0.05)
     assert touch.surface.shape == (10, 10)
     assert any("tracked on 10 x 10 cells" in note for note in touch.notes)
+
+
+def test_a_frame_that_is_too_large_does_not_stop_the_others() -> None:
+    pad = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
+    array = pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1e-3, channels=["stress_zz"], noise=10.0)
+    skin = pp.Skin(pad, array)
+    press = np.asarray(skin.sense(pp.solutions.hertz_point(contact_radius=1.5e-3, force=1.0)))
+    readings = np.stack([np.zeros_like(press), press])
+    with mock.patch.object(prepared, "Policy", return_value=changed(Policy(), "work.unknowns", 3)):
+        touch = skin.reconstruct(readings, method="constrained")
+    assert list(touch.status) == [pp.Status.NO_CONTACT, pp.Status.UNEXPLAINED]
+    assert any("not solved in 1 of 2 frames: the contact covers" in note for note in touch.notes)
+    low, high = touch.interval(0.95, of="force")
+    assert low[1][-1] < 1.0 < high[1][-1]

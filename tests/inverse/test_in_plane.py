@@ -46,6 +46,19 @@ def test_pressure_is_sought_whichever_axis_has_the_noise() -> None:
         assert pp.Skin(gel, markers).components == ("x", "y", "z")
 
 
+@pytest.mark.long
+def test_many_markers_measure_the_normal_force_by_default() -> None:
+    """Pressure was taken as zero above 1,100 readings: 2 N were 0 N."""
+    array = pp.AreaArray(**{**MARKERS, "shape": (24, 24), "pitch": 16e-3 / 24})
+    skin = pp.Skin(GEL, array)
+    clean = np.asarray(skin.sense(BALL))
+    touch = skin.reconstruct(clean + 0.01 * clean.max() * np.random.default_rng(0).standard_normal(clean.shape))
+    assert skin.components == ("x", "y", "z")
+    assert float(touch.force[2]) == pytest.approx(2.0, rel=0.1)
+    low, high = touch.interval(0.95, of="force")
+    assert low[2] < 2.0 < high[2]
+
+
 def test_noise_on_one_axis_makes_no_force_better_known() -> None:
     """How much pressure acts bounds the least error of the normal force: more noise must not narrow it."""
     gel = pp.BondedLayers([pp.Layer(thickness=6e-3, youngs_modulus=1e5, poissons_ratio=0.48)])

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate.inverse.contact import prepared
-from palpate.inverse.contact.policy import Policy, changed
 from palpate.live.camera import _opened
 from palpate.microscopy import read_pair
 from palpate.paper.algorithm import half_width
@@ -24,7 +22,7 @@ from palpate.sensing.zero import zero_of
 from palpate.uncertainty.calibration import constants
 from remedies import camera
 from remedies._remedy import command, laid, value
-from remedies.skins import NORMAL, PAD, PRESS, RUBBER, SKIN, area, line
+from remedies.skins import NORMAL, PRESS, RUBBER, SKIN, area, line
 
 LAYERS = camera.GEL_TOML.replace(
     "[[plane]]", '[[pad.layer]]\nthickness = "1 mm"\nyoungs_modulus = "{}"\npoissons_ratio = 0.48\n[[plane]]'
@@ -48,11 +46,6 @@ def saved(pad: Any) -> Any:
 def weigh_layers(lower: str) -> Any:
     laid(two_toml=LAYERS.format("200 kPa").replace('"200 kPa"', lower, 1))
     return camera.weigh(camera.PULLED, "two.toml", 1.0)
-
-
-def by_size(method: str) -> Any:
-    with mock.patch.object(prepared, "Policy", return_value=changed(Policy(), "work.unknowns", 3)):
-        return pp.Skin(PAD, line(noise=10.0)).reconstruct(PRESS, method=method)
 
 
 def turned(channels: Any) -> Any:
@@ -176,7 +169,6 @@ REMEDIES = [
     value("too little of {} is published", published, None, "200 kPa"),
     value("is unknown, and forces are proportional to it", unknown, False, True, slow=True),
     # methods
-    value("the contact covers {} unknowns, too many", by_size, "constrained", "tikhonov"),
     value("do not fix any set of traction components. Measure stress_zz", turned, ["rotation_z"], ["stress_zz"]),
     value(
         'method="linear" meets a singular system',

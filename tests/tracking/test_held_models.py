@@ -139,3 +139,20 @@ def test_many_readings_do_not_hide_that_a_contact_has_moved() -> None:
     found, touch = renewed(skin, ball, moved, 10.0 * noise)
     assert found
     assert float(touch.center_of_pressure[0]) == pytest.approx(2e-3, abs=0.2e-3)
+
+
+def test_intervals_of_the_own_model_allow_for_the_gain_that_is_assumed() -> None:
+    widths = []
+    for uncertainty in (None, pp.Uncertainty(gain=0.05), pp.Uncertainty(gain=0.0)):
+        array = pp.AreaArray(shape=(6, 6), pitch=1e-3, depth=1.5e-3, channels=THREE, noise=30.0)
+        skin = pp.Skin(PAD, array, **({} if uncertainty is None else {"uncertainty": uncertainty}))
+        ball = np.asarray(skin.sense(solutions.hertz_point(contact_radius=1.5e-3, force=0.3)))
+        rng = np.random.default_rng(0)
+        with skin.track() as tracker:
+            tracker._alone = None  # no single solves
+            for load in [0.0] * 3 + [1.0] * 4:
+                touch = tracker.step(load * ball + 30.0 * rng.standard_normal(ball.shape))
+        low, high = touch.interval(0.95, "force")
+        widths.append(float(high[2] - low[2]))
+    assert widths[0] == pytest.approx(widths[1])
+    assert widths[0] > 1.02 * widths[2]

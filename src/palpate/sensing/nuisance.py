@@ -24,7 +24,7 @@ __all__ = ["AT_EDGE", "DRIFTS", "LATER", "NUISANCES", "USUAL", "Nuisance", "chec
 NUISANCES: tuple[str, ...] = ("offset", "ramp", "rotation")
 #: Kinds that the contact method seeks in every frame if the user names none, with contact and with noise alone.
 USUAL = ("offset", "rotation")
-#: Kinds that it seeks beside contact only, if the outermost taxels show one.
+#: Kinds that it seeks beside contact only; `inverse/contact/proposals` decides when (`ramps.py`: if the outermost taxels show one).
 LATER = ("ramp",)
 #: Kinds of one channel each whose sizes the outermost taxels tell, where contact is faint: their first sizes are fitted there. Others start from 0.
 AT_EDGE = ("offset", "ramp")

@@ -130,6 +130,7 @@ class ErrorBars:
             self._owe(model, shrink, y, frame.std, unused)
             observed = self._observed(frame, model.penalty.dense(), unused)
             summary = Summary([model], estimator.posterior)
+            summary.gain, summary.whites = estimator.problem.uncertainty.assumed_gain, [frame.white]
             give_way()
             return summary.errors(), summary.stated(), observed, taken_by(model)
 

@@ -29,7 +29,7 @@ from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import rms
 
-__all__ = ["combined", "framed", "hidden", "nothing_known", "unexplained"]
+__all__ = ["combined", "framed", "hidden", "nothing_fits", "nothing_known", "unexplained"]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -165,6 +165,12 @@ def unexplained(prepared: PreparedContact, data: Floats, outliers: Flags, chance
         nuisance_std=terms,
         at_limit=np.zeros(len(data), dtype=bool),
     )
+
+
+def nothing_fits(prepared: PreparedContact, data: Floats, refused: str = "") -> Frame:
+    """Result of a frame that no contact fits at any model error, or that was ``refused``: only bounds on its force."""
+    nothing = unexplained(prepared, data, np.zeros(len(data), dtype=bool), math.nan if refused else 0.0)
+    return replace(nothing, unexplained=True, bounds=hidden(prepared, data), refused=refused)
 
 
 def nothing_known(errors: Errors) -> Errors:

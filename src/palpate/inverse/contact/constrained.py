@@ -19,10 +19,11 @@ import numpy.typing as npt
 from palpate._threads import cached_property, few_threads
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel, dilated
+from palpate.inverse.contact.answer import nothing_fits
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.gathered import gathered
 from palpate.inverse.contact.overload import solve_within_range
-from palpate.inverse.contact.prepared import PreparedContact
+from palpate.inverse.contact.prepared import PreparedContact, TooLarge
 from palpate.inverse.estimate import Estimate, batch_of, frames_of
 from palpate.inverse.linear.evidence import LinearEvidence
 
@@ -43,7 +44,10 @@ class ConstrainedEstimator(PreparedContact):
         frames, batch = [], batch_of(readings, self.operator)
         for f in frames_of(readings, self.operator):
             with few_threads(self.widest, len(self.readings.std)), self.rounds:
-                frames.append(solve_within_range(self, f, rng))
+                try:
+                    frames.append(solve_within_range(self, f, rng))
+                except TooLarge as error:
+                    frames.append(nothing_fits(self, self.data_of(f)[0], str(error)))
                 if math.prod(batch) > 1:
                     frames[-1] = replace(frames[-1], errors=frames[-1].known)
         return frames

@@ -26,7 +26,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
-from palpate.inverse.contact.answer import hidden, unexplained
+from palpate.inverse.contact.answer import nothing_fits
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.no_contact import WIDE
 from palpate.inverse.contact.policy import Fit, Policy
@@ -190,8 +190,7 @@ def _with_shares(
         else:
             share = larger[0] if larger and promises() else None
     if best is None or not best[0] < policy.detection.most_left:
-        nothing = replace(unexplained(estimator, data, np.zeros(len(data), dtype=bool), 0.0), unexplained=True)
-        return replace(nothing, bounds=hidden(estimator, data))
+        return nothing_fits(estimator, data)
     left, found = best
     # No discrepancy makes the contact fit.
     discrepancy = max(policy.fit.shares[-1], _posterior(left, found.free, sizes, policy))

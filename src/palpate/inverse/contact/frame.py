@@ -24,6 +24,8 @@ Flags = npt.NDArray[np.bool_]
 class Frame:
     """Result of one frame. Errors of a contact too large for dense matrices are computed on demand.
 
+    ``sign``: 1 if contact pushes (also without contact), -1 if it pulls, 0 if it does both anywhere, 2 if it pushes with
+    pull around it. ``pushed``: a contact that only pushes leaves little more than noise.
     ``small``: 1 if the contact may be a disc of about a pitch or less (`palpate.inverse.contact.compact`), 2 if only
     one taxel shows it. ``adrift``: drift may be part of its force. ``stated``: errors due to pad properties that are
     not known exactly. ``alone``: largest fraction of the load that rests on one taxel. ``beyond``: see
@@ -34,7 +36,7 @@ class Frame:
     (`palpate.inverse.contact.discrepancy`). ``overload``: so many readings are saturated that the load has no upper
     bound. ``bounds`` (component, 2): net forces that the readings do not exclude beyond the interval, NaN if there are
     none. ``free``: degrees of freedom of the residual. ``resolution`` [m]: NaN if it follows from ``parameter``.
-    ``models``: those that later frames of this contact can be solved with, if there are any.
+    ``refused``: why the frame was not solved, if it was not. ``models``: those that later frames of this contact can be solved with, if there are any.
     """
 
     traction: Floats
@@ -68,6 +70,7 @@ class Frame:
     bounds: Floats = field(default_factory=lambda: np.full((1, 2), math.nan))
     free: float = math.nan
     resolution: float = math.nan
+    refused: str = ""
     models: Models | None = None
 
     @property

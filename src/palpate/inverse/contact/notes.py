@@ -69,6 +69,9 @@ def single_taxel_share(planes: Sequence[Array], run: Solved, pressure: Floats, g
 def notes_of(frames: Sequence[Frame], batch: tuple[int, ...], policy: Policy) -> tuple[str, ...]:
     """Notes about what the readings of these frames, of a ``batch`` of this shape, cannot determine."""
     said = list(notes_of_contact(frames, batch, policy))
+    refused = [f.refused for f in frames if f.refused]
+    if refused:
+        said.append(f"not solved{_where(len(refused), batch)}: {refused[0]}")
     pressed = sum(f.unproven == 2 for f in frames)
     short = sum(not f.converged for f in frames)
     if short:

@@ -1,7 +1,8 @@
 """All numbers and switches of the contact method, each with its reason, in one tree.
 
 A function that decides something takes a `Policy` (or an estimator with a ``policy``) and reads the number from it; no
-other file of `inverse/contact` holds one, except `local` and `places`, which are another method. `palpate bench
+other file of `inverse/contact` holds a limit that the ablation varies, except `local` and `places`, which are another
+method. `palpate bench
 ablation` walks the fields: it switches off each part, and halves and doubles the numbers marked ``tried``, on contacts
 that were not used to tune them. Users choose a method, not these numbers. `numbers` lists them all.
 """

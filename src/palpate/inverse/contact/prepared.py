@@ -48,7 +48,7 @@ from palpate.sensing.grids import resampled
 from palpate.sensing.limits import ends_of
 from palpate.sensing.nuisance import DRIFTS, LATER, USUAL, Nuisance, groups, nuisances
 
-__all__ = ["PreparedContact"]
+__all__ = ["PreparedContact", "TooLarge"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]

@@ -3,7 +3,7 @@
 | score | what it is | compares |
 |---|---|---|
 | `gain_of` | free log(total/left): log likelihood of Gaussian noise of unknown level, for the remaining degrees of freedom | rough explanations, readings left out, contact in a few cells |
-| `worth_of` | `gain_of` minus a penalty for each nuisance and for a sign other than push | explanations of one frame: `best_of`, `rivals_of`, `least_to_beat` |
+| `worth_of` | `gain_of` minus a penalty for each nuisance, for a sign other than push, and `Explanation.choice` | explanations of one frame: `best_of`, `rivals_of`, `least_to_beat` |
 | `more_than_noise` | log evidence of the linear model over noise alone, minus that of uneven noise | contact and no contact |
 | `odds_by_evidence`, `shares_by_evidence` | exp(log evidence), relative to the best; normalised | penalties of one explanation; ways of sliding |
 | `share_of` | 1/(1 + exp(-log odds)) | discs and fields, by their log evidence; an explanation and its rival |
@@ -53,8 +53,8 @@ K = TypeVar("K")
 
 
 def gain_of(free: float, total: float, left: float, floor: float = 0.0) -> float:
-    """free log(total/left). ``total`` and ``left`` are root mean squares before and after, ``free`` the remaining
-    degrees of freedom, ``floor`` the smallest noise.
+    """free log(total/left). ``total`` is the root mean square of the readings, ``left`` the root of the residual's
+    sum of squares over ``free``, the remaining degrees of freedom; ``floor`` is the smallest noise.
 
     An explanation that fits every reading leaves no degree of freedom and gains nothing. Contact leaves most of the
     surface empty, which separates it from an offset.
@@ -63,7 +63,7 @@ def gain_of(free: float, total: float, left: float, floor: float = 0.0) -> float
 
 
 def worth_of(h: Explanation, policy: Policy) -> float:
-    """Gain of an explanation minus the penalty for its nuisances and its sign."""
+    """Gain of an explanation minus the penalty for its nuisances, its sign, and `Explanation.choice`."""
     return h.rough.gain - policy.explanations.per_nuisance * (int(h.present.sum()) + (h.sign < 1)) - h.choice
 
 

@@ -6,9 +6,9 @@ nothing is computed. The line of an explanation
     offsets: push, offset of stress_zz 267 Pa: worth 61.2 = 24.3 log(13.6 / 0.966) - 3, edge loaded 0.00
 
 says: the proposal, the explanation, its worth (`score.worth_of`) = degrees of freedom that it leaves, times the
-logarithm of the root mean square of the readings before and after it (in units of the noise if that was given), less
-the price of its nuisances and of a sign other than push; and the part of the cells above the outermost taxels that it
-loads.
+logarithm of the root mean square of the readings over what it leaves per degree of freedom (in units of the noise if
+that was given), less the price of its nuisances, of a sign other than push and of `Explanation.choice`; and the part of
+the cells above the outermost taxels that it loads.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ class Tried:
     gain : float
         free log(total/left).
     price : float
-        Of its nuisances, and of a sign other than push.
+        Of its nuisances, of a sign other than push, and of `Explanation.choice`.
     free : float
         Degrees of freedom that it leaves.
     total, left : float
-        Root mean square of the readings, and of what the explanation leaves of them; in units of the noise if that was given.
+        Root mean square of the readings, and what the explanation leaves of them per degree of freedom; in units of the noise if that was given.
     edge : float
         Part of the cells above the outermost taxels that it loads.
     """
@@ -168,12 +168,16 @@ def explanations(
 
 
 def best(h: Explanation, tried: Sequence[Explanation], terms: Sequence[Nuisance], policy: Policy) -> None:
-    """Record the best of the explanations tried, and its lead over the simplest one."""
+    """Record the best of the explanations tried, and its lead over the simplest one and over the next."""
     if not _heard():
         return
     simple, needed = simplest_of(tried, policy), policy.detection.evidence
     lead = worth_of(h, policy) - worth_of(simple, policy)
     why = f"worth {lead:.1f} more than contact alone, needed {needed:g}" if lead else _why_simple(tried, terms, policy)
+    others = [o for o in tried if o is not h and o is not simple]
+    if lead and others:
+        next_one = max(others, key=lambda o: worth_of(o, policy))
+        why += f"; {worth_of(h, policy) - worth_of(next_one, policy):.1f} more than {named(next_one, terms)}"
     step(f"best of these: {named(h, terms)} ({why})")
 
 
