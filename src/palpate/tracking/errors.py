@@ -17,7 +17,7 @@ from palpate.inverse.constrained.model import ContactModel, Later, Normal
 from palpate.inverse.constrained.variances import taken_by
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import state
+from palpate.inverse.contact.systematic import add_stated
 from palpate.inverse.estimate import Errors, Stated
 from palpate.inverse.linear.parameter import MODEL_ERROR
 from palpate.tracking.background import Background
@@ -127,7 +127,7 @@ class ErrorBars:
                 precisions = estimator.precisions(known.level, 1, weight)
                 model = estimator.model(known, precisions, traction, keep_face=True)
                 model.weight = 1.0
-            self._owe(model, shrink, y, frame.std, unused)
+            self._add_stated(model, shrink, y, frame.std, unused)
             observed = self._observed(frame, model.penalty.dense(), unused)
             summary = Summary([model], estimator.posterior)
             summary.gain, summary.whites = estimator.problem.uncertainty.assumed_gain, [frame.white]
@@ -167,7 +167,7 @@ class ErrorBars:
             left.append(s - equations.adjoint_of(seen, unused))
         return Observed(0.5 * (counts + counts.T), data.cells, parts, np.stack(left), unused.copy())
 
-    def _owe(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
+    def _add_stated(self, model: ContactModel, shrink: Shrink, y: Floats, std: float, unused: Flags) -> None:
         """Add stated errors of modulus, depth, thickness and gains to a model; ``std`` is the unit of its readings."""
         estimator, used = self._estimator, ~unused
         problem = estimator.problem
@@ -176,7 +176,7 @@ class ErrorBars:
         traction = on_surface(estimator, model.cells, model.solution.traction)
         columns, prior = problem.doubtful(problem.doubts, traction, wide=estimator.wide)
         columns = estimator.readings.white((columns / (estimator.readings.std * std)[:, None])[used], used)
-        state(model, shrink(columns), prior, problem.doubts.gain * np.abs(y[used] / std))
+        add_stated(model, shrink(columns), prior, problem.doubts.gain * np.abs(y[used] / std))
 
     def _due(self, count: int) -> bool:
         self._age += 1

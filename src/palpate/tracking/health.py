@@ -13,14 +13,14 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.policy import Policy
 from palpate.sensing.limits import at_ends
 
-__all__ = ["ENOUGH", "Flags", "Health", "Index", "ReadingCheck", "Single", "clipped"]
+__all__ = ["ENOUGH", "Flags", "Float32", "Health", "Index", "ReadingCheck", "clipped"]
 
 #: Same values as in the contact method.
 FAR, MOVED = Policy().screening.deviations, Policy().screening.moved
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
-Single = npt.NDArray[np.float32]
+Float32 = npt.NDArray[np.float32]
 
 #: Consecutive bad frames (or checks) after which a reading is excluded; a glitch of a frame or two is none. It returns
 #: after eight times as many good ones, so that a loose contact does not come and go.

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.cone import Cone
 from palpate.inverse.contact.policy import Policy
-from palpate.tracking.health import Flags, Index, Single
+from palpate.tracking.health import Flags, Float32, Index
 from palpate.tracking.region import Region
 
 __all__ = ["Iteration", "pressing"]
@@ -28,7 +28,7 @@ ITERATIONS = 300
 RELAXATION = 1.6
 
 
-def pressing(pressure: Floats | Single) -> Flags:
+def pressing(pressure: Floats | Float32) -> Flags:
     """Mask of the cells in contact. Elsewhere non-negative pressure fits noise."""
     return np.asarray(pressure > FAINT * float(pressure.max(initial=0.0)))
 
@@ -43,14 +43,14 @@ class Iteration:
     def clear(self) -> None:
         """Forget region and contact."""
         self.region: Region | None = None
-        self.z: Single = np.zeros((self._components, 0), dtype=np.float32)
+        self.z: Float32 = np.zeros((self._components, 0), dtype=np.float32)
         self.u = self.z.copy()
         self.missing: Floats | None = (
             None  # remaining change of traction [Pa] (component, cell), if the iteration did not converge
         )
         self.exhausted = False  # whether the last frame ended by its number of steps, not by its time
         self.product = 0.0  # t'A'y of the last frame
-        self._traction: tuple[Single, Floats] | None = None  # of this z
+        self._traction: tuple[Float32, Floats] | None = None  # of this z
 
     def shared(self) -> Floats:
         """B'A t: contribution of the solution to the sums of each channel."""
@@ -68,7 +68,7 @@ class Iteration:
         self.missing = None
 
     @property
-    def pressure(self) -> Single:
+    def pressure(self) -> Float32:
         return self.z[-1]
 
     @property
@@ -101,7 +101,7 @@ class Iteration:
             self._traction = self.z, np.asarray(self.z * self._cone.scales[:, None], dtype=np.float64)
         return self._traction[1]
 
-    def solve(self, slope: Single, gain: Floats | None = None, *, tolerance: float, deadline: float) -> bool:
+    def solve(self, slope: Float32, gain: Floats | None = None, *, tolerance: float, deadline: float) -> bool:
         """Update the solution to a frame with A'y = ``slope``; False if time or number of iterations ran out.
 
         With ``gain`` (K of `palpate.tracking.offsets`), ``slope`` is that of readings minus marginalised offsets. It
@@ -118,7 +118,7 @@ class Iteration:
         converged = False
         left, right = (None, None) if gain is None else region.correction(gain)
 
-        def solved(b: Single) -> Single:
+        def solved(b: Float32) -> Float32:
             x = inverse @ b.ravel()
             if left is not None and right is not None:
                 x = x + left @ (right @ b.ravel())

@@ -19,7 +19,7 @@ from palpate.inverse.constrained.model import dilated
 from palpate.inverse.constrained.products import Applied
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.tracking.gram import Grams, picked
-from palpate.tracking.health import Flags, Index, Single
+from palpate.tracking.health import Flags, Float32, Index
 from palpate.tracking.inverting import inverse as inverted
 from palpate.tracking.inverting import inverse_beside
 from palpate.tracking.pieces import lower_factor
@@ -57,15 +57,15 @@ class Region:
 
     cells: Index
     border: Flags
-    inverse: Single
+    inverse: Float32
     rho: float
     parameter: float
     unused: Flags
     shared: Floats
-    solved: Single
+    solved: Float32
     overlap: Floats
 
-    def correction(self, gain: Floats) -> tuple[Single, Single]:
+    def correction(self, gain: Floats) -> tuple[Float32, Float32]:
         """Factors (unknown, channel) and (channel, unknown) of the term added to ``inverse`` when offsets are
         marginalised with K = ``gain``.
         """
@@ -79,10 +79,10 @@ class NormalEquations:
     def __init__(self, estimator: ConstrainedEstimator, columns: Floats, *, beside: bool = False) -> None:
         self.estimator, self._beside = estimator, beside
         self._columns = columns  # of the channels' offsets (reading, channel)
-        self._shared: tuple[bytes, Floats, Single] | None = None
+        self._shared: tuple[bytes, Floats, Float32] | None = None
         self._grams = Grams(estimator)
         self._kept: tuple[Index, Flags, Floats] | None = None  # A'A without some readings, if noise is correlated
-        self._adjoints: tuple[tuple[Floats, Flags, Single], ...] = ()  # the last two
+        self._adjoints: tuple[tuple[Floats, Flags, Float32], ...] = ()  # the last two
         self._std = estimator.readings.std
         self._cells = math.prod(estimator.operator.surface.shape)
         # Double precision: in single precision the matrix has negative eigenvalues, along which the iteration diverges.
@@ -120,7 +120,7 @@ class NormalEquations:
         """Forget rho, which was chosen for the first region of a penalty."""
         self._rho = self._last = None
 
-    def adjoint(self, y: Floats, unused: Flags) -> Single:
+    def adjoint(self, y: Floats, unused: Flags) -> Float32:
         """A' y of whitened readings, (component, cell)."""
         for kept in self._adjoints:  # the same frame is requested several times
             if np.array_equal(kept[0], y) and np.array_equal(kept[1], unused):
@@ -129,7 +129,7 @@ class NormalEquations:
         self._adjoints = kept, *self._adjoints[:1]
         return kept[2]
 
-    def adjoint_of(self, y: Floats, unused: Flags) -> Single:
+    def adjoint_of(self, y: Floats, unused: Flags) -> Float32:
         """`adjoint` without a cache."""
         estimator = self.estimator
         if not estimator.readings.independent:
@@ -144,7 +144,7 @@ class NormalEquations:
         """A'B, (channel, component, cell), for the readings in use."""
         return self._sharing(unused)[1]
 
-    def _sharing(self, unused: Flags) -> tuple[bytes, Floats, Single]:
+    def _sharing(self, unused: Flags) -> tuple[bytes, Floats, Float32]:
         key, kept = unused.tobytes(), self._shared
         if kept is None or kept[0] != key:
             used = np.where(unused[:, None], 0.0, self._columns)
@@ -152,12 +152,12 @@ class NormalEquations:
             kept = self._shared = key, single.astype(np.float64), single.reshape(len(single), -1)
         return kept
 
-    def of_offsets(self, offsets: Floats, unused: Flags) -> Single:
+    def of_offsets(self, offsets: Floats, unused: Flags) -> Float32:
         """A'B c, (component, cell), of offsets c (channel,)."""
         shared = self._sharing(unused)
         return (offsets.astype(np.float32) @ shared[2]).reshape(shared[1].shape[1:])
 
-    def score(self, adjoint: Single) -> Floats:
+    def score(self, adjoint: Float32) -> Floats:
         """Pressure of each cell alone, in standard deviations under unit noise."""
         return np.asarray(adjoint[-1] / self._norm)
 

@@ -199,14 +199,14 @@ def variance_of(model: ContactModel, rows: Rows, *, few: bool = False) -> Floats
     return np.asarray(out)
 
 
-def owed_of(model: ContactModel, rows: Rows) -> Floats:
+def stated_variance_of(model: ContactModel, rows: Rows) -> Floats:
     """Variance of sparse rows' x over (component, cell) due to the uncertainty of the pad (`ContactModel.stated`)."""
     if model.stated is None:
         return np.zeros(rows.count)
     return np.asarray((face_of(model.solution)[0].rows(rows).times(model.stated) ** 2).sum(axis=1))
 
 
-def owed_of_sums(model: ContactModel, rows: Floats) -> Floats:
+def stated_variance_of_sums(model: ContactModel, rows: Floats) -> Floats:
     """Return, for dense rows, the variance due to the unknowns of ``model.stated``; 0 without any."""
     if model.stated is None:
         return np.zeros(len(rows))

@@ -187,7 +187,7 @@ class _Member:
         self._share: scipy.sparse.csr_array
         self._share, self.cells = shares(model, prepared.operator.surface)
         first = self._minimised(white, model)
-        #: Shear in proportion to the pressure that was added afterwards (`systematic.with_common_shear`), per load.
+        #: Shear in proportion to the pressure that was added afterwards (`systematic.add_common_shear`), per load.
         self._added = (model.solution.traction - first) / max(float(np.abs(first[-1]).sum()), 1e-300)
 
     def solve(self, white: Floats, told: Flags) -> tuple[Floats, Floats]:

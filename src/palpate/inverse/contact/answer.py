@@ -24,7 +24,7 @@ from palpate.inverse.contact.policy import STATED
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.screening import shallow
 from palpate.inverse.contact.summary import Summary
-from palpate.inverse.contact.systematic import doubtful, nuisance_errors, share
+from palpate.inverse.contact.systematic import add_common_errors, doubtful, nuisance_errors
 from palpate.inverse.contact.unbounded import goes_on_all_round, offset_as_load
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import rms
@@ -48,19 +48,19 @@ def framed(prepared: PreparedContact, run: Solved, observed: Observed, rng: np.r
         nothing = _nothing(prepared, run.parameter, run.scale, run.data, left_out, alone)
         fit = misfit_of(prepared, run, rest, 0.0)
         errors, unknown = detection_limit(prepared, run, fit, nothing.known)
-        result = replace(nothing, errors=errors, pushed=run.pushed and h.sign == 1, fit=fit, unproven=unknown)
+        result = replace(nothing, errors=errors, pushed=run.explains and h.sign == 1, fit=fit, unproven=unknown)
     else:
         run.doubtful = doubtful(prepared, run)
         run.drift = drift_probability(prepared, run)
         for m in run.members:
-            share(prepared, m, run, deviation, at_limit)
+            add_common_errors(prepared, m, run, deviation, at_limit)
         fit, left, free = fit_of(prepared, run)
         result = combined(prepared, run, each, fit, left, free, rng)
         result = replace(
             result,
             outliers=left_out,
             # The models use a finer grid and may fit readings that surface cells cannot.
-            pushed=(run.pushed or left <= prepared.policy.detection.unexplained) and h.sign == 1,
+            pushed=(run.explains or left <= prepared.policy.detection.unexplained) and h.sign == 1,
             adrift=run.adrift > 0.5,
             discrepancy=proportional_part(prepared, run),
         )

@@ -78,7 +78,7 @@ class Explanation:
 class Solved:
     """A solved explanation: its models, and the data, noise and settings used. No models means no contact.
 
-    ``doubtful``: see `systematic.doubtful`; ``drift``: see `misfit.drift_probability`; ``adrift``: total weight of the models whose normal force may be drift
+    ``explains``: little more than noise is left. ``doubtful``: see `systematic.doubtful`; ``drift``: see `misfit.drift_probability`; ``adrift``: total weight of the models whose normal force may be drift
     (`systematic.add_hidden_drift`).
     """
 
@@ -90,7 +90,7 @@ class Solved:
     parameter: float
     scale: float
     levels: Floats | None
-    pushed: bool
+    explains: bool
     doubtful: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros((0, 0)), np.zeros(0)))
     drift: float = math.nan
     adrift: float = 0.0

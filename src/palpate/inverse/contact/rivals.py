@@ -82,8 +82,7 @@ def _averaged(
         return frame
     second = _solved(estimator, rival, observed)
     other = framed(estimator, second, observed, rng)
-    fits = other.fit > policy.fit.accepted
-    weight = share_of(rival_odds(h, frame.fit, rival, other.fit, policy)) if fits else 0.0
+    weight = share_of(rival_odds(h, frame.fit, rival, other.fit, policy))
     trace.chosen(f"rival with the weight {weight:.2g}", rival, estimator.terms)
     if not (other.contact and weight > least):
         return frame

@@ -165,9 +165,10 @@ def share_of(log_odds: float) -> float:
 
 def rival_odds(h: Explanation, fit: float, rival: Explanation, rival_fit: float, policy: Policy) -> float:
     """Log odds of a rival against an explanation, from their worth and from the misfit probabilities of their
-    solutions.
+    solutions; a half, the mean of what noise leaves, for a rival that leaves too little for the test (NaN).
     """
-    return worth_of(rival, policy) - worth_of(h, policy) + math.log(max(rival_fit, 1e-300) / fit)
+    rival_fit = 0.5 if math.isnan(rival_fit) else max(rival_fit, 1e-300)
+    return worth_of(rival, policy) - worth_of(h, policy) + math.log(rival_fit / fit)
 
 
 def louder(before: float, after: float, readings: int, policy: Policy) -> float:

@@ -121,7 +121,7 @@ class _Solving:
             if not self._touches():
                 if self._few_cells():
                     continue
-                return self._solved([], pushed=True)
+                return self._solved([], explains=True)
             self._fit()
             # The last attempt keeps its readings, noise and nuisances, so that it makes models of them.
             last = attempt + 1 == self.policy.noise.attempts
@@ -142,7 +142,7 @@ class _Solving:
         for m in members:  # models of hardly any weight were left out
             m.weight /= total
         trace.models(members)
-        return self._solved(members, pushed=left <= self.policy.detection.unexplained)
+        return self._solved(members, explains=left <= self.policy.detection.unexplained)
 
     def _weigh(self) -> None:
         """Fit the linear models, and set the noise of each reading."""
@@ -316,7 +316,7 @@ class _Solving:
 
     # -- result
 
-    def _solved(self, members: list[ContactModel], *, pushed: bool) -> Solved:
+    def _solved(self, members: list[ContactModel], *, explains: bool) -> Solved:
         return Solved(
             self.h,
             members,
@@ -326,5 +326,5 @@ class _Solving:
             self.evidence[1].parameter,
             self.scale,
             self.levels,
-            pushed,
+            explains,
         )

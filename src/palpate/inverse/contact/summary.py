@@ -19,8 +19,8 @@ from palpate.inverse.constrained.rows import Rows
 from palpate.inverse.constrained.variances import (
     by_gains,
     face_of,
-    owed_of,
-    owed_of_sums,
+    stated_variance_of,
+    stated_variance_of_sums,
     told_by_each,
     variance_of,
     variance_of_sums,
@@ -95,7 +95,9 @@ class Quantities:
         self, model: ContactModel, grid: Grid, inside: Flags, columns: Sequence[int], *, known: Quantities | None = None
     ) -> None:
         self.model, self.grid, self.inside, self.columns, self._known = model, grid, inside, columns, known
-        self._of, self._of_sums = (variance_of, variance_of_sums) if known is None else (owed_of, owed_of_sums)
+        self._of, self._of_sums = (
+            (variance_of, variance_of_sums) if known is None else (stated_variance_of, stated_variance_of_sums)
+        )
         level = model.level
         places = np.unravel_index(model.cells, level.grid.shape)
         self.kept = inside[tuple(p // level.ratio for p in places)].astype(np.float64)

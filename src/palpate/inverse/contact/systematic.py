@@ -32,7 +32,15 @@ from palpate.inverse.contact.proposals.levels import reach
 from palpate.inverse.contact.score import is_compact
 from palpate.sensing.grids import block_means
 
-__all__ = ["change_of_nuisances", "doubtful", "nuisance_errors", "owe", "share", "shear_like_pressure", "state"]
+__all__ = [
+    "add_common_errors",
+    "add_shared",
+    "add_stated",
+    "change_of_nuisances",
+    "doubtful",
+    "nuisance_errors",
+    "shear_like_pressure",
+]
 
 Flags = npt.NDArray[np.bool_]
 
@@ -120,7 +128,9 @@ def doubtful(estimator: PreparedContact, run: Solved) -> tuple[Floats, Floats]:
     return columns / run.noise[:, None], size
 
 
-def share(estimator: PreparedContact, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags) -> None:
+def add_common_errors(
+    estimator: PreparedContact, model: ContactModel, run: Solved, deviation: Floats, at_limit: Flags
+) -> None:
     """Add to a model's errors the effects that act on many readings at once: nuisances, saturation, a pad not known
     exactly.
     """
@@ -137,13 +147,13 @@ def share(estimator: PreparedContact, model: ContactModel, run: Solved, deviatio
     each = estimator.problem.doubts.stated_gain * np.abs(run.data / noise)[observed]
     for one in (model, model.contact):
         if one is not None:
-            owe(one, white, prior)
-    state(model.contact or model, doubted, run.doubtful[1], each)
+            add_shared(one, white, prior)
+    add_stated(model.contact or model, doubted, run.doubtful[1], each)
     add_hidden_drift(estimator, model, run, deviation)
     free = not (estimator.cone.coupled or estimator.ambiguous or model.contact)
     if policy.parts.common_shear and len(estimator.columns) > 1 and free:
         y = estimator.readings.whitened(run.data, observed, noise)
-        drag = with_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
+        drag = add_common_shear(model, y, estimator.variances[:-1], pulls=estimator.cone.free)
         model.shared = drag if model.shared is None else np.concatenate([model.shared, drag], axis=1)
 
 
@@ -185,7 +195,7 @@ def add_hidden_drift(estimator: PreparedContact, model: ContactModel, run: Solve
         one.shared = more if one.shared is None else np.concatenate([one.shared, more], axis=1)
 
 
-def with_common_shear(model: ContactModel, y: Floats, variances: Sequence[float], *, pulls: bool) -> Floats:
+def add_common_shear(model: ContactModel, y: Floats, variances: Sequence[float], *, pulls: bool) -> Floats:
     """Add shear b p proportional to the pressure p to the model, because gradient penalties shrink it as they do
     noise. Return its contribution to the errors, as in `variances.shared_errors`.
 
@@ -226,7 +236,7 @@ def _untold(told: Floats, prior: Floats) -> Floats:
     return np.asarray(prior[:, None] * vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
-def owe(model: ContactModel, columns: Floats, prior: Floats) -> None:
+def add_shared(model: ContactModel, columns: Floats, prior: Floats) -> None:
     """Add to a model's errors unknowns that act on many readings: whitened ``columns`` (reading, unknown), with
     standard deviations ``prior``.
     """
@@ -236,7 +246,7 @@ def owe(model: ContactModel, columns: Floats, prior: Floats) -> None:
         model.shared = shared_errors(model, columns, prior / STATED)
 
 
-def state(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
+def add_stated(model: ContactModel, columns: Floats, prior: Floats, gains: Floats) -> None:
     """Add to a model's stated errors the inexactly known pad (``columns``, ``prior``) and an independent gain error
     ``gains`` (reading,) of each reading. Errors that the user stated are kept apart from the method's errors, so that
     no calibration constant changes them.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +15,13 @@ from palpate.sensing.arrays import Array, ScatteredArray
 from palpate.sensing.nuisance import AT_EDGE, Nuisance
 
 __all__ = [
-    "edge_drift",
     "edge_levels",
     "in_range",
     "largest_part",
     "lowest_levels",
     "outermost_of",
     "reach",
+    "sizes_at_edge",
     "touched",
 ]
 
@@ -29,8 +29,9 @@ Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
 
 
-def edge_levels(estimator: PreparedContact, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> list[Floats]:
+def edge_levels(estimator: PreparedContact, data: Floats, observed: Flags) -> list[Floats]:
     """Candidate initial sizes of offsets, from the outermost taxels; 0 for other nuisances."""
+    terms = estimator.terms
     starts = [np.zeros(len(terms)) for _ in range(3 if estimator.operator.surface.dimensions == 1 else 1)]
     for i, term in enumerate(terms):
         if term.kind != "offset":
@@ -45,16 +46,14 @@ def edge_levels(estimator: PreparedContact, data: Floats, observed: Flags, terms
     return [s for k, s in enumerate(starts) if not any(np.array_equal(s, before) for before in starts[:k])]
 
 
-def lowest_levels(
-    estimator: PreparedContact, data: Floats, observed: Flags, terms: Sequence[Nuisance], sign: int
-) -> list[Floats]:
+def lowest_levels(estimator: PreparedContact, data: Floats, observed: Flags, sign: int) -> list[Floats]:
     """Candidate initial sizes of offsets on a line whose contacts reach its ends (at most one): the lowest reading of
     neighbours between them. Valid if contact of this sign makes no reading negative and the ends read more.
     """
     if estimator.far or estimator.operator.surface.dimensions > 1:
         return []
-    start = np.zeros(len(terms))
-    for i, term in enumerate(terms):
+    start = np.zeros(len(estimator.terms))
+    for i, term in enumerate(estimator.terms):
         if term.kind != "offset":
             continue
         array, place = touched(estimator, term)
@@ -69,10 +68,11 @@ def lowest_levels(
     return [start] if start.any() else []
 
 
-def edge_drift(estimator: PreparedContact, data: Floats, observed: Flags, terms: Sequence[Nuisance]) -> Floats:
+def sizes_at_edge(estimator: PreparedContact, data: Floats, observed: Flags) -> Floats:
     """Initial sizes of nuisances of the kinds `AT_EDGE` together, fitted to the outermost taxels by least squares; 0
     for others.
     """
+    terms = estimator.terms
     sizes = np.zeros(len(terms))
     for array, place in _channels(estimator):
         points = array.points[array.valid.ravel()]

@@ -19,7 +19,7 @@ def propose(search: Search) -> Iterator[Explanation]:
     for sign in likelier_signs(search.tried, search.hopeless):
         if not search.promises(sign, search.usual):
             continue
-        lowest = lowest_levels(estimator, search.data, search.observed, search.terms, sign)
+        lowest = lowest_levels(estimator, search.data, search.observed, sign)
         for k, start in enumerate([*search.levels, *lowest]):
             found = with_nuisances(search, sign, start, search.usual)
             # A start from the wrong end leaves the other end loaded, and so does a ramp: reject these.

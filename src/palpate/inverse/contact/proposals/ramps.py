@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation
-from palpate.inverse.contact.proposals.levels import edge_drift
+from palpate.inverse.contact.proposals.levels import sizes_at_edge
 from palpate.inverse.contact.proposals.nuisances import with_nuisances
 from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.score import likelier_signs
@@ -24,7 +24,7 @@ def propose(search: Search) -> Iterator[Explanation]:
     if not ramps.any():
         return
     level = max(max(search.tried, key=lambda h: h.rough.gain).rough.left, estimator.least_noise(search.data))
-    tilted = edge_drift(estimator, search.data, observed, search.terms)
+    tilted = sizes_at_edge(estimator, search.data, observed)
     least, most = estimator.policy.explanations.nuisance, float((np.abs(tilted) * search.lengths / level)[ramps].max())
     if not most > least:
         trace.decided("ramp of the outermost taxels, in standard deviations", most, least)

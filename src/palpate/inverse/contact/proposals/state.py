@@ -124,7 +124,7 @@ class Search:
     @cached_property
     def levels(self) -> list[Floats]:
         """Initial sizes of offsets, from the outermost taxels."""
-        return edge_levels(self.estimator, self.data, self.observed, self.terms)
+        return edge_levels(self.estimator, self.data, self.observed)
 
     def worth_more(self, h: Explanation) -> bool:
         """Whether to try further explanations: this one leaves a large residual, of more than the given noise. On a
