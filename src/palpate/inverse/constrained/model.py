@@ -398,7 +398,7 @@ class ContactModel:
     traction over the pressure if it is equal in all cells, and ``changes`` (change, component) its possible changes;
     ``hessian`` and ``penalty`` then belong to the pressure. ``shared`` (free, unknown) is the error due to unknowns
     that act on many readings. ``stated`` (free, unknown) is the change of traction due to the uncertainty of the pad,
-    which no calibration constant scales. ``compact``: the model is a disc of a few cells.
+    which no calibration constant scales. ``kind``: what distinguishes it from the other models of its frame.
     """
 
     data: Normal
@@ -411,7 +411,7 @@ class ContactModel:
     changes: Floats | None = None
     shared: Floats | None = None
     stated: Floats | None = None
-    compact: bool = False
+    kind: str = ""
     #: Cache of `variances.taken_by`: the factor and the result.
     taken: tuple[Factor, float] | None = None
 

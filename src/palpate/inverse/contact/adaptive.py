@@ -34,7 +34,7 @@ from palpate.inverse.constrained.differences import Sparse
 from palpate.inverse.constrained.factors import cholesky
 from palpate.inverse.constrained.model import ContactModel, Level, Normal, dilated, scattered
 from palpate.inverse.constrained.variances import taken_by, variance_of
-from palpate.inverse.contact.compact import Discs, discs
+from palpate.inverse.contact.compact import DISC, Discs, discs
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.score import odds_by_evidence
 from palpate.inverse.contact.sliding import expanded, in_blocks, ways_of_sliding
@@ -45,6 +45,8 @@ from palpate.sensing.grids import repeated
 __all__ = ["AdaptiveEstimator"]
 
 Flags = npt.NDArray[np.bool_]
+#: Words for the orders of the derivatives that are penalised.
+ORDERS = {1: "first", 2: "second"}
 
 
 class AdaptiveEstimator(ConstrainedEstimator):
@@ -226,7 +228,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
                 shape, [(radius**2 / (v * size**2), 1.0 / (count * v * size**2)) for v in self.variances]
             )
             member = self.model(data.part(disc.position), each, disc.traction, keep_face=True)
-            member.weight, member.compact = found.weight / len(found.drawn), True
+            member.weight, member.kind = found.weight / len(found.drawn), DISC
             yield member
 
     def _members(
@@ -269,7 +271,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
             if widths and not weight > policy.prior.least_weight:
                 continue
             member = solved(order)
-            member.weight = weight
+            member.weight, member.kind = weight, f"uniform penalty on {ORDERS[order]} derivatives"
             if order == 1:
                 first = member
             yield member
@@ -280,7 +282,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
         energies = {variance: self._energies(first, variance) for _, variance in widths}
         for width, variance in widths:
             member = self._relearned(first, width, variance, y, energies[variance])
-            yield replace(member, weight=share)  # it may be the first model again
+            kind = "wide local weights" if width > 1.0 else "narrow local weights"
+            yield replace(member, weight=share, kind=kind)  # it may be the first model again
 
     def _trimmed(self, member: ContactModel, precision: Sparse | Sequence[Sparse], y: Floats) -> ContactModel:
         """The model without cells whose pressure is below the noise. Pressure is never negative, so noise in these cells would add up to a force."""

@@ -28,7 +28,10 @@ from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import share_of
 from palpate.inverse.linear.evidence import log_evidence
 
-__all__ = ["Disc", "Discs", "discs"]
+__all__ = ["DISC", "Disc", "Discs", "discs"]
+
+#: `ContactModel.kind` of a disc.
+DISC = "disc"
 
 Index = npt.NDArray[np.intp]
 

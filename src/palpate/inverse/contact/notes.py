@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import ContactModel
+from palpate.inverse.contact.compact import DISC
 from palpate.inverse.contact.explanation import Solved
 from palpate.inverse.contact.frame import Frame
 from palpate.inverse.contact.policy import Policy
@@ -24,7 +25,7 @@ def smallness(members: Sequence[ContactModel], planes: Sequence[Array], run: Sol
     """Return 0 if the contact is not small, 1 if it may be small, and 2 if in addition only one taxel reads more than
     noise, so that a small contact cannot be distinguished from a broken taxel.
     """
-    if not any(m.compact for m in members):
+    if not any(m.kind == DISC for m in members):
         return 0
     first = np.cumsum([0] + [int(a.valid.sum()) for a in planes])
     taxel = np.concatenate([np.tile(np.arange(s, e), len(a.channels)) for a, s, e in zip(planes, first, first[1:])])

@@ -200,8 +200,9 @@ def models(members: Sequence[ContactModel]) -> None:
         return
     each: dict[str, float] = {}
     for m in members:
-        kind = "discs" if m.compact else "a field" if m.ray is None else "a field that slides as a whole"
-        what = f"{kind} on {len(m.cells)} cells of 1/{m.level.ratio} of a surface cell's side"
+        what = m.kind or "one penalty"
+        what += " of a contact that slides as a whole" if m.ray is not None else ""
+        what += f" on {len(m.cells)} cells of 1/{m.level.ratio} of a surface cell's side"
         each[what] = each.get(what, 0.0) + m.weight
     step("models: " + "; ".join(f"{what}, weight {weight:.3g}" for what, weight in each.items()))
 
