@@ -204,7 +204,7 @@ class Contact:
         # With a thread, `_learn` drops a penalty that is being learned from such readings.
         lost = not self._background.threaded and bool((unused & self._told_by).any())
         if self.pushing and (unused.any() if self._fresh else lost or not np.array_equal(unused, used)):
-            converged = self._learned_again(frame, learned or lost, converged)
+            converged = self._relearn_for_other_readings(frame, learned or lost, converged)
         self._fresh = False
         behind = self._background.threaded and not (converged and self.pushing)
         self._behind = self._behind + 1 if behind and not late else 0
@@ -246,14 +246,14 @@ class Contact:
             return learned, self._weigh(frame)
         return learned, converged and not unusual  # if unusual, the cells are about to move
 
-    def _learned_again(self, frame: Frame, learned: bool, converged: bool) -> bool:
+    def _relearn_for_other_readings(self, frame: Frame, learned: bool, converged: bool) -> bool:
         """Learn the penalty again, because other readings are in use. Missing readings look like fine detail, so it is
         learned from readings filled by a smooth contact.
         """
         if not (learned if self._at_once else self._since_learned < PATIENCE):
             return converged
         self._background.drop("learn")
-        self._learn_again(frame, self._check.unused)
+        self._discard_penalty(frame, self._check.unused)
         if not self._at_once:
             return converged
         self._push(frame)
@@ -267,7 +267,7 @@ class Contact:
         learned = self._learning.in_contact(frame.actual[used])
         return frame.noise if learned is None else learned
 
-    def _learn_again(self, frame: Frame, unused: Flags) -> None:
+    def _discard_penalty(self, frame: Frame, unused: Flags) -> None:
         """Discard a penalty that was learned from readings that are now excluded."""
         largest = float(self._equations.diagonal.max())
         self._told_by = ~unused
@@ -282,7 +282,7 @@ class Contact:
             # Missing readings look like fine detail. Discard a penalty learned from them and learn it from readings filled by a smooth contact.
             self._holed += 1
             self._background.drop("learn")
-            self._learn_again(frame, unused)
+            self._discard_penalty(frame, unused)
             self._learned_of = unused.copy()
         filled = self._filled(frame)
         # Include readings that the contact does not fit: if the penalty is too smooth, the contact fits few.
@@ -310,48 +310,63 @@ class Contact:
         return residual_by_penalty(self._estimator, self._equations, self._search, y, noise, cells, self._tolerance)
 
     def _finish(self, frame: Frame, converged: bool) -> None:
-        """Update offsets and error bars."""
-        unused, marginal = self._check.unused, self._marginal
-        if marginal is None:
-            raise RuntimeError("the frame was not solved")
-        y = np.where(unused, 0.0, frame.actual)
+        """Update offsets, error bars, drag and fit."""
+        y = np.where(self._check.unused, 0.0, frame.actual)
         if not converged and self.pushing:
             self._level(self._push_residual(frame), frame.noise)
         if self.fits:
             self._offsets.seen(y, frame.noise)
-        if self.pushing or self.fits:
-            self._errors.refresh(self._present, y, self.noise, unused, self._background, self._offsets)
-        else:
-            self._errors.clear()  # what no traction explains has no numbers
-        self.errors, self.drag = self._errors.errors, None
-        if self.pushing:
-            self.drag = self._dragging.found(
-                self._solution,
-                self._equations.adjoint(y, unused),
-                marginal.sums,
-                unused,
-                self._offsets,
-                self.noise * frame.noisier,
-                float(np.abs(y).max(initial=0.0)),
-            )
-            bars = self.errors
-            if bars is None or not self._errors.serves(self._solution):
-                bars = wider(bars, self._interim.errors(self._solution, self.noise))
-            self.errors = bars if converged or bars is None else self._interim.unconverged(self._solution, bars)
+        self._update_errors(y, converged)
+        self.drag = self._drag(frame, y) if self.pushing else None
         if self._unjudged is None and self.fit < POOR_FIT and self.pushing:
             self._unjudged = self._push_residual(frame)  # that a frame is not explained is no news of the next
         if self._unjudged is not None:
             self.fit, self._unjudged = self._fit(self._unjudged, frame), None
-        observed, contact = self._errors.observed, self._present.contact
         self.observes = converged
+        self._update_offsets(y)
+
+    def _update_errors(self, y: Floats, converged: bool) -> None:
+        """Update the error bars; interim ones where the others are not made yet, or the iteration has not converged."""
+        if self.pushing or self.fits:
+            self._errors.refresh(self._present, y, self.noise, self._check.unused, self._background, self._offsets)
+        else:
+            self._errors.clear()  # what no traction explains has no numbers
+        bars = self._errors.errors
+        if self.pushing:
+            if bars is None or not self._errors.serves(self._solution):
+                bars = wider(bars, self._interim.errors(self._solution, self.noise))
+            bars = bars if converged or bars is None else self._interim.unconverged(self._solution, bars)
+        self.errors = bars
+
+    def _drag(self, frame: Frame, y: Floats) -> Drag | None:
+        """Drag of a contact that pushes."""
+        return self._dragging.found(
+            self._solution,
+            self._equations.adjoint(y, self._check.unused),
+            self._sums,
+            self._check.unused,
+            self._offsets,
+            self.noise * frame.noisier,
+            float(np.abs(y).max(initial=0.0)),
+        )
+
+    def _update_offsets(self, y: Floats) -> None:
+        """Update the offsets by what the frame tells of them."""
+        observed, contact, unused = self._errors.observed, self._present.contact, self._check.unused
         if observed is None or contact is None or not self.fits:
             return
         if not np.array_equal(observed.unused, unused):
             self._errors.age()
             return
-        cells, traction = contact
-        innovation = observed.innovation(marginal.sums, self._equations.adjoint(y, unused), cells, traction)
+        innovation = observed.innovation(self._sums, self._equations.adjoint(y, unused), *contact)
         self._offsets.update(observed.counts, innovation, self.noise)
+
+    @property
+    def _sums(self) -> Floats:
+        """Sums over the readings of the frame that was solved (`Marginal.sums`)."""
+        if self._marginal is None:
+            raise RuntimeError("the frame was not solved")
+        return self._marginal.sums
 
     def _fit(self, residual: Residual, frame: Frame) -> float:
         """Misfit probability of the residual."""
@@ -566,7 +581,7 @@ class Contact:
             missing = score > TAKEN
             if missing.any() and not changed:  # a wrong reading bends the solution round it
                 y = np.where(residual.unused, 0.0, frame.actual)
-                self._search.missing(missing, y, frame.noise, residual.unused, self._parameter)
+                self._search.request(missing, y, frame.noise, residual.unused, self._parameter)
             check.suspects = wrong
             # With a time budget, missing cells are added in later frames.
             if turn == turns - 1 or not (changed or (missing.any() and self._at_once)):

@@ -67,7 +67,7 @@ class Interim:
 
     def unconverged(self, solution: Iteration, errors: Errors) -> Errors:
         """Errors that include how far the iteration was from convergence."""
-        region, change, estimator = solution.region, solution.missing, self._estimator
+        region, change, estimator = solution.region, solution.unconverged_change, self._estimator
         if region is None or change is None:
             return errors
         rows, center, _ = self._rows(solution, region.cells)

@@ -45,7 +45,7 @@ class Iteration:
         self.region: Region | None = None
         self.z: Float32 = np.zeros((self._components, 0), dtype=np.float32)
         self.u = self.z.copy()
-        self.missing: Floats | None = (
+        self.unconverged_change: Floats | None = (
             None  # remaining change of traction [Pa] (component, cell), if the iteration did not converge
         )
         self.exhausted = False  # whether the last frame ended by its number of steps, not by its time
@@ -65,7 +65,7 @@ class Iteration:
             whole[0][:, self.region.cells], whole[1][:, self.region.cells] = self.z, self.u
         self.region = region
         self.z, self.u = whole[0][:, region.cells], whole[1][:, region.cells]
-        self.missing = None
+        self.unconverged_change = None
 
     @property
     def pressure(self) -> Float32:
@@ -142,11 +142,11 @@ class Iteration:
                 break
         else:
             self.exhausted = True
-        self.z, self.u, self.missing = z, u, None
+        self.z, self.u, self.unconverged_change = z, u, None
         if not converged:
             # -(H + rho)^-1 (H z - h + rho u), with (H + rho) x = h + rho (z - u) of the step before
             left_over = x - z - rho * solved(before - z + u - pushed)
-            self.missing = np.asarray(left_over * cone.scales[:, None], dtype=np.float64)
+            self.unconverged_change = np.asarray(left_over * cone.scales[:, None], dtype=np.float64)
         self.product = float((z * h).sum(dtype=np.float64))
         if not np.isfinite(z).all():
             raise np.linalg.LinAlgError("the iteration has no finite result")

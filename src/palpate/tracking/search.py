@@ -132,7 +132,7 @@ class Search:
         """Restart the count of frames that press at the border: the region has moved."""
         self._pressed = 0
 
-    def missing(self, cells: Flags, y: Floats, noise: float, unused: Flags, parameter: float) -> None:
+    def request(self, cells: Flags, y: Floats, noise: float, unused: Flags, parameter: float) -> None:
         """Request cells outside the region where pressure is missing, and their neighbours; the other arguments are
         those of `rough`.
         """

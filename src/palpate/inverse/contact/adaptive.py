@@ -45,8 +45,6 @@ from palpate.sensing.grids import repeated
 __all__ = ["AdaptiveEstimator"]
 
 Flags = npt.NDArray[np.bool_]
-#: Words for the orders of the derivatives that are penalised.
-ORDERS = {1: "first", 2: "second"}
 
 
 class AdaptiveEstimator(ConstrainedEstimator):
@@ -271,7 +269,8 @@ class AdaptiveEstimator(ConstrainedEstimator):
             if widths and not weight > policy.prior.least_weight:
                 continue
             member = solved(order)
-            member.weight, member.kind = weight, f"uniform penalty on {ORDERS[order]} derivatives"
+            which = "first" if order == 1 else "second"
+            member.weight, member.kind = weight, f"uniform penalty on {which} derivatives"
             if order == 1:
                 first = member
             yield member
