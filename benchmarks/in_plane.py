@@ -118,7 +118,8 @@ def main() -> None:
                     print(lines[-1], flush=True)
     if args.markdown is not None:
         counts = " ".join(map(str, args.counts))
-        made = f"Made by `python benchmarks/in_plane.py --counts {counts} --frames {args.frames}`.\n"
+        which = "" if args.displacements == list(CHANNELS) else f' --displacements "{args.displacements[0]}"'
+        made = f"Made by `python benchmarks/in_plane.py --counts {counts} --frames {args.frames}{which}`.\n"
         args.markdown.write_text("\n".join([made, *lines]) + "\n")
 
 

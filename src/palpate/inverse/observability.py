@@ -26,8 +26,8 @@ ACTS = 0.1
 #: pressure fixed at zero, every load would read 0 N. Markers on the surface of an incompressible gel (Poisson's ratio
 #: 0.48) have 0.02 to 0.09. The interval of the force is then wide.
 FELT = 0.01
-#: Largest number of readings for which this is the default: a frame of 48 x 48 markers takes seconds (18 if contact
-#: covers most of them), one of 64 x 64 minutes.
+#: Largest number of readings for which this is the default: on a slow machine a frame of 48 x 48 markers takes 1 s, or
+#: 20 to 27 s if contact covers a third of them; one of 64 x 64 with such a contact takes minutes.
 NARROWED_READINGS = 5000
 #: Channels normal to the surface, on which pressure has the largest effect.
 NORMAL = ("displacement_z", "strain_zz", "stress_zz")
