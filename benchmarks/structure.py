@@ -6,7 +6,7 @@
 
 Branches are decisions in one function: if, elif, for, while, conditional expressions, `and` / `or`, conditions of comprehensions, handlers of exceptions.
 Numbers are constants of modules in capitals, and the numbers and switches of `inverse/contact/policy.py`. Calls between modules are those of one frame that is prepared, in
-which a function of one module of palpate calls one of another; circles are groups of modules that import each other when they are loaded.
+which a function of one module of palpate calls one of another; circles are groups of modules that import each other, inside functions and for type checking too.
 """
 
 from __future__ import annotations
@@ -81,19 +81,20 @@ def numbers_of_dataclasses(path: Path, classes: set[str]) -> int:
 
 
 def circles(source: Path) -> int:
-    """Modules that are in a circle of imports, those for type checking counted too."""
+    """Modules that are in a circle of imports: at the top of a file, inside functions, and for type checking alone."""
     modules = {}
     for path in source.rglob("*.py"):
         parts = path.relative_to(source.parent).with_suffix("").parts
         modules[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    modules.pop("palpate", None)
     edges: dict[str, set[str]] = {}
     for name, path in modules.items():
-        found = set()
-        for node in ast.parse(path.read_text()).body:
-            inner = ast.walk(node) if isinstance(node, ast.If) else [node]
-            for one in inner:
-                if isinstance(one, ast.ImportFrom) and one.module in modules and one.module != name:
-                    found.add(one.module)
+        found: set[str] = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                each = (f"{node.module}.{alias.name}" for alias in node.names)
+                found |= {one if one in modules else node.module for one in each}
+        found = (found & modules.keys()) - {name}
         edges[name] = found
     order: list[str] = []
     seen: set[str] = set()

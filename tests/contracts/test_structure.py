@@ -134,18 +134,10 @@ def circles() -> list[set[str]]:
     return [group for group in groups if len(group) > 1]
 
 
-#: Circles that are left, by their room: each is to go, none may come.
-CIRCLES = {"palpate.microscopy": 3, "palpate.design": 3}
-
-
 def test_no_circles() -> None:
     """No file imports, by whatever way, one that imports it, between rooms or inside of one."""
-    for group in circles():
-        rooms = {name.rpartition(".")[0] for name in group}
-        allowed = max(
-            (n for name, n in CIRCLES.items() if all(r == name or r.startswith(f"{name}.") for r in rooms)), default=0
-        )
-        assert len(group) <= allowed, f"these files import each other in a circle: {', '.join(sorted(group))}"
+    found = [", ".join(sorted(group)) for group in circles()]
+    assert not found, f"these files import each other in a circle: {'; '.join(found)}"
 
 
 def test_rooms() -> None:

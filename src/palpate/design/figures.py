@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from palpate._extras import require
+from palpate.design.columns import LENGTHS, NUMBERS, value_text
+from palpate.design.detection import Noticed
+from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from palpate.design.result import Design
-    from palpate.design.sweep import Sweep
 
 __all__ = ["plot_design", "plot_sweep"]
 
@@ -24,7 +24,38 @@ _MARKS = "os^Dv<"
 _STYLES = ("-", "--", ":", "-.")
 
 
-def plot_design(design: Design) -> Figure:
+class ShownDesign(Protocol):
+    """The part of a `palpate.design.Design` that figures use, so that they need not import that class."""
+
+    @property
+    def distance(self) -> Floats: ...
+    @property
+    def point_spread(self) -> Mapping[str, Floats]: ...
+    @property
+    def components(self) -> tuple[str, ...]: ...
+    @property
+    def noticed(self) -> Noticed: ...
+    @property
+    def dimensions(self) -> int: ...
+    @property
+    def noise_unit(self) -> str: ...
+    def width(self, component: str) -> float: ...
+
+
+class ShownSweep(Protocol):
+    """The part of a `palpate.design.Sweep` that figures use."""
+
+    @property
+    def points(self) -> Sequence[Mapping[str, Any]]: ...
+    @property
+    def designs(self) -> Sequence[ShownDesign]: ...
+    @property
+    def goals(self) -> Mapping[str, float]: ...
+    def numbers(self, name: str) -> Floats: ...
+    def unit(self, name: str) -> str: ...
+
+
+def plot_design(design: ShownDesign) -> Figure:
     """Plot the point-spread functions, and the smallest detectable force over the array."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
@@ -64,14 +95,13 @@ def plot_design(design: Design) -> Figure:
     return figure
 
 
-def plot_sweep(sweep: Sweep, x: str | None, columns: Sequence[str]) -> Figure:
+def plot_sweep(sweep: ShownSweep, x: str | None, columns: Sequence[str]) -> Figure:
     """Plot each number against one axis; colours and line styles distinguish the other axes."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
 
     from palpate._plot.style import PAGE, journal
-    from palpate.design.sweep import NUMBERS, _value
 
     axes_of = list(dict.fromkeys(key for p in sweep.points for key in p))
     numeric = [a for a in axes_of if all(isinstance(p.get(a), float | int) for p in sweep.points)]
@@ -86,17 +116,11 @@ def plot_sweep(sweep: Sweep, x: str | None, columns: Sequence[str]) -> Figure:
     if unknown:
         raise InvalidInput(f"{unknown[0]!r} is not a number of a design; accepted: {', '.join(NUMBERS)}.")
     others = [a for a in axes_of if a != chosen]
-    keys = [tuple(_value(a, p.get(a)) for a in others) for p in sweep.points]
+    keys = [tuple(value_text(a, p.get(a)) for a in others) for p in sweep.points]
     groups = list(dict.fromkeys(keys))
     firsts = list(dict.fromkeys(k[0] for k in groups)) if others else [""]
     rests = list(dict.fromkeys(k[1:] for k in groups))
-    factor, unit = (
-        (1e-3, "kPa")
-        if chosen == "youngs_modulus"
-        else (1e3, "mm")
-        if chosen in ("depth", "thickness", "pitch", "aperture")
-        else (1.0, "")
-    )
+    factor, unit = (1e-3, "kPa") if chosen == "youngs_modulus" else (1e3, "mm") if chosen in LENGTHS else (1.0, "")
     if chosen == "noise":
         unit = sweep.designs[0].noise_unit
     with journal():

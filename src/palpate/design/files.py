@@ -31,8 +31,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from palpate.design.columns import NUMBERS
 from palpate.design.press import Press
-from palpate.design.sweep import NUMBERS
 from palpate.design.variations import VARIED
 from palpate.elastic.channels import channel_unit
 from palpate.elastic.pad import Pad

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.design.columns import NUMBERS, value_text
 from palpate.design.press import Press
 from palpate.design.result import Design, evaluate
 from palpate.design.variations import varied
@@ -24,22 +25,8 @@ if TYPE_CHECKING:
     import xarray
 
 
-__all__ = ["NUMBERS", "Sweep", "combinations", "sweep", "swept"]
+__all__ = ["Sweep", "combinations", "sweep", "swept"]
 
-#: Columns of a table: name, factor from SI units, and unit in area contact (`Sweep.unit`).
-NUMBERS: dict[str, tuple[str, float, str]] = {
-    "force": ("standard deviation of the normal force", 1e3, "mN"),
-    "shear": ("standard deviation of the shear force", 1e3, "mN"),
-    "center": ("standard deviation of the centre", 1e3, "mm"),
-    "radius": ("standard deviation of the contact radius", 1e3, "mm"),
-    "friction_reserve": ("standard deviation of the friction reserve", 1e3, "mN"),
-    "width": ("width of a point", 1e3, "mm"),
-    "pair": ("smallest separable pair", 1e3, "mm"),
-    "wavelength": ("shortest wave recovered", 1e3, "mm"),
-    "noticed": ("smallest noticed force", 1e3, "mN"),
-    "blind": ("blind part of the array", 1e2, "%"),
-    "range": ("range", 1.0, "N"),
-}
 #: Quantities of the score, with equal weights. A larger range is better; of all others, a smaller number is.
 SCORED = ("force", "shear", "center", "pair", "noticed", "range")
 #: Largest number of designs: more take an hour or longer.
@@ -53,7 +40,6 @@ _DIRECTIONS = {
     "noise": ("With more noise than {}", "With less noise than {}"),
     "youngs_modulus": ("With a pad stiffer than {}", "With a pad softer than {}"),
 }
-_LENGTHS = ("depth", "thickness", "pitch", "aperture")
 _GOALS = {
     "force": "no design determines the normal force to +-{}",
     "shear": "no design determines the shear force to +-{}",
@@ -200,9 +186,9 @@ class Sweep:
                 low, high = v[reached].min(), v[reached].max()
                 unit = self.designs[0].noise_unit if axis == "noise" else ""
                 if (v > high).any():
-                    out.append(f"{larger.format(_value(axis, high, unit))} {said}.")
+                    out.append(f"{larger.format(value_text(axis, high, unit))} {said}.")
                 if (v < low).any():
-                    out.append(f"{smaller.format(_value(axis, low, unit))} {said}.")
+                    out.append(f"{smaller.format(value_text(axis, low, unit))} {said}.")
         why: dict[str, int] = {}
         for _, reason in self.skipped:
             why[reason] = why.get(reason, 0) + 1
@@ -232,7 +218,7 @@ class Sweep:
         rows = [head]
         for i, point in enumerate(self.points[:most]):
             values = self.designs[i].numbers()
-            row = [_value(a, point.get(a), self.designs[i].noise_unit if a == "noise" else "") for a in axes]
+            row = [value_text(a, point.get(a), self.designs[i].noise_unit if a == "noise" else "") for a in axes]
             row += [_cell(values[c] * NUMBERS[c][1]) for c in shown]
             row.append(_cell(float(scores[i])))
             rows.append([*row, *([("met" if meets[i] else "-")] if self.goals else [])])
@@ -284,30 +270,6 @@ def _plain(value: Any) -> Any:
 
 def _cell(value: float) -> str:
     return "-" if math.isnan(value) else "none" if math.isinf(value) else f"{value:.3g}"
-
-
-def _value(axis: str, value: Any, unit: str = "") -> str:
-    """Return a value of a variable as text."""
-    if isinstance(value, tuple | list):
-        if value and isinstance(value[0], str):
-            return _channels(value)
-        return " x ".join(f"{1e3 * v:.3g} mm" if axis in _LENGTHS else str(v) for v in value)
-    if value is None or isinstance(value, str):
-        return value or "-"
-    if axis in _LENGTHS:
-        return f"{1e3 * value:.3g} mm"
-    if axis == "youngs_modulus":
-        return f"{1e-3 * value:.3g} kPa"
-    return f"{value:.3g}{f' {unit}' if unit and unit != '1' else ''}"
-
-
-def _channels(names: Sequence[str]) -> str:
-    """Return channels as short text, such as "stress xz yz zz"."""
-    kinds: dict[str, list[str]] = {}
-    for name in names:
-        kind, _, indices = name.partition("_")
-        kinds.setdefault(kind, []).append(indices)
-    return ", ".join(" ".join([kind, *which]) for kind, which in kinds.items())
 
 
 def combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:

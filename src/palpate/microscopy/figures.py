@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +17,7 @@ from palpate.microscopy.fields import Field
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.microscopy.cell import CellForces
-
-__all__ = ["plot_error", "plot_field", "plot_traction", "scale_bar", "square_ends"]
+__all__ = ["ShownCell", "plot_error", "plot_field", "plot_traction", "scale_bar", "square_ends"]
 
 #: Number of arrows along the longer side of a picture. Vectors smaller than SMALLEST times the largest get no arrow.
 ARROWS, SMALLEST = 36, 0.08
@@ -28,6 +27,39 @@ WIDTH = 6.4
 CLOSER, ROOM, FAINT = 0.5, 0.25, 0.05
 #: An arrow is drawn where the traction is at least this many standard deviations from zero (95 %).
 SURE = 1.96
+
+
+class ShownCell(Protocol):
+    """The part of `palpate.microscopy.CellForces` that figures and reports use, so that they need not import that class."""
+
+    @property
+    def field(self) -> Field: ...
+    @property
+    def pad(self) -> Any: ...
+    @property
+    def traction(self) -> Floats: ...
+    @property
+    def std(self) -> Floats: ...
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]: ...
+    @property
+    def mask(self) -> Any: ...
+    @property
+    def masked(self) -> bool: ...
+    @property
+    def picture(self) -> Any: ...
+    @property
+    def samples(self) -> Any: ...
+    @property
+    def known(self) -> Any: ...
+    @property
+    def touch(self) -> Any: ...
+    @property
+    def quantities(self) -> Mapping[str, Any]: ...
+    @property
+    def principal(self) -> tuple[float, float, float]: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
 
 
 def _round(value: float) -> float:
@@ -157,7 +189,7 @@ def scale_bar(axes: Any, field: Field, ends: tuple[float, float, float, float]) 
     )
 
 
-def _outline(axes: Any, forces: CellForces) -> None:
+def _outline(axes: Any, forces: ShownCell) -> None:
     if not forces.masked:
         return
     if forces.mask is not None and forces.mask.dtype != np.bool_:
@@ -173,7 +205,7 @@ def _outline(axes: Any, forces: CellForces) -> None:
         axes.contour(places[1], places[0], values.astype(float), levels=[0.5], **style)
 
 
-def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
+def plot_traction(forces: ShownCell, *, title: str | None = None) -> Figure:
     """Plot the traction's magnitude in colour over the picture, its largest vectors, a scale arrow and a scale bar."""
     require("figures", "matplotlib")
     field = forces.field
@@ -214,7 +246,7 @@ def plot_traction(forces: CellForces, *, title: str | None = None) -> Figure:
     return figure
 
 
-def _along(forces: CellForces) -> Floats:
+def _along(forces: ShownCell) -> Floats:
     """Return the standard deviation (row, column) [Pa] of the traction along its own direction."""
     size = np.maximum(np.hypot(*forces.traction), 1e-300)
     return np.asarray(np.sqrt(((forces.std * forces.traction / size) ** 2).sum(axis=0)))
@@ -225,7 +257,7 @@ def _two(value: float) -> str:
     return f"{value:#.2g}".rstrip(".") if abs(value) < 99.5 else f"{value:.0f}"
 
 
-def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float, float, float]) -> None:
+def _peak(axes: Any, forces: ShownCell, size: Floats, ends: tuple[float, float, float, float]) -> None:
     """Draw a ring round the largest traction, and write its interval beside it."""
     q, field = forces.quantities.get("traction_peak"), forces.field
     if q is None or not size.max() > 0:
@@ -249,7 +281,7 @@ def _peak(axes: Any, forces: CellForces, size: Floats, ends: tuple[float, float,
     )  # fmt: skip
 
 
-def _assumed(forces: CellForces) -> str:
+def _assumed(forces: ShownCell) -> str:
     """Return two lines of text with the assumptions of the result."""
     field, pad = forces.field, forces.pad
     layers = getattr(pad, "layers", None)
@@ -287,7 +319,7 @@ def plot_field(field: Field) -> Figure:
     return figure
 
 
-def plot_error(forces: CellForces) -> Figure:
+def plot_error(forces: ShownCell) -> Figure:
     """Plot the standard deviation of the traction."""
     require("figures", "matplotlib")
     field = forces.field

@@ -7,13 +7,10 @@ import csv
 import html
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from palpate.microscopy.figures import plot_error, plot_field, plot_traction
+from palpate.microscopy.figures import ShownCell, plot_error, plot_field, plot_traction
 from palpate.recordings.files import atomically
-
-if TYPE_CHECKING:
-    from palpate.microscopy.cell import CellForces
 
 __all__ = ["write_report", "write_table"]
 
@@ -33,7 +30,7 @@ def _picture(figure: Any, caption: str) -> str:
     return f'<figure><img alt="{html.escape(caption)}" src="data:image/png;base64,{data}"><figcaption>{html.escape(caption)}</figcaption></figure>'
 
 
-def _rows(forces: CellForces) -> str:
+def _rows(forces: ShownCell) -> str:
     out = []
     for q in forces.quantities.values():
         value, std, unit = q.scaled()
@@ -51,7 +48,7 @@ def _rows(forces: CellForces) -> str:
     return "\n".join(out)
 
 
-def write_report(forces: CellForces, path: str | Path, *, title: str = "", source: str = "", command: str = "") -> None:
+def write_report(forces: ShownCell, path: str | Path, *, title: str = "", source: str = "", command: str = "") -> None:
     """See `CellForces.write_report`."""
     field = forces.field
     rows, columns = field.shape
@@ -103,7 +100,7 @@ def _gel(pad: Any) -> str:
     )
 
 
-def _noise(forces: CellForces) -> str:
+def _noise(forces: ShownCell) -> str:
     noise = forces.touch.noise_std
     return "not known" if noise is None else ", ".join(f"{1e9 * float(n):.3g} nm" for n in noise.ravel())
 
@@ -118,7 +115,7 @@ def _write(at: str, text: str) -> None:
     Path(at).write_text(text, encoding="utf-8")
 
 
-def write_table(forces: CellForces, path: str | Path) -> None:
+def write_table(forces: ShownCell, path: str | Path) -> None:
     """See `CellForces.write_table`."""
     held = io.StringIO()
     writer = csv.writer(held, lineterminator="\n")

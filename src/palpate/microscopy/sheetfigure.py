@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from palpate._extras import require
 from palpate._plot import scaled
-from palpate.microscopy.figures import scale_bar, square_ends
+from palpate.elastic.pad import Floats
+from palpate.microscopy.figures import ShownCell, scale_bar, square_ends
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from palpate.microscopy.tension import SheetTension
 
 __all__ = ["plot_tension"]
 
@@ -24,7 +25,27 @@ WIDTH = 10.5
 PUSHED = 0.1
 
 
-def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
+class ShownSheet(Protocol):
+    """The part of `palpate.microscopy.SheetTension` that its picture uses, so that it need not import that class."""
+
+    @property
+    def forces(self) -> ShownCell: ...
+    @property
+    def tension(self) -> Floats: ...
+    @property
+    def draws(self) -> Floats: ...
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]: ...
+    @property
+    def average(self) -> Floats: ...
+    @property
+    def labels(self) -> Mapping[str, npt.NDArray[np.bool_]] | None: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    def __getitem__(self, name: str) -> Any: ...
+
+
+def plot_tension(sheet: ShownSheet, *, title: str | None = None) -> Figure:
     """Average tension, with lines along the larger principal tension if its direction is known, and the standard deviation beside it."""
     require("figures", "matplotlib")
     from matplotlib.figure import Figure
@@ -67,7 +88,7 @@ def plot_tension(sheet: SheetTension, *, title: str | None = None) -> Figure:
     return figure
 
 
-def _view(sheet: SheetTension) -> tuple[float, float, float, float]:
+def _view(sheet: ShownSheet) -> tuple[float, float, float, float]:
     """Left, right, bottom, top of the sheet and a margin [px], within the field of view."""
     field = sheet.forces.field
     left, right, bottom, top = square_ends(field)
@@ -80,7 +101,7 @@ def _view(sheet: SheetTension) -> tuple[float, float, float, float]:
     return max(left, x[0]), min(right, x[1]), min(bottom, y[1]), max(top, y[0])
 
 
-def _directions(axes: Any, sheet: SheetTension) -> bool:
+def _directions(axes: Any, sheet: ShownSheet) -> bool:
     """Lines along the larger principal tension, where the difference of both is more than its error; whether there are any."""
     drawn = False
     field = sheet.forces.field
@@ -109,7 +130,7 @@ def _directions(axes: Any, sheet: SheetTension) -> bool:
     return drawn
 
 
-def _borders(axes: Any, sheet: SheetTension) -> None:
+def _borders(axes: Any, sheet: ShownSheet) -> None:
     """Outlines of the cells."""
     if sheet.labels is None:
         return
