@@ -38,7 +38,8 @@ def solved(task: tuple[int, int, list[str]]) -> dict[str, Any]:
     policy = Policy()
     for entry in settings:
         name, _, value = entry.partition("=")
-        policy = changed(policy, name, json.loads(value))
+        number = json.loads(value)
+        policy = changed(policy, name, tuple(number) if isinstance(number, list) else number)
     method = Ablated(friction=sample.friction, policy=policy)
     method.prepare(skin.problem(components=names))
     started = time.process_time()
