@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +44,6 @@ from palpate.sensing.zero import Rest, given_rest, rest_frames, with_noise
 from palpate.solutions import AreaContact, LineContact
 from palpate.touch import Touch
 from palpate.touch.fields import ErrorParts
-from palpate.tracking.calibrated import CalibratedTracker
 from palpate.tracking.settings import check_settings, check_sought, on_coarser_cells
 from palpate.tracking.single import SingleSolve
 from palpate.tracking.tracker import Tracker
@@ -665,7 +664,11 @@ class Skin(SkinProperties):
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
         solver = skin._prepared(method, names)
         prony = skin._pad.prony if isinstance(skin._pad, Viscoelastic) else None
-        made = Tracker if known is None else partial(CalibratedTracker, calibration=known)
+        made: Callable[..., Tracker] = Tracker
+        if known is not None:
+            from palpate.calibrate.tracked import CalibratedTracker
+
+            made = partial(CalibratedTracker, calibration=known)
         return made(
             solver,
             names,

@@ -18,6 +18,7 @@ from palpate.bench.trust.rows import make_frame
 from palpate.grasp import GraspMonitor
 from palpate.sensing.uncertainty import EXACT
 from palpate.status import Status
+from palpate.tracking.health import Health, ReadingCheck
 
 PAD = pp.HalfSpace(youngs_modulus=2e5, poissons_ratio=0.48)
 GEL = pp.BondedLayers([pp.Layer(thickness=8e-3, youngs_modulus=2e5, poissons_ratio=0.48)])
@@ -469,3 +470,30 @@ def test_a_converter_that_rails_at_ten_peaks_beside_a_pull_is_answered() -> None
     assert (frame.load.force < high).all()
     assert touch.fit > 0.01
     assert any("displacement_x at taxel (0,)" in note for note in touch.notes)
+
+
+def test_a_failure_of_the_comparison_is_a_status(small: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("broken on purpose")
+
+    tracker = small.track()
+    frames = on_cells(small) + NOISE * np.random.default_rng(0).standard_normal((3, 3, 6, 7))
+    tracker.step(frames[0])
+    with monkeypatch.context() as patch:
+        patch.setattr(type(tracker), "_compare", fail)
+        touch = tracker.step(frames[1])
+        assert status(touch) is Status.FAILED
+        check(touch)
+    assert status(tracker.step(frames[2])) is Status.SOLVED
+
+
+def test_a_saturated_reading_that_is_left_out_is_no_bound() -> None:
+    """A stuck reading has no value (NaN), but its raw value was equal to the ceiling: a contact that began then had no cells."""
+    flat = np.r_[np.linspace(100.0, 900.0, 20), 1e3, 1e3, 1e3, 1e3]
+    n, index = len(flat), np.zeros(len(flat), dtype=np.intp)
+    health = Health(left_out=np.zeros(n, dtype=bool), reasons=np.zeros(n, dtype="<U12"), label=str)
+    check = ReadingCheck(health, np.full(n, 1e6), None, np.ones(n))
+    y = flat.copy()
+    y[-1] = np.nan
+    assert np.isfinite(check.zeroed(y, flat + 1e-9, index, 1.0)).all()
+    np.testing.assert_array_equal(np.flatnonzero(check.clipped), [n - 4, n - 3, n - 2])

@@ -45,7 +45,7 @@ def test_a_box_is_made_of_its_sides(two: bool, broken: int) -> None:
         np.testing.assert_array_equal(found, found.T)
         assert products.holds(cells)
         assert products.holds(cells[::2])
-    assert products._kept is None
+    assert products._columns is None
     assert len(products._boxes) == 2
 
 

@@ -39,9 +39,9 @@ def test_a_contact_that_moves_has_the_products_of_its_cells(broken: int) -> None
         expected = matrix.T @ matrix
         np.testing.assert_allclose(grams.of(cells, unused), expected, atol=1e-10 * expected.max())
         assert grams.holds(cells)
-    kept = grams._kept
+    kept = grams._columns
     assert kept is not None
-    assert len(kept.cells) <= 60
+    assert kept.count <= 60
 
 
 def test_what_is_asked_for_may_be_changed() -> None:

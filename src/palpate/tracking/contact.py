@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -39,7 +40,7 @@ from palpate.tracking.learning import Learning
 from palpate.tracking.misfit import probability_of
 from palpate.tracking.offsets import Marginal, Offsets
 from palpate.tracking.pulling import Pulling
-from palpate.tracking.region import Making, NormalEquations, Region
+from palpate.tracking.region import NormalEquations, Region
 from palpate.tracking.search import TAKEN, Search
 from palpate.tracking.trial import residual_by_penalty
 
@@ -616,9 +617,9 @@ class Contact:
 
     # -- cells ----------------------------------------------------------------------------------------------------------
 
-    def _making(self, cells: Index) -> Making:
+    def _making(self, cells: Index) -> Callable[[], Region]:
         """The task of building a region, for the readings and the penalty of this frame."""
-        return Making(self._equations, cells, self._parameter, self._check.unused)
+        return partial(self._equations.region, cells, self._parameter, self._check.unused)
 
     def _renew(self) -> None:
         """Rebuild the region's inverse if the penalty or the set of readings has changed."""
@@ -630,7 +631,7 @@ class Contact:
         if self._background.threaded and self._serves(region):
             # Keep using the old region until the new one is built (`_move`).
             if "move" not in self._background:
-                self._background.result("move", self._making(cells).__call__)
+                self._background.result("move", self._making(cells))
             return
         self._solution.move(self._making(cells)())
 
@@ -664,7 +665,7 @@ class Contact:
             if cells is None:
                 return
             making = self._making(cells)
-            matrix = self._background.result("move", making.__call__)
+            matrix = self._background.result("move", making)
             if matrix is None and self._at_once and self._background.wait(("move",), self._under_way()):
                 matrix = self._background.result("move", lambda: None)
             if matrix is not None:

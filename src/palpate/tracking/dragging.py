@@ -21,7 +21,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.drag import STICK, sheared
-from palpate.tracking.health import Flags, Float32, Index
+from palpate.tracking.health import Flags, Index
 from palpate.tracking.iteration import Iteration
 from palpate.tracking.offsets import MODEL, Offsets
 from palpate.tracking.region import SMALLEST, NormalEquations, Region
@@ -96,7 +96,7 @@ class Dragging:
     def found(
         self,
         solution: Iteration,
-        slope: Float32,
+        slope: Floats,
         sums: Floats,
         unused: Flags,
         offsets: Offsets,

@@ -52,7 +52,6 @@ class ErrorBars:
         self._no_contact: tuple[float, Errors] | None = None
         self._age, self._cells = 0, 0
         self._pulls = False  # whether they belong to traction of either sign
-        self._of_offsets: tuple[bytes, Floats] | None = None  # A'B of the readings used last
         self.errors: Errors | None = None
         self.stated: Stated | None = None  # errors due to a pad that is not known exactly
         self.observed: Observed | None = None  # information about the channels' offsets
@@ -203,24 +202,9 @@ class ErrorBars:
         give_way()
         linear = estimator.misfit_gradient(y / std, scale, used)[:, cells]
         later = Later(lambda: level.matrix(cells, scale, used), len(white))
-        of_offsets = self._crossed(columns, unused)[:, :, cells].reshape(shared.shape[1], -1)
+        of_offsets = self._equations.shared(unused)[:, :, cells].reshape(shared.shape[1], -1)
         crossed = np.asarray(of_offsets.T / std**2)
         return _Prepared(std, Normal(level, cells, later, linear, gram / std**2), white, shared, crossed)
-
-    def _crossed(self, columns: Floats, unused: Flags) -> Floats:
-        """A'B (channel, component, cell of the surface): products of the response A to each cell with the offset
-        ``columns`` B, over the readings that are not ``unused``.
-
-        In double precision, because these products are later subtracted from others of nearly the same size.
-        """
-        key, kept, estimator = unused.tobytes(), self._of_offsets, self._estimator
-        if kept is None or kept[0] != key:
-            std = estimator.readings.std
-            kept = self._of_offsets = (
-                key,
-                np.stack([estimator.misfit_gradient(b, std, ~unused) for b in columns.T]),
-            )
-        return kept[1]
 
 
 class _Prepared(NamedTuple):

@@ -223,6 +223,7 @@ class ReadingCheck:
         self._uniform &= bool(np.nan_to_num(y).any())  # the zero itself is no failure
         size = np.abs(y)
         self.clipped = clipped(flat, index, (size > MOVED * noise) & (y * self._std != flat)) | high | low
+        self.clipped &= np.isfinite(y)  # a reading that is out of range has no value, not even as a bound
         self._resting = size < RESTING * float(size[np.isfinite(size)].max(initial=0.0))
         came = np.bincount(index, np.isfinite(flat))
         # At rest, coarsely rounded readings are often equal; so saturation counts only far from zero.

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.elastic.pad import Floats
 from palpate.tracking.pieces import lower_factor, product, square
 
-__all__ = ["inverse", "inverse_beside"]
+__all__ = ["inverse"]
 
 #: Triangles of at most this many rows are inverted by LAPACK, in less than a tenth of a millisecond.
 SMALL = 96
@@ -20,19 +20,6 @@ SMALL = 96
 
 def inverse(matrix: Floats) -> Floats | None:
     """Inverse of a symmetric positive matrix; None if it is not positive in double precision."""
-    import scipy.linalg.lapack as lapack
-
-    factor, failed = lapack.dpotrf(matrix, lower=True, clean=True)
-    if failed:
-        return None
-    lower, failed = lapack.dpotri(factor, lower=True)
-    if failed:
-        return None
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
-
-
-def inverse_beside(matrix: Floats) -> Floats | None:
-    """`inverse` that lets other threads run."""
     try:
         factor = lower_factor(matrix)
     except np.linalg.LinAlgError:

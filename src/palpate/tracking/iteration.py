@@ -101,7 +101,7 @@ class Iteration:
             self._traction = self.z, np.asarray(self.z * self._cone.scales[:, None], dtype=np.float64)
         return self._traction[1]
 
-    def solve(self, slope: Float32, gain: Floats | None = None, *, tolerance: float, deadline: float) -> bool:
+    def solve(self, slope: Floats, gain: Floats | None = None, *, tolerance: float, deadline: float) -> bool:
         """Update the solution to a frame with A'y = ``slope``; False if time or number of iterations ran out.
 
         With ``gain`` (K of `palpate.tracking.offsets`), ``slope`` is that of readings minus marginalised offsets. It
@@ -112,7 +112,7 @@ class Iteration:
         if region is None:
             return False
         rho, inverse = np.float32(region.rho), region.inverse
-        h = slope[:, region.cells] * cone.scales[:, None].astype(np.float32)
+        h = (slope[:, region.cells] * cone.scales[:, None]).astype(np.float32)
         z, u = self.z, self.u
         shape = z.shape
         converged = False

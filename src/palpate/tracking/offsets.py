@@ -34,7 +34,7 @@ from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.sensing.arrays import Array
 from palpate.sensing.nuisance import nuisances
 from palpate.touch import Touch
-from palpate.tracking.health import Flags, Float32, Index
+from palpate.tracking.health import Flags, Index
 
 __all__ = ["Marginal", "Observed", "Offsets"]
 
@@ -91,7 +91,7 @@ class Observed(NamedTuple):
     crossed: Floats
     unused: Flags
 
-    def innovation(self, sums: Floats, slope: Float32, cells: Index, traction: Floats) -> Floats:
+    def innovation(self, sums: Floats, slope: Floats, cells: Index, traction: Floats) -> Floats:
         """W'(y - A t) from the sums B'y, A'y and traction (component, cell) on some cells."""
         k = len(sums)
         contact = self.solved.reshape(k, -1) @ slope[:, self.cells].ravel()

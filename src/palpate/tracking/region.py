@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,16 +19,13 @@ from palpate.inverse.constrained.products import Applied
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.tracking.gram import Grams, picked
 from palpate.tracking.health import Flags, Float32, Index
-from palpate.tracking.inverting import inverse as inverted
-from palpate.tracking.inverting import inverse_beside
+from palpate.tracking.inverting import inverse
 from palpate.tracking.pieces import lower_factor
 
-__all__ = ["SMALLEST", "Making", "NormalEquations", "Region", "on_surface"]
+__all__ = ["SMALLEST", "NormalEquations", "Region", "on_surface"]
 
 #: Largest number of entries of a cached normal matrix of the whole surface: 160 MB in double precision.
 LARGEST = 20_000_000
-#: Up to this many readings are removed from a normal matrix one by one; each takes as long as a transform.
-FEW_CHANGED = 32
 #: Columns of the matrix computed at a time.
 BLOCK = 1024
 #: Ratio of smallest to largest eigenvalue of the normal matrix below which it is indistinguishable from zero: single
@@ -74,15 +70,14 @@ class Region:
 
 
 class NormalEquations:
-    """A'A and A'y of whitened readings, prepared once for a tracker; ``beside``: regions are built in a thread."""
+    """A'A and A'y of whitened readings, prepared once for a tracker."""
 
-    def __init__(self, estimator: ConstrainedEstimator, columns: Floats, *, beside: bool = False) -> None:
-        self.estimator, self._beside = estimator, beside
+    def __init__(self, estimator: ConstrainedEstimator, columns: Floats) -> None:
+        self.estimator = estimator
         self._columns = columns  # of the channels' offsets (reading, channel)
-        self._shared: tuple[bytes, Floats, Float32] | None = None
+        self._shared: tuple[bytes, Floats] | None = None
         self._grams = Grams(estimator)
-        self._kept: tuple[Index, Flags, Floats] | None = None  # A'A without some readings, if noise is correlated
-        self._adjoints: tuple[tuple[Floats, Flags, Float32], ...] = ()  # the last two
+        self._adjoints: tuple[tuple[Floats, Flags, Floats], ...] = ()  # the last two
         self._std = estimator.readings.std
         self._cells = math.prod(estimator.operator.surface.shape)
         # Double precision: in single precision the matrix has negative eigenvalues, along which the iteration diverges.
@@ -120,7 +115,7 @@ class NormalEquations:
         """Forget rho, which was chosen for the first region of a penalty."""
         self._rho = self._last = None
 
-    def adjoint(self, y: Floats, unused: Flags) -> Float32:
+    def adjoint(self, y: Floats, unused: Flags) -> Floats:
         """A' y of whitened readings, (component, cell)."""
         for kept in self._adjoints:  # the same frame is requested several times
             if np.array_equal(kept[0], y) and np.array_equal(kept[1], unused):
@@ -129,35 +124,22 @@ class NormalEquations:
         self._adjoints = kept, *self._adjoints[:1]
         return kept[2]
 
-    def adjoint_of(self, y: Floats, unused: Flags) -> Float32:
+    def adjoint_of(self, y: Floats, unused: Flags) -> Floats:
         """`adjoint` without a cache."""
-        estimator = self.estimator
-        if not estimator.readings.independent:
-            observed = ~unused
-            white = np.zeros_like(y)
-            white[observed] = estimator.readings.white(estimator.readings.white(y[observed], observed), observed)
-            y = white
-        adjoint = estimator.operator.adjoint(estimator.readings.planes((y / self._std).astype(np.float32)))
-        return np.asarray(adjoint.reshape(len(adjoint), -1)[list(estimator.columns)], dtype=np.float32)
+        return self.estimator.misfit_gradient(y, self._std, ~unused)
 
     def shared(self, unused: Flags) -> Floats:
         """A'B, (channel, component, cell), for the readings in use."""
-        return self._sharing(unused)[1]
-
-    def _sharing(self, unused: Flags) -> tuple[bytes, Floats, Float32]:
         key, kept = unused.tobytes(), self._shared
         if kept is None or kept[0] != key:
-            used = np.where(unused[:, None], 0.0, self._columns)
-            single = np.stack([self.adjoint_of(b, unused) for b in used.T])
-            kept = self._shared = key, single.astype(np.float64), single.reshape(len(single), -1)
-        return kept
+            kept = self._shared = key, np.stack([self.adjoint_of(b, unused) for b in self._columns.T])
+        return kept[1]
 
-    def of_offsets(self, offsets: Floats, unused: Flags) -> Float32:
+    def of_offsets(self, offsets: Floats, unused: Flags) -> Floats:
         """A'B c, (component, cell), of offsets c (channel,)."""
-        shared = self._sharing(unused)
-        return (offsets.astype(np.float32) @ shared[2]).reshape(shared[1].shape[1:])
+        return np.asarray(np.tensordot(offsets, self.shared(unused), 1))
 
-    def score(self, adjoint: Float32) -> Floats:
+    def score(self, adjoint: Floats) -> Floats:
         """Pressure of each cell alone, in standard deviations under unit noise."""
         return np.asarray(adjoint[-1] / self._norm)
 
@@ -192,18 +174,18 @@ class NormalEquations:
             self._rho = parameter, _rho(gram)
         rho = self._rho[1]
         gram[np.diag_indices(c * n)] += rho
-        inverse = (inverse_beside if self._beside else inverted)(gram)
-        if inverse is None:
+        inverted = inverse(gram)
+        if inverted is None:
             raise np.linalg.LinAlgError("the normal matrix of the region is not positive definite")
         # Invert in double precision, then reduce: rounding must not make rho (H + rho)^-1 exceed 1, because the
         # multipliers are carried from frame to frame.
         give_way()
-        single = (inverse * (1.0 - SHRINK)).astype(np.float32)
+        single = (inverted * (1.0 - SHRINK)).astype(np.float32)
         inside = np.zeros(grid.shape, dtype=bool)
         inside.ravel()[cells] = True
         border = inside & dilated(~inside, 1)
         shared = self.shared(unused)[:, :, cells].reshape(-1, c * n) * scale
-        solved = inverse @ shared.T
+        solved = inverted @ shared.T
         return Region(
             cells,
             border.ravel()[cells],
@@ -235,40 +217,21 @@ class NormalEquations:
         """A'A of some cells without the unused readings."""
         estimator = self.estimator
         level, components = estimator.level(1), len(estimator.columns)
-        if unused.any() and not estimator.readings.independent:
-            kept = self._kept  # the region may be rebuilt for another penalty or for fewer cells
-            if kept is None or not (np.array_equal(kept[1], unused) and np.isin(cells, kept[0]).all()):
-                matrix = level.matrix(cells, self._std, ~unused)
-                kept = self._kept = cells, unused.copy(), np.asarray(matrix.T @ matrix)
-            return picked(kept[2], components, len(kept[0]), np.searchsorted(kept[0], cells))
-        if self._normal is None:
+        if self._normal is None or (unused.any() and not estimator.readings.independent):
             return self._grams.of(cells, unused)
         gram = picked(self._normal, components, self._cells, cells)
         if unused.any():
-            places = np.flatnonzero(unused)
-            few = len(places) <= FEW_CHANGED
-            lost = self._rows(places, cells) if few else level.matrix(cells, self._std, unused)
+            lost = level.matrix(cells, self._std, unused)
             gram -= lost.T @ lost
         return gram
-
-    def _rows(self, readings: Index, cells: Index) -> Floats:
-        """Whitened influences of some cells on single readings (reading, component * cell) with independent noise."""
-        out = np.empty((len(readings), len(self.estimator.columns) * len(cells)))
-        for row, i in zip(out, readings):
-            one = np.zeros(len(self._std))
-            one[i] = 1.0 / self._std[i]
-            seen = self.estimator.operator.adjoint(self.estimator.readings.planes(one))
-            row[:] = seen.reshape(len(seen), -1)[list(self.estimator.columns)][:, cells].ravel()
-        return out
 
 
 def _rho(matrix: Floats) -> float:
     """sqrt(smallest * largest eigenvalue), with which the iteration converges fastest."""
     import scipy.linalg.lapack as lapack
 
-    largest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x)
+    largest, smallest = _largest_eigenvalue(len(matrix), lambda x: matrix @ x), 0.0
     # Without noise there is almost no penalty, and rounding determines the smallest eigenvalue.
-    smallest = 0.0
     try:
         upper = lower_factor(matrix).T  # lets other threads run; in LAPACK's memory order
     except np.linalg.LinAlgError:
@@ -278,26 +241,23 @@ def _rho(matrix: Floats) -> float:
     return math.sqrt(largest * max(smallest, SMALLEST * largest))
 
 
-def _largest_eigenvalue(size_of: int, times: Callable[[Floats], Floats]) -> float:
-    """Largest eigenvalue of a positive matrix, given its product ``times`` a vector, by Lanczos' method."""
-    import scipy.linalg
+def _largest_eigenvalue(size: int, times: Callable[[Floats], Floats]) -> float:
+    """Largest eigenvalue of a positive matrix to a few per cent, given its product ``times`` a vector."""
+    from scipy.sparse.linalg import LinearOperator, eigsh
 
-    x: Floats = np.random.default_rng(0).standard_normal(size_of)
-    x /= np.linalg.norm(x)
-    before, beta = np.zeros_like(x), 0.0
-    alphas: list[float] = []
-    betas: list[float] = []
-    for _ in range(min(LANCZOS_STEPS, size_of)):
-        give_way()
-        w = np.asarray(times(x)) - beta * before
-        alphas.append(float(w @ x))
-        w -= alphas[-1] * x
-        beta = float(np.linalg.norm(w))
-        if not beta > 1e-12 * abs(alphas[0]):
-            break
-        betas.append(beta)
-        before, x = x, w / beta
-    return float(scipy.linalg.eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
+    if size < 3:
+        return float(np.linalg.eigvalsh(np.stack([times(x) for x in np.eye(size)]))[-1])
+    operator = LinearOperator((size, size), times, dtype=np.float64)
+    return float(
+        eigsh(
+            operator,
+            1,
+            ncv=min(LANCZOS_STEPS, size),
+            tol=0.1,
+            v0=np.random.default_rng(0).standard_normal(size),
+            return_eigenvectors=False,
+        )[0]
+    )
 
 
 def on_surface(estimator: ConstrainedEstimator, cells: Index, values: Floats) -> Floats:
@@ -306,15 +266,3 @@ def on_surface(estimator: ConstrainedEstimator, cells: Index, values: Floats) ->
     out = np.zeros((len(grid.components), math.prod(grid.shape)))
     out[np.asarray(estimator.columns)[:, None], cells[None, :]] = values
     return out.reshape(-1, *grid.shape)
-
-
-class Making(NamedTuple):
-    """The task of building a region."""
-
-    equations: NormalEquations
-    cells: Index
-    parameter: float
-    unused: Flags
-
-    def __call__(self) -> Region:
-        return self.equations.region(self.cells, self.parameter, self.unused)

@@ -120,7 +120,7 @@ class Tracker:
         self._std = estimator.readings.std
         self._zero_frames, self._given_zero = self._check_baseline(baseline)
         self._offsets = Offsets(estimator)
-        self._equations = NormalEquations(estimator, self._offsets.columns, beside=budget is not None)
+        self._equations = NormalEquations(estimator, self._offsets.columns)
         # of its linear algebra: few are no work for several threads
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
         self._background = Background(threaded=budget is not None)
@@ -334,20 +334,20 @@ class Tracker:
         noise = None if std is None else typical_noise(self._flat(std)[0] / self._std)
         frame = self._times.next(None if time is None else as_second(time))
         self._said, note = [], self._note(frame)
+        answer = partial(self._answer, now=frame.now, like=like, note=note)
         try:
             with few_threads(self.unknowns):
                 status, converged = self._step(flat, frame.elapsed, started, noise)
+            touch = answer(status, converged)
+            if self._touching and status.known:
+                touch = self._compare(touch, answer)
+                if touch.status == Status.UNEXPLAINED and self._frame is not None:
+                    used = np.where(self._check.unused, 0.0, self._frame.actual)
+                    touch = without_numbers(touch, self.estimator, used)
         except np.linalg.LinAlgError:
             self._release()  # the next frame does not inherit the cause of the failure
             self._offsets.clear()
-            status, converged = Status.FAILED, False
-
-        answer = partial(self._answer, now=frame.now, like=like, note=note)
-        touch = answer(status, converged)
-        if self._touching and status.known:
-            touch = self._compare(touch, answer)
-            if touch.status == Status.UNEXPLAINED and self._frame is not None:
-                touch = without_numbers(touch, self.estimator, np.where(self._check.unused, 0.0, self._frame.actual))
+            touch = answer(Status.FAILED, False)
         self._seconds = clock.perf_counter() - started
         return touch
 

@@ -12,7 +12,7 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.tracking.health import Index
 from palpate.tracking.iteration import Iteration
-from palpate.tracking.region import Making, NormalEquations
+from palpate.tracking.region import NormalEquations
 from palpate.tracking.search import Search
 
 __all__ = ["residual_by_penalty"]
@@ -42,7 +42,7 @@ def residual_by_penalty(
             if search.many(len(here)):
                 return search.rough(y, noise, nothing, parameter)
         trial = Iteration(estimator.cone, len(estimator.columns), math.prod(estimator.operator.surface.shape))
-        trial.move(Making(equations, here, parameter, nothing)())
+        trial.move(equations.region(here, parameter, nothing))
         give_way()
         trial.solve(slope, tolerance=tolerance, deadline=math.inf)
         return trial.pressure, equations.explained(here, trial.traction)

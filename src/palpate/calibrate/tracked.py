@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from palpate.calibrate.calibration import SkinCalibration
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
-from palpate.sensing.grids import Grid
 from palpate.sensing.zero import MOVED
 from palpate.status import Status
 from palpate.touch import Touch
@@ -21,28 +21,6 @@ __all__ = ["CalibratedTracker"]
 
 #: Note if the readings moved while the zero was taken.
 NO_ZERO = "the readings moved while the zero was taken, by more than their noise: the zero of the calibration serves instead. Give fewer frames (baseline=, --baseline), or take the zero anew while nothing touches (Z on the page, Tracker.rezero)"
-
-
-class CalibrationLike(Protocol):
-    """The part of a calibration that a tracker uses."""
-
-    @property
-    def factors(self) -> Floats: ...
-    @property
-    def readings(self) -> int: ...
-    @property
-    def elastic(self) -> bool: ...
-    @property
-    def rest(self) -> Floats | None: ...
-    @property
-    def zero(self) -> Floats | None: ...
-    @property
-    def largest(self) -> Floats: ...
-    def is_zero(self, baseline: Any) -> bool: ...
-    def opened(self) -> CalibrationLike: ...
-    def standing(self, zero: Any) -> str | None: ...
-    def attach(self, touch: Touch, flat: Floats) -> Touch: ...
-    def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch: ...
 
 
 class CalibratedTracker(Tracker):
@@ -65,7 +43,7 @@ class CalibratedTracker(Tracker):
     2.0
     """
 
-    def __init__(self, *args: Any, calibration: CalibrationLike, **options: Any) -> None:
+    def __init__(self, *args: Any, calibration: SkinCalibration, **options: Any) -> None:
         self._calibrated = calibration
         self.calibration = calibration.opened() if calibration.is_zero(options.get("baseline", 0)) else calibration
         self._no_zero = False  # whether the readings moved while the zero was taken
@@ -150,7 +128,7 @@ class CalibratedTracker(Tracker):
 
         Examples
         --------
-        >>> from palpate.tracking.calibrated import CalibratedTracker
+        >>> from palpate.calibrate.tracked import CalibratedTracker
         >>> CalibratedTracker.reset.__name__
         'reset'
         """
