@@ -45,7 +45,7 @@ class Multiplied(Protocol):
     @property
     def few(self) -> bool: ...
     def diagonal(self) -> Floats: ...
-    def many(self, x: Any, *, about: bool = False) -> Any: ...
+    def many(self, x: Any) -> Any: ...
     def perturbed(self, rng: Any, count: int) -> Any: ...
 
 
@@ -84,13 +84,11 @@ class Iterative:
             x = np.einsum("dki,sdi->ski", self._turned[x.dtype], x)
         return x.reshape(len(x), -1)[:, self.face.index]
 
-    def _apply(self, v: Any, *, about: bool = False) -> Any:
-        """The product with H (k, free). ``about`` allows the approximate product of `Products.many`: the exact
-        residual is computed after each Newton step, and error bars need no higher accuracy.
-        """
+    def _apply(self, v: Any) -> Any:
+        """The product with H (k, free)."""
         # Scale by one root at a time: nearly fixed directions exceed single precision.
         root = self._root_of_more
-        return self._folded(self.hessian.many(self._unfolded(v), about=about)) + root * (root * v)
+        return self._folded(self.hessian.many(self._unfolded(v))) + root * (root * v)
 
     def _near(self, r: Any) -> Any:
         """Approximate H^-1 r for r (k, free), in single precision, by circulants of H
@@ -112,7 +110,7 @@ class Iterative:
         # Replace a step that overflows by zero; the exact residual that follows decides.
         return np.asarray(np.where(np.isfinite(found), found, 0.0))
 
-    def _solved(self, right: Floats, tolerance: float, *, about: bool = True) -> Floats:
+    def _solved(self, right: Floats, tolerance: float) -> Floats:
         """H^-1 right (k, free), in single precision, with a tolerance relative to each row; NaN on overflow, so that
         errors are unknown.
         """
@@ -130,7 +128,7 @@ class Iterative:
             small = tolerance**2 * rz
             bounded = tolerance == STEP and self.hessian.few
             for _ in range(SLOW if bounded else MAX_STEPS):
-                moved = self._apply(direction, about=about)
+                moved = self._apply(direction)
                 curvature = _dots(direction, moved)
                 good = curvature > 0
                 step = np.where(good, rz / np.where(good, curvature, 1.0), 0.0)[:, None].astype(np.float32)
@@ -152,7 +150,7 @@ class Iterative:
         return out
 
     def inverse(self, right: Floats) -> Floats:
-        return self._solved(right.T, SHARP, about=False).T
+        return self._solved(right.T, SHARP).T
 
     def roughly(self, right: Floats) -> Floats:
         """H^-1 right, for (free, k), with the accuracy of samples."""

@@ -43,12 +43,6 @@ MIN_EVENNESS = 0.85
 STEP, KEPT = 8, 6
 #: A part of a contact gets its own box if that has at most this fraction of the area.
 SMALLER = 0.8
-#: Cells this many depths inside an array are affected by its edges by at most a hundredth: influences of stress
-#: decrease with the fourth power of distance, and the products of two cells' influences beyond the edge with the sixth.
-FROM_EDGE = 2.0
-#: An endless array is used if at most the fraction FEW_NEAR of the cells is near an edge (such as patches of noise),
-#: and at most FEW_MISSING readings are excluded.
-FEW_NEAR, FEW_MISSING = 0.01, 8
 #: Number of random combinations of readings that represent the independent errors of all.
 SKETCH = 32
 #: Systems with fewer unknowns are solved with a matrix: exactly, so that mirror images have mirror solutions.
@@ -122,17 +116,12 @@ def box_of(cells: Index, shape: tuple[int, ...]) -> tuple[slice, ...]:
     return tuple(slice(a, b) for a, b in zip(low, high))
 
 
-#: For each plane, the size of the grid and the transform (channel, component, component, *k) of that size.
-Correlated = list[tuple[tuple[int, ...], Any]]
-
-
 class Boxes:
     """Convolutions from boxes of an operator's surface to all its readings, with a cache."""
 
     def __init__(self, operator: Operator, columns: Sequence[int]) -> None:
         self.operator, self.columns = operator, tuple(columns)
         self._kept: OrderedDict[tuple[tuple[int, int], ...], Box] = OrderedDict()
-        self._correlated: OrderedDict[tuple[int, ...], Correlated | None] = OrderedDict()
 
     def around(self, cells: Index) -> Box:
         """The box that contains some cells."""
@@ -148,14 +137,6 @@ class Boxes:
             self._kept.move_to_end(key)
         return found
 
-    def correlated(self, box: Box) -> Correlated | None:
-        """`Box.correlated`, shared by boxes of one shape."""
-        if box.shape not in self._correlated:
-            self._correlated[box.shape] = box.correlated()
-            while len(self._correlated) > KEPT:
-                self._correlated.popitem(last=False)
-        return self._correlated[box.shape]
-
 
 class Box:
     """Products with the influences of the cells of a box."""
@@ -165,7 +146,6 @@ class Box:
 
         self.place, self.columns = place, columns
         self.shape = tuple(s.stop - s.start for s in place)
-        self.arrays, self.axes = operator.planes_of, operator.surface.axes
         self.valid = [np.flatnonzero(np.tile(a.valid.ravel(), len(a.channels))) for a in operator.planes_of]
         self.planes: list[tuple[Convolution, tuple[int, ...], list[Any], Any]] = []
         for plane in operator.planes:
@@ -191,51 +171,6 @@ class Box:
     def folded(self) -> tuple[tuple[int, ...], list[Any]]:
         """See `palpate.inverse.constrained.circulant.folded`."""
         return folded(self.shape, [(plane.kernel[:, list(self.columns)], plane.ratios) for plane, *_ in self.planes])
-
-    def correlated(self) -> Correlated | None:
-        """For each plane, the size of a grid and the transform (channel, component, component, *k) of the correlation
-        between the influences of two cells under an endless array. None if the real array differs too much: cells
-        finer than the pitch, or displacement, which every load changes everywhere.
-        """
-        out = []
-        for array, (plane, _, _, _) in zip(self.arrays, self.planes):
-            if any(r != 1 for r in plane.ratios) or any(find_channel(c).kind.absolute for c in array.channels):
-                return None
-            out.append(self._correlated(plane))
-        return out
-
-    def _correlated(self, plane: Convolution) -> tuple[tuple[int, ...], Any]:
-        from scipy.fft import next_fast_len
-
-        d = len(self.shape)
-        kernel = plane.kernel[:, list(self.columns)]
-        whole = tuple(next_fast_len(n + b, real=True) for n, b in zip(kernel.shape[2:], self.shape))
-        waves = rfftn(kernel, whole)
-        size = tuple(next_fast_len(2 * n - 1, real=True) for n in self.shape)
-        c = len(self.columns)
-        out = np.empty((plane.rows, c, c, *size[:-1], size[-1] // 2 + 1), dtype=np.complex64)
-        for i in range(c):
-            for j in range(c):
-                # For cells j and j': sum over taxels i of K(i - j) K(i - j').
-                found = irfftn(np.conj(waves[:, i]) * waves[:, j], whole)
-                kept = np.zeros((plane.rows, *size))
-                for corner in np.ndindex(*(2,) * d):
-                    here = tuple(
-                        slice(0, n) if low == 0 else slice(-(n - 1), None) for low, n in zip(corner, self.shape)
-                    )
-                    kept[(slice(None), *here)] = found[(slice(None), *here)]
-                out[:, i, j] = rfftn(kept, size)
-        return size, out
-
-    def together(self, x: Any, spectra: Sequence[tuple[tuple[int, ...], Any]]) -> Any:
-        """The normal product (k, component, *box) for x of the same shape, by transforms (component, component, *k) of
-        each plane.
-        """
-        total: Any = 0.0
-        for size, spectrum in spectra:
-            out = times(spectrum, rfftn(x, size))
-            total = total + irfftn(out, size, [slice(0, n) for n in self.shape], overwrite=True)
-        return total
 
     def forward(self, x: Any) -> Any:
         """Readings (k, reading) of tractions (k, component, *box), in their precision."""
@@ -325,28 +260,8 @@ class Applied:
 
     def _copy(self) -> Applied:
         out = copy.copy(self)
-        for name in ("squares", "endless", "symbol"):
+        for name in ("squares", "symbol"):
             out.__dict__.pop(name, None)
-        return out
-
-    @cached_property
-    def endless(self) -> list[tuple[tuple[int, ...], Any]] | None:
-        """Transforms of the normal matrix of an endless array; None if the real one differs too much."""
-        if np.count_nonzero(~self.observed) > FEW_MISSING:
-            return None
-        found = None if self._near_an_edge() else self.boxes.correlated(self.box)
-        if found is None:
-            return None
-        out, start = [], 0
-        for (size, spectrum), array in zip(found, self.box.arrays):
-            n = int(array.valid.sum())
-            if array.valid.size - n > FEW_MISSING:
-                return None
-            weights = self.weight[start : start + n * len(array.channels)].reshape(len(array.channels), n)
-            start += weights.size
-            if (np.ptp(weights, axis=1) > 1e-9 * weights.max()).any():
-                return None
-            out.append((size, np.tensordot((weights[:, 0] ** 2).astype(np.float32), spectrum, 1)))
         return out
 
     @cached_property
@@ -362,25 +277,6 @@ class Applied:
         if self.ray is not None:
             total = np.einsum("i,ij...,j->...", self.ray, np.asarray(total), self.ray)[None, None]
         return size, total
-
-    def _near_an_edge(self) -> bool:
-        places = np.unravel_index(self.cells, self.surface)
-        for array in self.box.arrays:
-            near = np.zeros(len(self.cells), dtype=bool)
-            for place, cells, taxels in zip(places, self.box.axes, array.grid.axes):  # type: ignore[union-attr]
-                x, reach = cells[place], FROM_EDGE * array.depth
-                near |= (x - taxels[0] < reach) | (taxels[-1] - x < reach)
-            if near.mean() > FEW_NEAR:
-                return True
-        return False
-
-    def together(self, x: Any) -> Any:
-        """Approximate G'G x for x (k, component, cell) in single precision, twice as fast; exact if the array cannot
-        be taken as endless.
-        """
-        if self.endless is None:
-            return self.adjoint(self.forward(x))
-        return self._from_box(self.box.together(self._in_box(x), self.endless))
 
     def in_box(self, x: Any) -> Any:
         """Values (k, component, cell) on the box (k, component, *box); 0 in its other cells."""
@@ -460,13 +356,11 @@ class Products:
     def product(self, x: Floats) -> Floats:
         return np.asarray(self.many(x[None])[0])
 
-    def many(self, x: Any, *, about: bool = False) -> Any:
-        """H x for x (k, component, cell), in its precision; ``about``: with an endless array, if that is nearly the
-        same.
-        """
+    def many(self, x: Any) -> Any:
+        """H x for x (k, component, cell), in its precision."""
         scales = self.scales.astype(x.dtype)[None, :, None]
         x = x * scales
-        out = self.matrix.together(x) if about else self.matrix.adjoint(self.matrix.forward(x))
+        out = self.matrix.adjoint(self.matrix.forward(x))
         out += self.penalty.many(x)
         out *= scales
         return out

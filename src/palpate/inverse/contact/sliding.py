@@ -90,7 +90,7 @@ def in_blocks(
             some = np.arange(start, min(start + policy.work.blocks, k))
             unit = np.zeros((len(some), c, n), dtype=np.float32)
             unit[:, column] = inverse[None, :] == some[:, None]
-            seen = matrix.together(unit)
+            seen = matrix.adjoint(matrix.forward(unit))
             gram[:, :, column, some] = np.stack([sums @ seen[:, i].T for i in range(c)])
     known = gram.reshape(c * k, c * k)
     # Single precision makes the matrix indefinite by up to this amount, which a weak penalty does not repair.
