@@ -84,28 +84,6 @@ def test_products_are_those_of_the_matrix(ratio: int) -> None:
     assert np.abs(rows @ applied.along(ray) - rows @ along).max() < 1e-11 * np.abs(rows @ along).max()
 
 
-def test_taxels_for_ever_are_next_to_the_same_inside_an_array() -> None:
-    skin = skin_of(40, depth=1e-3)
-    operator = skin.problem().wide
-    readings = Readings(operator, [np.array([1.0, 2.0, 3.0])])
-    grid = operator.surface
-    y, x = np.meshgrid(*grid.axes, indexing="ij")
-    everything = np.ones(len(readings.std), dtype=bool)
-    inside = np.flatnonzero((x**2 + y**2 < 8e-3**2).ravel())
-    boxes = Boxes(operator, (0, 1, 2))
-    applied = Applied(boxes, readings, grid.shape, inside, readings.std, everything)
-    v = np.random.default_rng(0).standard_normal((2, 3, len(inside))).astype(np.float32)
-    exact, about = applied.adjoint(applied.forward(v)), applied.together(v)
-    assert applied.endless is not None
-    assert np.abs(about - exact).max() < 1e-3 * np.abs(exact).max()
-    # not at the edge, nor where readings are left out
-    edge = np.flatnonzero((x > 15e-3).ravel())
-    assert Applied(boxes, readings, grid.shape, edge, readings.std, everything).endless is None
-    some = everything.copy()
-    some[7:20] = False
-    assert Applied(boxes, readings, grid.shape, inside, readings.std, some).endless is None
-
-
 @pytest.mark.parametrize("transposed", [False, True])
 def test_a_triangular_factor_solves_many_columns_in_pieces(transposed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)

@@ -369,7 +369,7 @@ class AdaptiveEstimator(ConstrainedEstimator):
         A model with fewer degrees of freedom has a larger residual by chance; the test allows for this.
         """
         policy = self.policy
-        if not policy.parts.explains or len(self.readings.std) > policy.work.hold:
+        if not policy.parts.explains or len(self.readings.std) > policy.work.many_readings:
             return True
         more = member.squares - first.squares
         if not more > policy.prior.left_more:

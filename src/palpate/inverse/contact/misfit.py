@@ -103,7 +103,7 @@ def drift_probability(estimator: PreparedContact, run: Solved) -> float:
 
     if not run.members:
         return math.nan
-    many = int(run.observed.sum()) > policy.fit.many
+    many = int(run.observed.sum()) > policy.work.many_readings
     members = sorted(run.members, key=lambda m: -m.weight) if many else run.members
     observed, known = run.observed, estimator.noise_known
     drifts = np.stack([t.rows for t in estimator.drifts], axis=1)

@@ -202,7 +202,6 @@ class Fit:
     told: float = number(
         2e-5, "drop a drift if contact explains all but this fraction of its square: the residual does not show it"
     )
-    many: int = number(4096, "with more readings, tests take a tenth of a frame: stop at the first that passes")
     loud: int = number(
         1000, "with more readings, allow drifts up to `inverse.fit.MODEL_DETAIL` of the largest: they are no misfit"
     )
@@ -533,10 +532,10 @@ class Work:
         "relative accuracy of the models of an earlier frame in a later one: noise changes them by more, and with friction 1e-9 takes twice as long",
     )
     unknowns: int = number(9000, "most unknowns of a frame: a dense normal matrix of 650 MB")
-    second_derivative: int = number(
-        4096, "most readings for trying the second derivative: its spectrum doubles the cost"
+    many_readings: int = number(
+        4096,
+        "with more readings, do not try the second derivative (its spectrum doubles the cost), do not test local weights (data alone show where contact is), and stop the tests of drift at the first model that passes (they take a tenth of a frame)",
     )
-    hold: int = number(4096, "with more readings, local weights are not tested: data alone show where contact is")
     likely: float = number(0.15, "start with the cells above this fraction of the linear solution's peak: saves time")
     cell_rounds: int = number(
         5,

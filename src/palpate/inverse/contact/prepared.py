@@ -142,7 +142,7 @@ class PreparedContact(ABC):
         shear = 0.5 * (friction or self.policy.prior.shear) ** 2
         self.variances = [*[shear] * (len(self.columns) - 1), 1.0]
         readings = sum(int(a.valid.sum()) * len(a.channels) for a in operator.planes_of)
-        second = readings <= self.policy.work.second_derivative and self.policy.parts.second_derivative
+        second = readings <= self.policy.work.many_readings and self.policy.parts.second_derivative
         priors = {
             order: [DifferencePrior(operator.surface, order, v) for v in self.variances]
             for order in (self.derivatives if second else (1,))

@@ -153,7 +153,7 @@ def _run(free: PreparedContact, run: Solved, size: Floats, region: Flags) -> tup
             if levels is not None:
                 continue
         spent = taken_by(leading) / max(float(observed.sum()), 1.0)
-        left = scale * _left(free, leading, replace(run, noise=noise)) / math.sqrt(max(1.0 - spent, 1e-3))
+        left = scale * free.noise.left(leading, run.data / noise, run.observed, 0.0) / math.sqrt(max(1.0 - spent, 1e-3))
         if max(left / scale, scale / max(left, 1e-300)) < policy.noise.again:
             break
         known = left
@@ -180,11 +180,5 @@ def _gain_of_linear(estimator: PreparedContact, run: Solved) -> float:
 def _unexplained(estimator: PreparedContact, run: Solved) -> tuple[float, float]:
     """Mean squared residual of the first model, in units of the whitening, and the degrees of freedom that it uses."""
     first = run.members[0]
-    return (float(np.median(run.noise / estimator.readings.std)) * _left(estimator, first, run)) ** 2, taken_by(first)
-
-
-def _left(free: PreparedContact, model: ContactModel, run: Solved) -> float:
-    """Root mean square of a model's residual, in units of the noise."""
-    observed = run.observed
-    y = free.readings.white((run.data / run.noise)[observed], observed)
-    return float(np.sqrt(np.mean((model.data.matrix @ model.solution.traction.ravel() - y) ** 2)))
+    left = estimator.noise.left(first, run.data / run.noise, run.observed, 0.0)
+    return (float(np.median(run.noise / estimator.readings.std)) * left) ** 2, taken_by(first)

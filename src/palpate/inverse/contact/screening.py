@@ -436,19 +436,14 @@ class _Screening:
         """
         weight = parameter / (parameter + self.linear.spectrum.eigenvalues)
         c = self.coefficients
-        if held:
-            b = np.stack(held)
-            middle = np.linalg.pinv((b * weight) @ b.T)
-            wc = weight * (c - b.T @ (middle @ (b @ (weight * c))))
-        else:
-            wc = weight * c
+        b = np.reshape(held, (-1, len(c)))
+        middle = np.linalg.pinv((b * weight) @ b.T)
+        wc = weight * (c - b.T @ (middle @ (b @ (weight * c))))
         chosen, best, far = -1, 0.0, 0.0
         for i, e in singles.items():
             we = weight * e
-            size = float(e @ we)
-            if held:
-                side = b @ we
-                size -= float(side @ middle @ side)
+            side = b @ we
+            size = float(e @ we - side @ middle @ side)
             if size > 1e-9:
                 reduction = float(e @ wc) ** 2 / size
                 if reduction > best:

@@ -72,14 +72,9 @@ class LinearStart:
         projected = self._rounds.projected(linear.spectrum, rows)
         return linear_evidence(linear, rows, self.parameter, known, patterns, projected=projected)
 
-    def estimated_noise(self, data: Floats, total: float) -> float:
-        """The noise that the linear model leaves, even if a noise is given."""
-        linear, rows = self.orders[1], self.readings.planes(data)
-        if isinstance(linear, LinearAtSize):
-            return noise_at_size(self._rounds.of(linear), rows, total, self.policy, given=False)[1]
-        return linear_noise(replace(linear, noise_known=False), rows, total, self.policy)[1]
-
-    def noise(self, data: Floats, total: float, observed: Flags) -> tuple[LinearEvidence, float, float]:
+    def noise(
+        self, data: Floats, total: float, observed: Flags, *, given: bool = True
+    ) -> tuple[LinearEvidence, float, float]:
         """The linear model with a noise level consistent with its residual, that level, and the degrees of freedom of
         the residual.
 
@@ -87,13 +82,13 @@ class LinearStart:
         """
         linear, rows, n = self.orders[1], self.readings.planes(data), len(data)
         if isinstance(linear, LinearAtSize):
-            return noise_at_size(self._rounds.of(linear), rows, total, self.policy)
+            return noise_at_size(self._rounds.of(linear), rows, total, self.policy, given=given)
         patterns = None
         missing = np.flatnonzero(~observed)
         if len(missing):
             each = [np.where(np.arange(n) == i, self.readings.std, 0.0) for i in missing]
             patterns = np.stack([self.projected(self.readings.planes(e)) for e in each])
-        return linear_noise(linear, rows, total, self.policy, patterns)
+        return linear_noise(linear if given else replace(linear, noise_known=False), rows, total, self.policy, patterns)
 
     def projected(self, rows: Sequence[Floats]) -> Floats:
         """Readings in the basis of the linear model."""

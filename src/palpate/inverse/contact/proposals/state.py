@@ -66,7 +66,7 @@ class Search:
     def first_noise(self) -> float | None:
         """Noise from which rough solutions start; None: the given noise, or a part of the readings."""
         if self.noise is None and self.estimator.noise_known and self.estimator.large:
-            return self.estimator.start.estimated_noise(self.data, self.total)
+            return self.estimator.start.noise(self.data, self.total, np.ones_like(self.observed), given=False)[1]
         return self.noise
 
     def plain(self, sign: int) -> Explanation:
