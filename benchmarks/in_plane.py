@@ -6,11 +6,16 @@ without friction, slide, stick in the middle, or twist; 1 % noise. Readings are 
     python benchmarks/in_plane.py                                  # table, a few minutes
     python benchmarks/in_plane.py --frames 20 --markdown in_plane.md
     python benchmarks/in_plane.py --counts 24 32 --frames 3 --displacements "in the plane"
+    python benchmarks/in_plane.py --image still shifted turned --depths 0.5 --displacements "in the plane"
+
+A "shifted" or "turned" image moves all markers, or those at the ends of the axes, by a fifth of the largest displacement. Frames without a number
+are counted, and are in no mean.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from pathlib import Path
 
@@ -26,6 +31,8 @@ CHANNELS = {
     "in the plane": ["displacement_x", "displacement_y"],
     "all three": ["displacement_x", "displacement_y", "displacement_z"],
 }
+IMAGES = ("still", "shifted", "turned")
+MOVED = 0.2
 KINDS = ("frictionless", "sliding", "sticking", "twisted")
 QUANTITIES = (
     "force error",
@@ -37,6 +44,17 @@ QUANTITIES = (
     "cells covered",
     "seconds",
 )
+
+
+def moved(image: str, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Displacements (2, *shape) of the markers by the camera, of size 1."""
+    if image == "still":
+        return np.zeros((2, *shape))
+    if image == "shifted":
+        angle = float(rng.uniform(0.0, 2.0 * np.pi))
+        return np.broadcast_to(np.array([np.cos(angle), np.sin(angle)])[:, None, None], (2, *shape))
+    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in shape), indexing="ij")
+    return float(rng.choice([-1.0, 1.0])) * np.stack([-y, x])
 
 
 def ball(kind: str, grid: pp.AreaGrid, rng: np.random.Generator) -> np.ndarray:
@@ -71,11 +89,15 @@ def main() -> None:
     parser.add_argument("--counts", type=int, nargs="*", default=[8], help="markers along a side")
     parser.add_argument("--depths", type=float, nargs="*", default=[0.5, 0.0], help="of the markers [mm]")
     parser.add_argument("--displacements", nargs="*", choices=list(CHANNELS), default=list(CHANNELS))
+    parser.add_argument("--image", nargs="*", choices=IMAGES, default=["still"], help="motion of the camera")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--markdown", type=Path, help="file for the table")
     args = parser.parse_args()
-    lines = [f"| markers | displacements | ball | friction | {' | '.join(QUANTITIES)} |", "|---" * 12 + "|"]
-    for count, depth in ((n, 1e-3 * d) for n in args.counts for d in args.depths):
+    lines = [
+        f"| markers | displacements | image | ball | friction | without a number | {' | '.join(QUANTITIES)} |",
+        "|---" * 14 + "|",
+    ]
+    for count, depth, image in itertools.product(args.counts, [1e-3 * d for d in args.depths], args.image):
         for label in args.displacements:
             channels = CHANNELS[label]
             array = pp.AreaArray(shape=(count, count), pitch=WIDTH / count, depth=depth, channels=channels)
@@ -89,10 +111,14 @@ def main() -> None:
                         fine = ball(kind, maker.surface, rng)
                         truth = pp.Touch(block_means(fine, FINER, 2), skin.surface, ("x", "y", "z"), "truth")
                         clean = np.asarray(maker.sense(fine))
-                        readings = clean + NOISE * float(np.abs(clean).max()) * rng.standard_normal(clean.shape)
+                        top = float(np.abs(clean).max())
+                        readings = clean + NOISE * top * rng.standard_normal(clean.shape)
+                        readings[:2] += MOVED * top * moved(image, array.shape, rng)
                         start = time.process_time()
                         touch = skin.reconstruct(readings, **({} if friction is None else {"friction": friction}))
                         seconds = time.process_time() - start
+                        if not np.isfinite(touch.force).all():
+                            continue
                         error = np.asarray(touch.values) - np.asarray(truth.values)
                         size = float(np.linalg.norm(truth.values[2]))
                         forces = held(touch, "force", np.asarray(truth.force))
@@ -109,17 +135,19 @@ def main() -> None:
                                 seconds,
                             ]
                         )
-                    mean = np.mean(found, axis=0)
+                    mean = np.mean(found, axis=0) if found else np.full(len(QUANTITIES), np.nan)
                     told = "not known" if friction is None else f"{friction:g}"
                     numbers = " | ".join(f"{v:.2f}" for v in mean)
                     lines.append(
-                        f"| {count} x {count}, {1e3 * depth:g} mm deep | {label} | {kind} | {told} | {numbers} |"
+                        f"| {count} x {count}, {1e3 * depth:g} mm deep | {label} | {image} | {kind} | {told} | {args.frames - len(found)} | {numbers} |"
                     )
                     print(lines[-1], flush=True)
     if args.markdown is not None:
         counts = " ".join(map(str, args.counts))
+        depths = " ".join(f"{d:g}" for d in args.depths)
         which = "" if args.displacements == list(CHANNELS) else f' --displacements "{args.displacements[0]}"'
-        made = f"Made by `python benchmarks/in_plane.py --counts {counts} --frames {args.frames}{which}`.\n"
+        which += "" if args.image == ["still"] else f" --image {' '.join(args.image)}"
+        made = f"Made by `python benchmarks/in_plane.py --counts {counts} --depths {depths} --frames {args.frames}{which}`.\n"
         args.markdown.write_text("\n".join([made, *lines]) + "\n")
 
 

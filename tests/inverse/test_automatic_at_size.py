@@ -13,7 +13,7 @@ from palpate.inverse.constrained.cone import Cone, minimise
 from palpate.inverse.constrained.faces import Face, straight
 from palpate.inverse.constrained.iterative import Iterative
 from palpate.inverse.constrained.model import Level
-from palpate.inverse.constrained.products import Applied, Boxes, Products
+from palpate.inverse.constrained.products import Applied, Products
 from palpate.inverse.constrained.quadratic import Penalty
 from palpate.inverse.contact import summary, windows
 from palpate.inverse.contact.adaptive import AdaptiveEstimator

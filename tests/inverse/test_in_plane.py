@@ -47,6 +47,22 @@ def test_pressure_is_sought_whichever_axis_has_the_noise() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("motion", "known"), [("shift", False), ("shift", True), ("rotation", True)])
+def test_a_camera_that_moved_is_no_contact(motion: str, known: bool) -> None:
+    """By a fifth of the largest displacement: the readings were "not pushing", without a number."""
+    skin, readings = readings_of(BALL.sliding(0.2, direction=0.7), known=known)
+    y, x = np.meshgrid(np.linspace(-1.0, 1.0, 8), np.linspace(-1.0, 1.0, 8), indexing="ij")
+    size = 0.2 * float(np.abs(readings).max())
+    moved = size * (np.array([0.6, -0.8])[:, None, None] if motion == "shift" else np.stack([-y, x]))
+    touch = skin.reconstruct(readings + moved)
+    low, high = touch.interval(0.95, of="force")
+    assert float(touch.force[2]) == pytest.approx(2.0, rel=0.1)
+    true = np.array([0.4 * np.cos(0.7), 0.4 * np.sin(0.7), 2.0])
+    assert ((low <= true) & (true <= high)).all()
+    assert any(note.startswith("shift along" if motion == "shift" else "rotation about") for note in touch.notes)
+
+
+@pytest.mark.long
 def test_many_markers_measure_the_normal_force_by_default() -> None:
     """Pressure was taken as zero above 1,100 readings: 2 N were 0 N."""
     array = pp.AreaArray(**{**MARKERS, "shape": (24, 24), "pitch": 16e-3 / 24})

@@ -39,7 +39,7 @@ def notes(problem: Problem, default: tuple[str, ...], method: Method, prepared: 
     if problem.ambiguous and method.narrows:
         found.append(
             "these channels alone do not separate pressure from shear: the method assumes that pressure pushes and that both act in the contact "
-            "only, so that a pull, or an offset that nuisance= does not name, would be taken for contact (for cells, which pull along the "
+            "only, so that a pull, or an image that grows or shrinks, would be taken for contact (for cells, which pull along the "
             "surface, seek shear alone)"
         )
     found.extend(f"{ASSUMED}{one}" for one in method.assumptions())

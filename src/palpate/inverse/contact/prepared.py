@@ -160,16 +160,17 @@ class PreparedContact(ABC):
     def _list_nuisances(self) -> Sequence[str]:
         """List the nuisances that may be in the readings; return the kinds of those that any frame may have."""
         problem, planes = self.problem, self.operator.planes_of
-        kinds = problem.nuisance or () if self.ambiguous or problem.nuisance is not None else USUAL
+        kinds = USUAL if problem.nuisance is None else problem.nuisance
         self.terms = nuisances(planes, kinds) if self.policy.parts.nuisances else []
         #: Whether a zero removed the offsets of stress and strain; an image may still have moved. They come last. If the
         #: user names a drift, it is one after the zero.
         self.removed = problem.zeroed and problem.nuisance is None
         self.terms.sort(key=lambda t: self.removed and not t.of_image)
         #: Number of terms, from the first, that may also occur together with noise alone. Ramps that the user did not
-        #: name come after them: they are only tried together with contact, if the outermost taxels show one.
+        #: name come after them: they are only tried together with contact, if the outermost taxels show one. Where
+        #: channels do not separate pressure from shear, a ramp explains what coarse cells of a wide contact leave.
         self.usual = len(self.terms)
-        if self.terms and problem.nuisance is None:
+        if self.terms and problem.nuisance is None and not self.ambiguous:
             self.terms += [t for t in nuisances(planes, LATER) if t.of_image or not problem.zeroed]
             if not problem.zeroed and not self.large:
                 self.terms += groups(planes)

@@ -75,13 +75,15 @@ def _regular(search: Search, best: Explanation) -> tuple[Explanation, Explanatio
     """The best explanation whose residual is as irregular as noise, and `Explanation.refuted` if the best is none.
 
     A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
+    Where channels do not separate pressure from shear, that is never tried.
     """
     estimator, policy = search.estimator, search.estimator.policy
     free = next((h for h in search.tried if h.sign == 0), None)
-    if free is None or best.sign == 0:
+    if best.sign == 0 or (free is None and not estimator.ambiguous):
         return best, None
-    others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > worth_of(free, policy))
-    first = next((h for h in (best, *others) if _in_order(search, h)), free)
+    least = -math.inf if free is None else worth_of(free, policy)
+    others = (h for h in rivals_of(best, search.tried, policy) if worth_of(h, policy) > least)
+    first = next((h for h in (best, *others) if _in_order(search, h)), free or best)
     if first is best:
         return best, None
     plain = simplest_of(search.tried, policy)
