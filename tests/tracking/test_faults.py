@@ -16,6 +16,7 @@ from long_runs import long_runs
 from palpate import solutions
 from palpate.bench.trust.rows import make_frame
 from palpate.grasp import GraspMonitor
+from palpate.inverse.contact.prepared import TooLarge
 from palpate.sensing.uncertainty import EXACT
 from palpate.status import Status
 from palpate.tracking.health import Health, ReadingCheck
@@ -472,9 +473,14 @@ def test_a_converter_that_rails_at_ten_peaks_beside_a_pull_is_answered() -> None
     assert any("displacement_x at taxel (0,)" in note for note in touch.notes)
 
 
-def test_a_failure_of_the_comparison_is_a_status(small: pp.Skin, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, TooLarge])
+def test_a_failure_of_the_comparison_is_a_status(
+    error: type[Exception], small: pp.Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A contact with too many unknowns ended the stream of 24 x 24 sideways markers whose image had moved."""
+
     def fail(*_: object, **__: object) -> None:
-        raise np.linalg.LinAlgError("broken on purpose")
+        raise error("broken on purpose")
 
     tracker = small.track()
     frames = on_cells(small) + NOISE * np.random.default_rng(0).standard_normal((3, 3, 6, 7))
@@ -483,6 +489,7 @@ def test_a_failure_of_the_comparison_is_a_status(small: pp.Skin, monkeypatch: py
         patch.setattr(type(tracker), "_compare", fail)
         touch = tracker.step(frames[1])
         assert status(touch) is Status.FAILED
+        assert ("broken on purpose" in touch.notes) == (error is TooLarge)
         check(touch)
     assert status(tracker.step(frames[2])) is Status.SOLVED
 

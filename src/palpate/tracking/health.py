@@ -234,6 +234,10 @@ class ReadingCheck:
         # If few readings are saturated, the others determine them. If many are, use their values as lower bounds.
         absent = ~np.isfinite(y) if self.overload else ~np.isfinite(y) | self.clipped
         self._absent = absent & ~self.health.left_out
+        return self.used(y)
+
+    def used(self, y: Floats) -> Floats:
+        """A frame with 0 for unused readings."""
         return np.where(self.unused, 0.0, y)
 
     def count(self, bad: Flags, reason: str) -> None:

@@ -11,6 +11,7 @@ from palpate.inverse.constrained.model import dilated
 from palpate.inverse.contact.cells import even_contact
 from palpate.inverse.contact.constrained import ConstrainedEstimator
 from palpate.inverse.contact.policy import Policy
+from palpate.inverse.contact.prepared import TooLarge
 from palpate.tracking.health import Flags, Index
 from palpate.tracking.iteration import FAINT, Iteration, pressing
 from palpate.tracking.region import NormalEquations
@@ -73,7 +74,7 @@ class Search:
         by_score = self.scored(score)
         if not self.many(len(by_score)):
             return by_score
-        pressed = pressing(self.rough(y, noise, unused, parameter)[0])
+        pressed = self._pressed_roughly(y, noise, unused, parameter)
         by_solution = np.flatnonzero(around(self._estimator, pressed))
         return by_solution if pressed.any() and len(by_solution) < len(by_score) else by_score
 
@@ -97,6 +98,13 @@ class Search:
         weight = parameter / noise**2
         traction, explained, _ = even_contact(estimator, linear.traction, y / noise, noise * std, ~unused, weight)
         return traction[-1], explained / std
+
+    def _pressed_roughly(self, y: Floats, noise: float, unused: Flags, parameter: float) -> Flags:
+        """Mask of the cells that press in a rough solution; none if it has too many cells."""
+        try:
+            return pressing(self.rough(y, noise, unused, parameter)[0])
+        except TooLarge:
+            return np.zeros(math.prod(self._grid.shape), dtype=bool)
 
     def next(self, solution: Iteration) -> Index | None:
         """Cells of the region to move to, which contains the contact and a margin; None if it stays."""
@@ -139,7 +147,7 @@ class Search:
         wanted = dilated(cells.reshape(self._grid.shape), 1).ravel()
         if (
             self.many(int(wanted.sum()))
-            and (pressed := wanted & pressing(self.rough(y, noise, unused, parameter)[0])).any()
+            and (pressed := wanted & self._pressed_roughly(y, noise, unused, parameter)).any()
         ):
             wanted = pressed
         self._missing |= wanted

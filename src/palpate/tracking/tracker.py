@@ -19,6 +19,7 @@ from palpate._threads import WIDEST, few_threads
 from palpate.elastic.pad import Floats
 from palpate.errors import InvalidInput
 from palpate.inverse.contact.constrained import ConstrainedEstimator
+from palpate.inverse.contact.prepared import TooLarge
 from palpate.inverse.fit import POOR_FIT
 from palpate.inverse.words import surface_strain
 from palpate.sensing.limits import ends_of
@@ -121,7 +122,6 @@ class Tracker:
         self._zero_frames, self._given_zero = self._check_baseline(baseline)
         self._offsets = Offsets(estimator)
         self._equations = NormalEquations(estimator, self._offsets.columns)
-        # of its linear algebra: few are no work for several threads
         self.unknowns = min(estimator.inside.size * len(estimator.columns), WIDEST * len(self._std))
         self._background = Background(threaded=budget is not None)
         self._alone, self._beside = alone, Background(threaded=budget is not None and alone is not None)
@@ -342,11 +342,11 @@ class Tracker:
             if self._touching and status.known:
                 touch = self._compare(touch, answer)
                 if touch.status == Status.UNEXPLAINED and self._frame is not None:
-                    used = np.where(self._check.unused, 0.0, self._frame.actual)
-                    touch = without_numbers(touch, self.estimator, used)
-        except np.linalg.LinAlgError:
+                    touch = without_numbers(touch, self.estimator, self._check.used(self._frame.actual))
+        except (np.linalg.LinAlgError, TooLarge) as error:
             self._release()  # the next frame does not inherit the cause of the failure
             self._offsets.clear()
+            self._said = [] if isinstance(error, np.linalg.LinAlgError) else [str(error)]
             touch = answer(Status.FAILED, False)
         self._seconds = clock.perf_counter() - started
         return touch

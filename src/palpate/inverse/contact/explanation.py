@@ -73,6 +73,10 @@ class Explanation:
         """Mask of the nuisances in the readings."""
         return self.sizes != 0.0
 
+    def predicted(self, shifts: Floats) -> Floats:
+        """The readings (reading,) of the rough contact and the nuisances, of which ``shifts`` are the patterns."""
+        return np.asarray(self.sign * self.rough.explained + shifts @ self.sizes)
+
 
 @dataclass
 class Solved:

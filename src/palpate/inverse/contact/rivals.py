@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +22,8 @@ from palpate.inverse.fit import POOR_FIT
 __all__ = ["with_rivals"]
 
 Flags = npt.NDArray[np.bool_]
+#: Solves the rival; its frame comes second.
+Rival = Callable[[], tuple[Solved, Frame]]
 
 
 def with_rivals(
@@ -27,39 +31,45 @@ def with_rivals(
     run: Solved,
     frame: Frame,
     observed: Observed,
+    usable: Flags,
     rng: np.random.Generator | None,
 ) -> Frame:
     """The frame, or that of an alternative that fits if the chosen one does not. If both are plausible, their weighted
     mean with the errors of both.
 
-    The odds of two explanations are exp(gain difference) times the ratio of their misfit probabilities.
+    The odds of two explanations are exp(gain difference) times the ratio of their misfit probabilities. ``usable``
+    (reading,) marks those of the readings ``observed`` that are no outliers.
     """
-    h = run.explanation
+    h, rival = run.explanation, run.explanation.rival
+    if rival is None:
+        return frame
+    solved = partial(_solved, estimator, rival, observed, usable, rng)
     # A load all round the edge with an opposite offset leaves the interior free and can fit anything.
     anything = h.present.any() and h.rough.edge > estimator.policy.explanations.whole_edge
     if frame.fit < POOR_FIT or anything:
-        return _one_that_fits(estimator, run, frame, observed, rng)
+        return _one_that_fits(estimator, run, frame, rival, solved)
     if frame.sign == h.sign and run.members:
-        return _averaged(estimator, run, frame, observed, rng)
+        return _averaged(estimator, run, frame, rival, solved, rng)
     return frame
 
 
-def _solved(estimator: PreparedContact, rival: Explanation, observed: Observed) -> Solved:
-    """The alternative solved from the readings as they are, without those that the chosen explanation filled in."""
-    return solve(estimator, rival, replace(observed, filled=observed.data))
+def _solved(
+    estimator: PreparedContact, rival: Explanation, observed: Observed, usable: Flags, rng: np.random.Generator | None
+) -> tuple[Solved, Frame]:
+    """The alternative, solved with its own predictions in place of unusable readings, and its frame."""
+    counted = replace(
+        observed, filled=np.where(usable, observed.data, rival.predicted(estimator.shifts)), usable=usable
+    )
+    run = solve(estimator, rival, counted)
+    return run, framed(estimator, run, observed, rng)
 
 
-def _one_that_fits(
-    estimator: PreparedContact, run: Solved, frame: Frame, observed: Observed, rng: np.random.Generator | None
-) -> Frame:
+def _one_that_fits(estimator: PreparedContact, run: Solved, frame: Frame, rival: Explanation, solved: Rival) -> Frame:
     """The frame of the alternative if it passes the fit test, where the chosen explanation fails it or could fit
     anything.
     """
     policy, h = estimator.policy, run.explanation
-    rival = h.rival
-    if rival is None:
-        return frame
-    other = framed(estimator, _solved(estimator, rival, observed), observed, rng)
+    _, other = solved()
     trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
     simpler = h.present.any() and not rival.present.any()
     odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
@@ -68,20 +78,24 @@ def _one_that_fits(
 
 
 def _averaged(
-    estimator: PreparedContact, run: Solved, frame: Frame, observed: Observed, rng: np.random.Generator | None
+    estimator: PreparedContact,
+    run: Solved,
+    frame: Frame,
+    rival: Explanation,
+    solved: Rival,
+    rng: np.random.Generator | None,
 ) -> Frame:
     """The mean of the frame and the rival, if that is of the same sign and may carry weight."""
-    policy, h, rival = estimator.policy, run.explanation, run.explanation.rival
+    policy, h = estimator.policy, run.explanation
     least = policy.explanations.least_weight
-    if rival is None or rival.sign != h.sign:
+    if rival.sign != h.sign:
         return frame
     # `score.best_of` requires more than a higher worth, so a rival that it did not choose may still be likely.
     doubted = frame.fit < policy.fit.doubted or worth_of(rival, policy) > worth_of(h, policy)
     # Upper bound: assume that the rival fits perfectly.
     if not doubted or share_of(rival_odds(h, frame.fit, rival, 1.0, policy)) < least:
         return frame
-    second = _solved(estimator, rival, observed)
-    other = framed(estimator, second, observed, rng)
+    second, other = solved()
     weight = share_of(rival_odds(h, frame.fit, rival, other.fit, policy))
     trace.chosen(f"rival with the weight {weight:.2g}", rival, estimator.terms)
     if not (other.contact and weight > least):

@@ -49,15 +49,14 @@ def search(prepared: PreparedContact, readings: Sequence[Floats], rng: np.random
         h, fewer = without_outliers(prepared, h, filled, usable)
         if (usable & ~fewer).any():
             trace.decided("readings left out, of so many", float((usable & ~fewer).sum()), float(usable.sum()))
-            told = h.sign * h.rough.explained + prepared.shifts @ h.sizes
-            counted = replace(observed, filled=np.where(fewer, filled, told), usable=fewer)
+            counted = replace(observed, filled=np.where(fewer, filled, h.predicted(prepared.shifts)), usable=fewer)
     if prepared.ambiguous and noise_alone is None:
         chance = rough_fit(prepared, h, counted.filled, counted.usable)
         everywhere = chance < 1.0 and np.mean(h.rough.traction[-1] > 0) > policy.explanations.everywhere
         if chance < policy.explanations.structured_chance or everywhere:
             return unexplained(prepared, observed.data, ~counted.usable, chance)
     run, frame = _solved(prepared, h, observed, counted, rng)
-    return with_rivals(prepared, run, frame, observed, rng)
+    return with_rivals(prepared, run, frame, observed, counted.usable, rng)
 
 
 def _solved(
