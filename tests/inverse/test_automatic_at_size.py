@@ -15,7 +15,7 @@ from palpate.inverse.constrained.iterative import Iterative
 from palpate.inverse.constrained.model import Level
 from palpate.inverse.constrained.products import Applied, Products
 from palpate.inverse.constrained.quadratic import Penalty
-from palpate.inverse.contact import summary, windows
+from palpate.inverse.contact import summary
 from palpate.inverse.contact.adaptive import AdaptiveEstimator
 from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.methods import cone_of
@@ -264,37 +264,6 @@ def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytes
     ratio = found.known.traction[2][there] / std[2][there]
     assert abs(np.mean(ratio) - 1.0) < 0.15
     assert np.std(ratio) < 0.3
-
-
-@pytest.mark.parametrize("apart", [3, 4, 6])
-def test_two_broken_taxels_near_each_other_are_suspicious(apart: int) -> None:
-    """Of two alike, 3 or 4 pitches apart, neither stood out of the other's surroundings."""
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        plane = rng.standard_normal((1, 40, 40))
-        plane[0, 20, 15] += 60.0 * rng.uniform(0.9, 1.1)
-        plane[0, 20, 15 + apart] += 60.0 * rng.uniform(0.9, 1.1)
-        places = windows._suspicious([plane], [np.ones_like(plane)], Policy().screening)
-        assert {(20, 15), (20, 15 + apart)} & {place[-2:] for place in places}
-
-
-@pytest.mark.long
-def test_broken_readings_are_found_in_windows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
-    skin = skin_of(16)
-    problem = skin.problem()
-    estimator = AdaptiveEstimator(problem, cone_of(problem.components, None))
-    readings, _ = noisy(skin, ball(skin, 4e-3, 1e-3))
-    everything = np.ones(3 * 256, dtype=bool)
-
-    def broken(rows: Any) -> Any:
-        data = estimator.readings.flat([rows])
-        return estimator.start.screened(data, everything, estimator.shifts).broken.reshape(3, 16, 16)
-
-    assert not broken(readings).any()
-    readings[2, 8, 7] = 0.0  # dead, under the ball
-    readings[0, 4, 12] = 3.0 * np.abs(readings).max()  # railed
-    assert [tuple(int(i) for i in place) for place in np.argwhere(broken(readings))] == [(0, 4, 12), (2, 8, 7)]
 
 
 @pytest.mark.long

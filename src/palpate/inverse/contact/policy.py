@@ -274,14 +274,6 @@ class Screening:
     )
     alone: float = number(4.0, "a reading this many times all others may be broken, whatever a linear model says")
     shallow: float = number(0.6, "taxels of less depth than this, in pitches, hardly feel loads on their neighbours")
-    window: tuple[int, int] = number((20, 6), "half-width in taxels of a window of a large array (line, area)")
-    window_edge: int = number(3, "a reading less than this many taxels from an inner edge is judged in another window")
-    suspicious: float = number(
-        5.0, "deviation from interpolated neighbours, in robust standard deviations, from which to examine a reading"
-    )
-    suspicious_alone: float = number(1.5, "and this many times the largest deviation three or four taxels away")
-    windows: int = number(24, "most windows in a round, largest deviations first")
-    window_rounds: int = number(3, "rounds of windows: large outliers hide smaller ones until they are removed")
     open_end: float = number(
         0.15,
         "if this fraction of a channel is saturated, the load has no upper bound; below it the intervals of 16 of 16 balls were right",

@@ -34,7 +34,6 @@ from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.posterior import Posterior, ambiguity_of
 from palpate.inverse.contact.screening import outermost
 from palpate.inverse.contact.start import LinearStart
-from palpate.inverse.contact.windows import Windows
 from palpate.inverse.estimate import Errors
 from palpate.inverse.fit import neighbours
 from palpate.inverse.linear.evidence import LinearEvidence
@@ -110,8 +109,8 @@ class PreparedContact(ABC):
         self.posterior = Posterior(
             self.operator, self.columns, cone, self.inside, self.outside, self.reach, self.policy, ambiguity=ambiguity
         )
-        windows = Windows(problem, self.columns, self.variances, self._list_nuisances())
-        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, windows, self.policy)
+        self._list_nuisances()
+        self.start = LinearStart(self.orders, self.readings, parameter, self.rounds, self.policy)
         self.outermost = outermost(self.orders[1])
         #: Signs of contact to try (`proposals`): push (1), pull as a whole (-1), both (0; solved by the linear method).
         self.signs: tuple[int, ...] = (1,)
@@ -157,8 +156,8 @@ class PreparedContact(ABC):
         #: Masks of the readings of each unit (unit, reading): of stress, strain, displacement.
         self.of_unit = np.array([(units == u)[self.noise.index] for u in np.unique(units)])
 
-    def _list_nuisances(self) -> Sequence[str]:
-        """List the nuisances that may be in the readings; return the kinds of those that any frame may have."""
+    def _list_nuisances(self) -> None:
+        """List the nuisances that may be in the readings."""
         problem, planes = self.problem, self.operator.planes_of
         kinds = USUAL if problem.nuisance is None else problem.nuisance
         self.terms = nuisances(planes, kinds) if self.policy.parts.nuisances else []
@@ -174,8 +173,6 @@ class PreparedContact(ABC):
             self.terms += [t for t in nuisances(planes, LATER) if t.of_image or not problem.zeroed]
             if not problem.zeroed and not self.large:
                 self.terms += groups(planes)
-        shown = self.terms and (not self.removed or self.terms[0].of_image)
-        return kinds if shown else ()
 
     def edge_load(self, pressure: Floats) -> float:
         """Fraction of the cells above the outermost taxels that are loaded."""

@@ -14,7 +14,6 @@ from palpate.elastic.pad import Floats
 from palpate.inverse.constrained.model import Rounds
 from palpate.inverse.contact.policy import Policy
 from palpate.inverse.contact.screening import Screened, linear_noise, noise_at_size, screened
-from palpate.inverse.contact.windows import Windows
 from palpate.inverse.linear.evidence import LinearEvidence, linear_evidence
 from palpate.inverse.linear.matrix_free.evidence import LinearAtSize
 from palpate.inverse.linear.matrix_free.path import LinearModel
@@ -34,11 +33,10 @@ class LinearStart:
         readings: Readings,
         parameter: float | None,
         rounds: Rounds,
-        windows: Windows,
         policy: Policy,
     ) -> None:
         self.orders, self.readings, self.parameter, self.policy = orders, readings, parameter, policy
-        self._rounds, self._windows = rounds, windows
+        self._rounds = rounds
         #: Patterns of possible offsets, and these patterns in the basis of each linear model.
         self._shifts: tuple[Floats, list[Floats]] | None = None
 
@@ -96,10 +94,12 @@ class LinearStart:
         return np.asarray(linear.project(rows) if isinstance(linear, LinearAtSize) else linear.spectrum.project(rows))
 
     def screened(self, data: Floats, observed: Flags, shifts: Floats) -> Screened:
-        """Broken readings of a frame, and their predicted values; ``shifts`` as in `screening.screened`."""
+        """Broken readings of a frame, and their predicted values; ``shifts`` as in `screening.screened`. None of a large array: there a rough
+        contact shows them (`outliers`).
+        """
         linear = self.orders[1]
         if isinstance(linear, LinearAtSize):
-            return self._windows.screened(self.readings, data, observed, self.policy)
+            return Screened(np.zeros(len(data), dtype=bool), np.zeros(len(data)))
         if self._shifts is None or self._shifts[0] is not shifts:
             self._shifts = shifts, [self.projected(self.readings.planes(column)) for column in shifts.T]
         return screened(linear, self.readings, data, observed, shifts, self.policy, self._shifts[1])
