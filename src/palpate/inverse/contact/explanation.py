@@ -53,7 +53,7 @@ class Explanation:
     """One hypothesis about a frame: the sign of the contact, and which nuisances (offsets, ramps) are in the readings.
 
     ``sign`` is 1 if contact pushes, -1 if it pulls, 0 if it does both. ``sizes`` are the sizes of the nuisances (0 if
-    absent). ``rival`` is the best alternative: with nuisances, or without them if this one has some and the noise is given.
+    absent). ``rival`` is the best alternative: with nuisances, or without them if this one has some and the noise is given or no other has any.
     ``refuted`` is contact of one sign that coarse cells refute, but that may be right with pull around it. ``noise`` is the residual of a contact in a few
     cells, if the linear model would take the readings for noise (`palpate.inverse.contact.few_cells`). ``choice`` is the
     log of the number of candidates from which its nuisances were chosen, and what drift of their size costs;

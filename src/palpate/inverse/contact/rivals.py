@@ -71,7 +71,9 @@ def _one_that_fits(estimator: PreparedContact, run: Solved, frame: Frame, rival:
     policy, h = estimator.policy, run.explanation
     _, other = solved()
     trace.chosen(f"rival, misfit probability {other.fit:.3g}", rival, estimator.terms)
-    simpler = h.present.any() and not rival.present.any()
+    # With a noise that is learned, one that could fit anything has no odds against contact alone that fits.
+    anything = not estimator.noise_known and h.rough.edge > policy.explanations.whole_edge
+    simpler = h.present.any() and not rival.present.any() and not anything
     odds = worth_of(rival, policy) - worth_of(h, policy) + louder(frame.left, other.left, len(run.data), policy)
     better = other.fit > policy.fit.accepted and other.contact and not (simpler and odds < 0.0)
     return other if better else frame

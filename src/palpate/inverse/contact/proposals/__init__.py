@@ -67,6 +67,8 @@ def explanation_of(
         rival: Explanation | None = search.alone(best.sign)
     else:
         rival = next(iter(rivals_of(best, search.tried, policy)), None)
+    if rival is None and best.present.any():
+        rival = simplest_of(search.tried, policy)
     best = replace(best, rival=rival, refuted=refuted)
     return best if noise is None else replace(best, noise=noise)
 
