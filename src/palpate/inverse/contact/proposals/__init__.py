@@ -77,7 +77,7 @@ def _regular(search: Search, best: Explanation) -> tuple[Explanation, Explanatio
     """The best explanation whose residual is as irregular as noise, and `Explanation.refuted` if the best is none.
 
     A contact of one sign may leave a residual too regular for noise: then another one, or traction of either sign.
-    Where channels do not separate pressure from shear, that is never tried.
+    Traction of either sign is not tried where channels do not separate pressure from shear.
     """
     estimator, policy = search.estimator, search.estimator.policy
     free = next((h for h in search.tried if h.sign == 0), None)
