@@ -80,7 +80,7 @@ class Skin(SkinProperties):
     nuisance : "auto" or sequence of str
         Nuisances of the readings: "offset" (of each channel; of displacement, a shift of the image), "ramp" (a
         linear change across the array), "rotation" (of an image). "auto" (default): offsets and rotation if a frame is evidence for them, ramps if
-        the outermost taxels show one too, offsets of a row, column, half or quarter of up to 400 taxels, and in the intervals the
+        the outermost taxels show one too (not of markers that only move sideways), offsets of a row, column, half or quarter of up to 400 taxels, and in the intervals the
         shifts and tilts of displacements that contact may hide; () for none.
 
     Raises

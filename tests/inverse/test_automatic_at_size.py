@@ -267,6 +267,21 @@ def test_same_answer_without_matrices(friction: float | None, monkeypatch: pytes
 
 
 @pytest.mark.long
+def test_broken_readings_are_left_out_at_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Large arrays have no linear screening: the rough contact shows a dead taxel under the ball, and a railed one."""
+    monkeypatch.setattr(path, "LARGEST_DENSE_BLOCK", 10)
+    skin = skin_of(16)
+    readings, _ = noisy(skin, ball(skin, 4e-3, 1e-3))
+    plain = skin.reconstruct(readings)
+    broken = readings.copy()
+    broken[2, 8, 7], broken[0, 4, 12] = 0.0, 3.0 * np.abs(readings).max()
+    touch = skin.reconstruct(broken)
+    assert touch.outliers is not None
+    assert {tuple(map(int, at)) for at in np.argwhere(touch.outliers.reshape(3, 16, 16))} == {(2, 8, 7), (0, 4, 12)}
+    assert touch.force[2] == pytest.approx(plain.force[2], rel=0.02)
+
+
+@pytest.mark.long
 def steps_of(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the steps of conjugate gradients."""
     steps, apply = [0], Iterative._apply

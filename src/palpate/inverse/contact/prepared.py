@@ -167,7 +167,7 @@ class PreparedContact(ABC):
         self.terms.sort(key=lambda t: self.removed and not t.of_image)
         #: Number of terms, from the first, that may also occur together with noise alone. Ramps that the user did not
         #: name come after them: they are only tried together with contact, if the outermost taxels show one. Where
-        #: channels do not separate pressure from shear, a ramp explains what coarse cells of a wide contact leave.
+        #: channels do not separate pressure from shear, a ramp would explain what coarse cells of a wide contact leave: none is sought.
         self.usual = len(self.terms)
         if self.terms and problem.nuisance is None and not self.ambiguous:
             self.terms += [t for t in nuisances(planes, LATER) if t.of_image or not problem.zeroed]
