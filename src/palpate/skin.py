@@ -523,12 +523,12 @@ class Skin(SkinProperties):
 
     def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
         """Do `reconstruct` for a calibrated skin."""
-        from palpate.calibrate.answer import calibrated_touch, for_pad
+        from palpate.calibrate.answer import calibrated_touch, skin_for_pad, unflat
 
         if self._plain is None and found.elastic:
-            plain = self._uncalibrated()
-            rested = self._problem.zeroed or found.rest is None
-            self._plain = plain if rested else plain.at_rest(for_pad(found, self._planes, [np.asarray(found.rest)])[0])
+            plain = skin_for_pad(self, found)._uncalibrated()
+            rest = None if self._problem.zeroed else found.rest
+            self._plain = plain if rest is None else plain.at_rest(rest * unflat(self._planes, found.factors))
         return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:
@@ -658,17 +658,18 @@ class Skin(SkinProperties):
         skin, remarks = on_coarser_cells(self._noisy(noise, rest))
         # Without an elastic model, the calibration alone gives the force, whatever components the tracker estimates.
         known = skin._calibration
+        made: Callable[..., Tracker] = Tracker
+        if known is not None:
+            from palpate.calibrate.answer import skin_for_pad
+            from palpate.calibrate.tracked import CalibratedTracker
+
+            skin, made = skin_for_pad(skin, known), partial(CalibratedTracker, calibration=known)
         everything = components is None and known is not None and not known.elastic
         names = skin.surface.components if everything else skin._names(components)
         check_sought(names, skin.boundary)
         method = method_named(Constrained.name, {"friction": friction, "parameter": parameter})
         solver = skin._prepared(method, names)
         prony = skin._pad.prony if isinstance(skin._pad, Viscoelastic) else None
-        made: Callable[..., Tracker] = Tracker
-        if known is not None:
-            from palpate.calibrate.tracked import CalibratedTracker
-
-            made = partial(CalibratedTracker, calibration=known)
         return made(
             solver,
             names,

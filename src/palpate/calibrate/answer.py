@@ -13,12 +13,13 @@ from palpate._arrays import from_numpy
 from palpate.calibrate.applied import with_constants, with_force_scale
 from palpate.calibrate.calibrating import flat_readings, unflat
 from palpate.calibrate.calibration import SkinCalibration
+from palpate.elastic.pad import Floats
 from palpate.sensing.labels import is_labelled
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 from palpate.touch import Touch
 
-__all__ = ["at_calibrated_zero", "calibrated_touch", "for_pad", "with_calibration"]
+__all__ = ["at_calibrated_zero", "calibrated_touch", "skin_for_pad", "unflat", "with_calibration"]
 
 
 def calibrated_touch(
@@ -37,13 +38,26 @@ def calibrated_touch(
     return found.attach(touch, flat)
 
 
+def skin_for_pad(skin: Any, found: SkinCalibration) -> Any:
+    """Return the skin for readings times the factors of its calibration: noise, limits and zero are in that unit."""
+    factors = planewise(skin.planes, found.factors)
+    out = skin._with(skin.pad, [plane.rescaled(each) for plane, each in zip(skin.planes, factors)])
+    zero = skin._problem.zero
+    out._problem.zero = None if zero is None else [np.nan_to_num(part * f) for part, f in zip(zero, factors)]
+    return out
+
+
+def planewise(planes: Sequence[Any], flat: Floats) -> list[Floats]:
+    """Return values of all readings (reading,) as one array (channel, *array) for each plane; NaN where a taxel is missing."""
+    ends = np.cumsum([int(p.valid.sum()) * len(p.channels) for p in planes])
+    return [unflat([p], part) for p, part in zip(planes, np.split(flat, ends[:-1]))]
+
+
 def for_pad(found: SkinCalibration, planes: Sequence[Any], parts: Sequence[Any]) -> list[Any]:
-    """Divide the readings of each plane (*batch, channel, *array) by the fitted gains (of one plane), so that they
-    have the unit of the pad.
+    """Multiply the readings of each plane (*batch, channel, *array) by the factors of the calibration, so that they have
+    the unit of the pad.
     """
-    if found.gains is None:
-        return [found.unit * part for part in parts]
-    return [part * from_numpy(unflat(planes, found.factors), part) for part in parts]
+    return [part * from_numpy(each, part) for part, each in zip(parts, planewise(planes, found.factors))]
 
 
 def at_calibrated_zero(skin: Any) -> Any:

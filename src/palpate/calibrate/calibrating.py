@@ -31,6 +31,7 @@ from palpate.calibrate.labels import (
     Labelled,
     Weight,
     find_delay,
+    plateaus,
     press_numbers,
     spread_over,
     stuck_labels,
@@ -485,9 +486,13 @@ def _join_runs(
             raise InvalidInput(
                 f"run {number} has no frame with a known force and complete readings. Give the force of a frame whose readings are all finite, or leave the run out."
             )
-        at = at[spread_over(np.nan_to_num(forces[at]), per_run)]
-        rows["flat"].append(flat[at])
-        rows["planes"].append(run.readings[at])
+        # without times, each frame is a press of its own
+        plateau = np.arange(len(at)) if run.time is None else plateaus({n: v[at] for n, v in one.items()}, flat[at])
+        first = np.unique(plateau, return_index=True)[1]
+        kept = spread_over(np.nan_to_num(forces[at][first]), per_run)
+        rows["flat"].append(_means(flat[at], first)[kept])
+        rows["planes"].append(_means(run.readings[at], first)[kept])
+        at = at[first][kept]
         rows["std"].append(one["std"][at] if "std" in one else np.zeros(len(at)))
         rows["time"].append(np.full(len(at), math.nan) if run.time is None else run.time[at] + 1e6 * number)
         rows["run"].append(np.full(len(at), number))
@@ -505,6 +510,11 @@ def _join_runs(
         made["flat"], made["planes"], {n: made[n] for n in names}, made["std"], time, made["run"],
         np.asarray(press, dtype=np.int64), _rest_readings(runs, flats, known, made["planes"], baseline),
     )  # fmt: skip
+
+
+def _means(values: Floats, first: npt.NDArray[np.intp]) -> Floats:
+    """Return the mean of each part of ``values`` (frame, ...); the parts begin at ``first``."""
+    return np.asarray(np.add.reduceat(values, first) / np.add.reduceat(np.ones_like(values), first))
 
 
 def _rest_readings(

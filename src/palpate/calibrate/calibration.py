@@ -35,6 +35,10 @@ FORCE_ONLY_NOTE = (
 FORCES, PLACES = ("fx", "fy", "fz"), ("x", "y")
 #: Note for readings from which the zero of the calibration was subtracted.
 OPEN = "the zero of the calibration is used: the intervals include its scatter and the drift during the calibration, but no later drift. Take a new zero without contact (baseline=, --baseline)"
+#: Note for readings beyond those at rest whose force may be zero.
+TOO_WIDE = "readings differ from those at rest, but by this calibration the force may be zero: calibrate with more presses, among them some like these"
+#: Frames whose readings have less than this root mean square, in standard deviations of a frame at rest, may be at rest.
+AT_REST = 3.0
 #: A note says that a new zero differs from that of the calibration if the difference exceeds this fraction of the
 #: largest labelled value (a convention) and two of its standard deviations.
 STANDING = 0.1
@@ -231,6 +235,10 @@ class SkinCalibration:
         freedom = (joint + alone) ** 2 / (joint**2 / JOINED_FREEDOM + alone**2 / self.maps["fz"].freedom)
         return w * both + (1.0 - w) * value, np.sqrt(joint + alone), freedom
 
+    def components(self, surface: Grid) -> tuple[str, ...]:
+        """Return the components of the force that were labelled."""
+        return tuple(c for c in surface.components if f"f{c}" in self.maps)
+
     def alone(self, flat: Floats, surface: Grid, like: Any, *, time: Any = None) -> Touch:
         """Return a touch with only force and centre, whose traction is NaN. ``flat`` are its readings (*batch,
         reading) minus their zero.
@@ -243,8 +251,7 @@ class SkinCalibration:
         none = Errors(traction, force, moment, center, number, traction, traction, force, moment, center, number, force)
         missing = ~np.isfinite(flat).all(axis=-1)
         status = np.where(missing, int(Status.MISSING), int(Status.SOLVED)).astype(np.int8)
-        names = {"fx": "x", "fy": "y", "fz": "z"}
-        sought = tuple(c for c in surface.components if c in {names[n] for n in self.maps if n in names})
+        sought = self.components(surface)
         touch = self.attach(
             Touch(
                 from_numpy(nan, like), surface, sought, "calibrated", _errors=ErrorParts(none), status=status, time=time
@@ -257,9 +264,21 @@ class SkinCalibration:
             with np.errstate(invalid="ignore"):
                 loud = (np.abs(known.force) > 2.0 * known.std).any(axis=-1)
         quiet = ~missing & ~loud
-        return replace(
-            touch, status=np.where(quiet, int(Status.NO_CONTACT), status).astype(np.int8), touching=~quiet & ~missing
-        )
+        status = np.where(quiet, int(Status.NO_CONTACT), status)
+        unknown = quiet & ~self._at_rest(flat)  # a wide interval does not show that nothing touches
+        said = touch.assumptions + ((TOO_WIDE,) if unknown.any() else ())
+        status = np.where(unknown, int(Status.UNDECIDED), status).astype(np.int8)
+        return replace(touch, status=status, touching=~quiet & ~missing, assumptions=said)
+
+    def _at_rest(self, flat: Floats) -> Any:
+        """Return whether readings (*batch, reading) minus their zero are as near to it as frames at rest; True if none are known."""
+        if self.zero_std is None:
+            return np.ones(flat.shape[:-1], dtype=bool)
+        std = self.zero_std[np.isfinite(self.zero_std)]
+        std = np.maximum(std, np.median(std))  # coarse counts may not vary at all
+        with np.errstate(divide="ignore", invalid="ignore"):
+            size = np.where(flat == 0.0, 0.0, np.abs(flat) / std)
+        return np.sqrt(np.mean(size**2, axis=-1)) < AT_REST
 
     def check_readings(self, count: int) -> None:
         """Raise an error for frames with another number of readings."""

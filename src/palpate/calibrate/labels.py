@@ -14,7 +14,7 @@ from palpate.errors import InvalidInput
 from palpate.sensing.times import interpolated
 from palpate.units import UNITS, parse_quantity
 
-__all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "press_numbers", "stuck_labels"]
+__all__ = ["GRAVITY", "Labelled", "Weight", "find_delay", "plateaus", "press_numbers", "stuck_labels"]
 
 #: Name of the label that states the radius of the ball.
 BALL = "ball_radius"
@@ -203,6 +203,18 @@ def press_numbers(
         out[at] = count + piece
         count += int(piece[-1]) + 1
     return out
+
+
+def plateaus(known: Mapping[str, Floats], flat: Floats) -> npt.NDArray[np.int64]:
+    """Return the number of the plateau of each frame: frames in a row whose labels are exactly equal, and whose readings
+    (frame, reading) hardly vary. They share the error of the label, so that they count as one.
+    """
+    labels = np.nan_to_num(np.stack(list(known.values()), axis=1))
+    alike = (labels[1:] == labels[:-1]).all(axis=1)
+    number = np.cumsum(np.r_[True, ~alike]) - 1
+    usual = STUCK_VARIES * float(np.nanvar(flat, axis=0).sum())
+    vary = [float(flat[number == k].var(axis=0).sum()) > usual for k in range(number[-1] + 1)]
+    return np.cumsum(np.r_[True, ~alike | np.asarray(vary)[number[1:]]]) - 1
 
 
 def spread_over(force: Floats, count: int) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:

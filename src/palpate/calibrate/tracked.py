@@ -78,6 +78,8 @@ class CalibratedTracker(Tracker):
     def _answer(self, status: Status, converged: bool, *, now: float, like: Any, note: str | None) -> Touch:
         touch = super()._answer(status, converged, now=now, like=like, note=note)
         actual = self._actual
+        if not self.calibration.elastic:
+            touch = replace(touch, components=self.calibration.components(touch.surface))
         if status is Status.CAPTURING_ZERO or actual is None:
             return touch
         actual = actual / self._unit

@@ -185,6 +185,27 @@ class _Common:
             return self
         return replace(self, limits=np.stack(ends, axis=1) - np.nan_to_num(np.asarray(zero))[:, None])  # type: ignore[type-var]
 
+    def rescaled(self: Self, factors: Any) -> Self:
+        """The same array for readings times ``factors`` (channel, *shape), NaN where a taxel is missing: with them its
+        limits, and the noise of each channel with their root mean square.
+
+        Examples
+        --------
+        >>> import palpate as pp
+        >>> how = {"pitch": 1e-3, "depth": 1e-3, "channels": ["stress_zz"], "limits": (0.0, 4095.0), "noise": 2.0}  # [counts]
+        >>> pascals = pp.LineArray(count=2, **how).rescaled([[10.0, 20.0]])
+        >>> pascals.limits[0, 1].tolist(), round(pascals.noise[0], 1)  # [Pa]
+        ([40950.0, 81900.0], 31.6)
+        """
+        factors, noise, ends = np.asarray(factors, dtype=np.float64), self.noise_std, of_readings(self)
+        if noise is not None:
+            size = np.sqrt((factors[:, self.valid] ** 2).mean(axis=1))
+            noise = tuple(float(std) for std in size * noise)
+        limits = (
+            None if ends is None else np.sort(np.stack(ends, axis=1) * np.nan_to_num(factors, nan=1.0)[:, None], axis=1)
+        )
+        return replace(self, noise=noise, limits=limits)  # type: ignore[type-var]
+
     def masked(self: Self, mask: Any) -> Self:
         """The same array with only the taxels where ``mask`` is True."""
         both = np.asarray(mask) & self.valid if np.shape(mask) == self.shape else mask

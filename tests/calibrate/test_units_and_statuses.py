@@ -1,0 +1,107 @@
+"""Units of a calibrated skin, statuses of its touches, and labels that several frames share."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from calibrate_scenes import PAD, bench, taxels
+from palpate.calibrate.labels import plateaus
+from palpate.status import Status
+from palpate.touch import Forces
+
+
+@pytest.fixture(scope="module")
+def skin() -> pp.Skin:
+    return pp.Skin(PAD, taxels())
+
+
+def at_rest(count: int, seed: int = 1) -> np.ndarray:
+    return 7.0 + 0.002 * np.random.default_rng(seed).standard_normal((count, 1, 4, 4))
+
+
+def told(frames: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Ten frames at rest and ten presses of some frames each, in the unit of the sensor, and their forces."""
+    readings, force, _ = bench(10, 3)
+    rng = np.random.default_rng(5)
+    presses = 7.0 + np.repeat(readings, frames, axis=0)
+    presses += 0.002 * rng.standard_normal(presses.shape)
+    return np.concatenate([at_rest(10), presses]), np.r_[np.zeros(10), np.repeat(force, frames)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_the_unit_of_readings_changes_nothing_after_the_calibration(skin: pp.Skin, unit: float) -> None:
+    """Frames at rest give the noise in the unit of the sensor, and the elastic model works in that of the pad."""
+    frames, force = told()
+    test, rest = 7.0 + bench(4, 5003)[0], at_rest(12, 2)
+    found = []
+    for each in (1.0, unit):
+        calibrated = skin.calibrate(each * frames, reference=force)
+        assert calibrated.calibration is not None and calibrated.calibration.elastic
+        touch = calibrated.reconstruct(each * test, zero=each * rest)
+        with calibrated.track(zero=each * rest) as tracker:
+            tracked = [tracker.step(each * frame) for frame in test]
+        found.append((touch.status.tolist(), touch.force[:, 2], [int(t.status) for t in tracked]))
+    assert found[0][0] == found[1][0] == [int(Status.SOLVED)] * 4
+    assert found[0][2] == found[1][2]
+    np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-3)
+
+
+@pytest.mark.long
+def test_frames_of_the_zero_have_the_components_of_the_others(skin: pp.Skin) -> None:
+    """Without an elastic model: a table of forces takes the frames of the zero and the presses."""
+    frames, force = told()
+    found = skin.calibrate(frames, reference=force).calibration
+    assert found is not None
+    alone = pp.Skin(PAD, taxels())
+    alone._calibration = dataclasses.replace(found, unit=math.nan)
+    forces = Forces()
+    with alone.track(baseline=10) as tracker:
+        for frame in [*at_rest(10), *(7.0 + bench(2, 5003)[0])]:
+            forces.add(tracker.step(frame))
+    assert forces.table()["status"].tolist()[::10] == ["capturing zero", "solved"]
+
+
+def test_a_wide_interval_is_not_no_contact(skin: pp.Skin) -> None:
+    """Only readings like those at rest are no contact; others whose force may be zero are undecided, with a note."""
+    frames, force = told()
+    found = skin.calibrate(frames, reference=force).calibration
+    assert found is not None
+    unsure = dataclasses.replace(found, unit=math.nan)
+    rest, press = (part.reshape(1, -1) for part in (at_rest(1, 8)[0] - 7.0, 0.02 * bench(1, 5003)[0][0]))
+    for one in unsure.maps.values():
+        object.__setattr__(one, "inflation", 100.0)
+    touch = unsure.alone(np.concatenate([rest, press]), skin.surface, np.zeros(0))
+    assert [Status.coded(int(s)) for s in touch.status] == [Status.NO_CONTACT, Status.UNDECIDED]
+    assert not touch.touching.any()
+    assert any("by this calibration the force may be zero" in note for note in touch.notes)
+
+
+def test_frames_of_one_press_are_one_label() -> None:
+    """Frames in a row with equal labels and alike readings; the same force at another place is another press."""
+    force = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0])
+    flat = np.outer(force, [1.0, 0.0]) + 1e-3 * np.random.default_rng(0).standard_normal((8, 2))
+    assert plateaus({"fz": force}, flat).tolist() == [0, 0, 1, 1, 1, 1, 2, 3]
+    flat[4:6] = [0.0, 1.0]
+    assert len(np.unique(plateaus({"fz": force}, flat)[2:6])) == 4
+    place = np.array([0.0, 0.0, 0.0, 0.0, 1e-3, 1e-3, 0.0, 0.0])
+    assert plateaus({"fz": force, "x": place}, flat).tolist() == [0, 0, 1, 1, 2, 2, 3, 4]
+
+
+@pytest.mark.long
+def test_five_frames_of_each_press_tell_what_one_does(skin: pp.Skin) -> None:
+    errors = []
+    test, known, _ = bench(20, 5103)
+    for count in (1, 5):
+        frames, force = told(count)
+        recording = pp.Recording(readings=frames, channels=["stress_zz"], time=0.1 * np.arange(len(frames)))
+        found = skin.calibrate(recording, reference=force).calibration
+        assert found is not None
+        assert len(found.maps["fz"].process.values) == 11
+        errors.append(np.abs(found.force(test.reshape(20, -1))[0][:, 2] - known).mean())
+    assert errors[1] < 1.3 * errors[0]
