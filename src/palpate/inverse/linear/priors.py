@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from functools import reduce
 from typing import Any, Protocol
 
@@ -82,6 +82,15 @@ class DifferencePrior:
         """
         j = [np.arange(1, n + 1) for n in self.grid.shape]
         return [Cached(math.sqrt(2 / (len(i) + 1)) * np.sin(np.pi * np.outer(i, i) / (len(i) + 1))) for i in j]
+
+    def half_sines(self, halves: Sequence[Floats], parities: Sequence[int]) -> list[Floats]:
+        """For each axis, the sines of this parity (entry, sine) in the basis of half of it: every other one, from the
+        first if even (1).
+        """
+        return [
+            basis @ sines.value[:, (0 if sign > 0 else 1) :: 2]
+            for basis, sines, sign in zip(halves, self._sines, parities)
+        ]
 
     @property
     def in_sines(self) -> Floats:

@@ -323,9 +323,10 @@ class DataSpectrum(Spectrum):
             folded = []
             for i, column in enumerate(self.columns):
                 # Both images are symmetric: half of each axis contains everything.
-                halves = _halves(surface.shape, [s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)])
-                weighted = self.priors[i].covariance(stacked[:, i])
-                folded.append((_folded(stacked[:, i], halves), _folded(weighted, halves), halves))
+                parities = [s * mirror_parity(names[column], ax) for s, ax in zip(signs, axes)]
+                halves = _halves(surface.shape, parities)
+                half = _folded(stacked[:, i], halves)
+                folded.append((half, _weighted(self.priors[i], half, halves, parities), halves))
             yield bases, folded
 
     def project(self, readings: Sequence[Any]) -> Any:
@@ -457,6 +458,18 @@ def _folded(rows: Floats, halves: Sequence[Floats]) -> Floats:
     if len(halves) == 2:
         rows = halves[0] @ rows
     return rows.reshape(len(rows), -1)
+
+
+def _weighted(prior: Prior, rows: Floats, halves: Sequence[Floats], parities: Sequence[int]) -> Floats:
+    """Rows (row, cell) in the basis of half axes times W, which takes even functions to even ones and odd to odd."""
+    image = rows.reshape(len(rows), *(len(basis) for basis in halves))
+    if isinstance(prior, DifferencePrior):
+        sines = prior.half_sines(halves, parities)
+        weighted = prior.in_sines[tuple(slice(0 if sign > 0 else 1, None, 2) for sign in parities)]
+        out = _applied(np, sines, weighted * _applied(np, [s.T for s in sines], image))
+        return np.asarray(out.reshape(rows.shape))
+    whole = prior.covariance(_applied(np, [basis.T for basis in halves], image))
+    return _folded(whole, halves)
 
 
 def _rows_folded(matrix: Floats, bases: Sequence[Floats]) -> Floats:
