@@ -87,6 +87,7 @@ def misfit_probability(
     known: bool,
     detail: float = 0.0,
     others: Sequence[float] = (),
+    channels: npt.NDArray[np.intp] | None = None,
 ) -> float:
     """Probability of at least this misfit if the model is right; NaN with too few degrees of freedom.
 
@@ -105,6 +106,9 @@ def misfit_probability(
         Error of the model itself, in units of the noise.
     others : sequence of float
         Probabilities of other tests: the least of all counts, times their number (Bonferroni).
+    channels : array (reading,) of int, optional
+        Channel of each reading. Each then counts by the size of its own residual, so that the noise of a loud channel
+        does not hide the order of a quiet one.
 
     Notes
     -----
@@ -115,16 +119,20 @@ def misfit_probability(
     import scipy.special
 
     tests = list(others)
-    free = float(observed.sum()) - taken
+    free, left = float(observed.sum()) - taken, float((residual[observed] ** 2).sum()) / (1.0 + detail**2)
     i, j = pairs
     both = observed[i] & observed[j]
     i, j = i[both], j[both]
     if len(i) >= MIN_DEGREES and free >= MIN_DEGREES:
         size = residual**2 + detail**2
+        if channels is not None:
+            count = np.bincount(channels, observed)
+            level = np.bincount(channels, size * observed) / np.maximum(count, 1.0)
+            scale = np.where(level > 0.0, level, 1.0)[channels]
+            residual, size = residual / np.sqrt(scale), size / scale
         std = math.sqrt(float((size[i] * size[j]).sum()))
         z = float((residual[i] * residual[j]).sum()) / max(std, 1e-300)
         tests.append(0.5 * math.erfc(z / math.sqrt(2.0)))
     if known and free >= 1.0:
-        left = float((residual[observed] ** 2).sum()) / (1.0 + detail**2)
         tests.append(float(scipy.special.gammaincc(0.5 * free, 0.5 * left)))
     return min(1.0, len(tests) * min(tests)) if tests else math.nan

@@ -20,6 +20,9 @@ __all__ = ["Observability", "check_observable", "is_observable", "observability"
 
 #: A combination of components is invisible if the ratio of singular values is below this at every wavelength.
 BLIND = 1e-9
+#: Channels without any larger response, in units of stress, read rounding errors: strain_zz at the base of an
+#: incompressible layer has 1e-14 of its usual response.
+VANISHING = 1e-11
 #: Pressure confounds shear if its effect on the readings is at least this fraction of that of equal shear.
 ACTS = 0.1
 #: On a bonded pad, pressure is sought by default if its effect is at least this fraction of that of shear; with
@@ -55,10 +58,16 @@ class Observability:
 
 
 def _whitened(
-    pad: Pad, planes: Sequence[Array], k: Floats, angle: float | Floats, *, scaled: Floats | None = None
+    pad: Pad,
+    planes: Sequence[Array],
+    k: Floats,
+    angle: float | Floats,
+    *,
+    scaled: Floats | None = None,
+    plain: bool = False,
 ) -> npt.NDArray[np.complex128]:
-    """Transfer matrix divided by each channel's noise. Without noise, in units of stress, at the wavenumbers
-    ``scaled`` if given instead of ``k``.
+    """Transfer matrix divided by each channel's noise. Without noise, or if ``plain``, in units of stress, at the
+    wavenumbers ``scaled`` if given instead of ``k``.
     """
     d = planes[0].dimensions
     modulus = 2 * shear_modulus(pad, 0.0)
@@ -67,7 +76,7 @@ def _whitened(
         matrix = transfer(pad, k * np.cos(angle), k * np.sin(angle), array.depth, array.channels, line=d == 1)
         if d == 1:
             matrix = matrix[..., [0, 2]]
-        if array.noise_std is not None:
+        if array.noise_std is not None and not plain:
             scale: Floats = np.broadcast_to(np.asarray(array.noise_std), (len(k), len(array.channels)))
         else:  # in units of stress: strain times 2 mu, displacement times 2 mu k
             scale = np.stack(
@@ -108,7 +117,10 @@ def _probe(planes: Sequence[Array]) -> Floats:
 
 def is_observable(pad: Pad, planes: Sequence[Array], components: Sequence[str]) -> bool:
     """Whether the channels determine these components, and every combination of them, at some wavelength."""
-    return bool(np.isfinite(observability(pad, planes, _probe(planes), components).condition).any())
+    lengths = _probe(planes)
+    if not np.abs(_whitened(pad, planes, 2 * np.pi / lengths, 0.05, plain=True)).max() > VANISHING:
+        return False
+    return bool(np.isfinite(observability(pad, planes, lengths, components).condition).any())
 
 
 def observable_components(pad: Pad, planes: Sequence[Array]) -> tuple[str, ...]:

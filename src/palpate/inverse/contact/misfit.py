@@ -80,6 +80,7 @@ def misfit_of(estimator: PreparedContact, run: Solved, residual: Floats, taken: 
         known=known,
         detail=detail * stretch,
         others=() if math.isnan(run.drift) else (run.drift,),
+        channels=estimator.noise.index,
     )
 
 
