@@ -42,7 +42,8 @@ def test_the_unit_of_readings_changes_nothing_after_the_calibration(skin: pp.Ski
     found = []
     for each in (1.0, unit):
         calibrated = skin.calibrate(each * frames, reference=force)
-        assert calibrated.calibration is not None and calibrated.calibration.elastic
+        assert calibrated.calibration is not None
+        assert calibrated.calibration.elastic
         touch = calibrated.reconstruct(each * test, zero=each * rest)
         with calibrated.track(zero=each * rest) as tracker:
             tracked = [tracker.step(each * frame) for frame in test]
@@ -105,3 +106,34 @@ def test_five_frames_of_each_press_tell_what_one_does(skin: pp.Skin) -> None:
         assert len(found.maps["fz"].process.values) == 11
         errors.append(np.abs(found.force(test.reshape(20, -1))[0][:, 2] - known).mean())
     assert errors[1] < 1.3 * errors[0]
+
+
+@pytest.mark.long
+def test_frames_before_the_first_weight_are_the_zero(skin: pp.Skin) -> None:
+    """No weight of 0 g is named: raw counts would be taken for load. A hand on the pad before it is no rest."""
+    readings, force, _ = bench(3, 21)
+    time = np.arange(0.0, 40.0, 0.1)
+    frames, said = np.zeros((len(time), 1, 4, 4)), []
+    for k in range(3):
+        frames[(time >= 10 * k + 8) & (time < 10 * k + 14)] = readings[k]
+        said.append(f"{force[k]:.6f} N, {10 * k + 9} s to {10 * k + 13} s")
+    frames += 300.0 + 0.001 * np.random.default_rng(0).standard_normal(frames.shape)
+    found = skin.calibrate(pp.Recording(readings=frames, channels=["stress_zz"], time=time), weights=said).calibration
+    assert found is not None
+    assert found.zero is not None
+    np.testing.assert_allclose(found.zero, 300.0, atol=0.01)
+    assert found.force(readings.reshape(3, -1))[0][:, 2] == pytest.approx(force, rel=0.1)
+    moving = frames + np.where(time < 7.0, 0.1 * np.abs(readings).max() * time, 0.0)[:, None, None, None]
+    other = skin.calibrate(pp.Recording(readings=moving, channels=["stress_zz"], time=time), weights=said).calibration
+    assert other is not None
+    assert other.zero is None
+
+
+def test_a_zero_far_from_0_beside_a_calibration_without_one_has_a_note(skin: pp.Skin) -> None:
+    readings, force, _ = bench(6, 3)
+    calibrated = skin.calibrate(300.0 + readings, reference=force)
+    assert calibrated.calibration is not None
+    assert calibrated.calibration.zero is None
+    notes = calibrated.reconstruct(300.0 + readings[0], zero=at_rest(5) + 293.0).notes
+    assert any("the calibration knew none" in note for note in notes)
+    assert not any("knew none" in note for note in calibrated.reconstruct(readings[0], zero=at_rest(5) - 7.0).notes)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,14 +29,16 @@ def calibrated_touch(
     """Return the touch for readings from which the zero is subtracted: the result of the elastic model ``plain`` with
     the calibrated force, or the force alone if the elastic model was rejected.
     """
-    flat = flat_readings(skin.planes, readings)
+    flat, zero = flat_readings(skin.planes, readings), skin._problem.zero
+    standing = None if zero is None else found.standing(np.concatenate(zero))
     if plain is None:
         found.check_options(options)
         like = readings if hasattr(readings, "dtype") and not is_labelled(readings) else np.zeros(0)
-        return found.alone(flat, skin.surface, like, time=None if time is None else np.asarray(as_seconds(time)))
-    parts = for_pad(found, skin.planes, checked_planes(readings, skin.planes))
-    touch: Touch = plain.reconstruct(parts[0] if len(parts) == 1 else parts, time=time, **options)
-    return found.attach(touch, flat)
+        touch = found.alone(flat, skin.surface, like, time=None if time is None else np.asarray(as_seconds(time)))
+    else:
+        parts = for_pad(found, skin.planes, checked_planes(readings, skin.planes))
+        touch = found.attach(plain.reconstruct(parts[0] if len(parts) == 1 else parts, time=time, **options), flat)
+    return touch if standing is None else replace(touch, assumptions=(*touch.assumptions, standing))
 
 
 def skin_for_pad(skin: Any, found: SkinCalibration) -> Any:

@@ -46,11 +46,14 @@ from palpate.errors import InvalidInput
 from palpate.recordings import Recording
 from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds, interpolated
+from palpate.sensing.zero import FRAMES_FOR_NOISE, moved
 
 __all__ = ["calibrate", "flat_readings", "unflat"]
 
 #: Fraction of the time of a weight that is dropped at each end, while the weight is put down and taken off.
 ENDS = 0.15
+#: Fraction of the frames before the first weight, at their end, in which a hand may put it down.
+BEFORE = 0.3
 #: Frames with less than this fraction of the largest force are at rest.
 REST_FRACTION = 0.005
 #: Frames below this force are at rest if there are at least FEWEST_AT_REST of them and their readings scatter by less than
@@ -373,6 +376,8 @@ def _weighed(
         first = run.readings[:baseline][complete[:baseline]]
         rest.append(first - first.mean(axis=0))
     weights = sorted(weights, key=lambda w: w.start)  # the zero may drift from the first frame at rest to the last
+    if baseline is None and all(w.force for w in weights):
+        weights = [*_still_before(planes, run, weights[0].start), *weights]
     for weight in weights:
         at = np.flatnonzero((run.time >= weight.start) & (run.time <= weight.end))
         if not len(at):
@@ -388,6 +393,18 @@ def _weighed(
     readings, force = np.stack(frames), np.array([w.force for w in weights])
     flat = flat_readings(planes, readings)
     return Run(readings, flat, None, np.concatenate(rest) if rest else None), {"fz": force, "std": SCALE_STD * force}
+
+
+def _still_before(planes: Sequence[Any], run: Run, start: float) -> list[Weight]:
+    """Return the frames before the first weight as a weight of 0 g, if they are enough, and do not move."""
+    index = np.repeat(
+        np.arange(sum(len(p.channels) for p in planes)), [int(p.valid.sum()) for p in planes for _ in p.channels]
+    )
+    at = np.flatnonzero(np.asarray(run.time) < start)
+    at = at[: len(at) - int(BEFORE * len(at))]
+    if len(at) < FRAMES_FOR_NOISE or run.time is None or moved(run.flat[at], index):
+        return []
+    return [Weight(0.0, float(run.time[at[0]]), float(run.time[at[-1]]))]
 
 
 def _mean_of_first(run: Run, baseline: int) -> Floats | None:

@@ -39,6 +39,8 @@ OPEN = "the zero of the calibration is used: the intervals include its scatter a
 TOO_WIDE = "readings differ from those at rest, but by this calibration the force may be zero: calibrate with more presses, among them some like these"
 #: Frames whose readings have less than this root mean square, in standard deviations of a frame at rest, may be at rest.
 AT_REST = 3.0
+#: Note for a new zero, if the calibration has none.
+NO_ZERO = "the readings at rest are far from 0, and the calibration knew none: it took them for part of its presses, so that every force is wrong. Calibrate again with frames at rest: baseline=, or a weight of 0 g"
 #: A note says that a new zero differs from that of the calibration if the difference exceeds this fraction of the
 #: largest labelled value (a convention) and two of its standard deviations.
 STANDING = 0.1
@@ -138,13 +140,15 @@ class SkinCalibration:
 
     def standing(self, zero: Any) -> str | None:
         """Return a note if a new zero, (channel, *array) or (reading,), differs from that of the calibration by as
-        much as a press would change it; otherwise None.
+        much as a press would change it; otherwise None. A calibration without frames at rest took 0 for its zero.
 
         Nothing else distinguishes a constant press during the zeroing from rest.
         """
+        fresh = np.asarray(zero, dtype=np.float64).ravel()
         if self.zero is None:
-            return None
-        fresh, kept = np.asarray(zero, dtype=np.float64).ravel(), self.zero.ravel()
+            far = np.linalg.norm(np.nan_to_num(fresh)) > STANDING * np.linalg.norm(self.largest)
+            return NO_ZERO if far else None
+        kept = self.zero.ravel()
         known = np.isfinite(kept)
         fresh = fresh[known] if fresh.size == kept.size else fresh
         if fresh.size != self.readings or not np.isfinite(fresh).all():

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +21,7 @@ from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.score import gain_of
 from palpate.inverse.fit import misfit_probability, rms
 
-__all__ = ["rough", "rough_fit", "steps_of", "wide_and_wrong"]
+__all__ = ["largest_gain", "rough", "rough_fit", "steps_of", "wide_and_wrong"]
 
 Flags = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.intp]
@@ -41,59 +43,88 @@ def rough(
 
     ``patterns`` (reading, nuisance) are the nuisances that were subtracted, each of which takes a degree of freedom;
     ``near`` is passed to `cells.even_contact`. Stop lowering the noise once the gain decreases and is below ``beat``.
-    ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for.
-    """
+    ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for."""
     policy = estimator.policy
     readings, certain = estimator.readings, estimator.noise_known
     floor = estimator.least_noise(data)
     known = _first_noise(estimator, total, noise_at_first, near)
-    filled = data.copy()
-    linear = estimator.orders[1]
-    cells = estimator.operator.surface.shape
-    first: Floats = np.zeros((len(estimator.columns), math.prod(cells)))
-    explained = np.zeros_like(data)
     used = 0 if patterns is None else patterns.shape[1]
-    left, free, gain = total, float(observed.sum() - used), -math.inf
+    solved = partial(_at_noise, estimator, data, observed, used)
+    keep_face, explained, gain = used > 0 or shifts is not None, data, -math.inf
     for turn in range(policy.screening.rounds):
-        found = estimator.start.evidence(linear, readings.planes(filled), known)
-        noise = readings.std * known
-        first, explained, model = even_contact(
-            estimator,
-            found.traction,
-            data / noise,
-            noise,
-            observed,
-            found.weight,
-            near,
-            keep_face=used > 0 or shifts is not None,
-        )
-        near = first
-        misfit = readings.whitened(data - explained, observed)
-        free = max(float(observed.sum()) - used - estimator.taken(first[-1], found.parameter), 1.0)
-        left = math.sqrt(float((misfit**2).sum()) / free)
-        # Fill unused readings with the prediction of the contact.
-        filled = np.where(observed, data, explained)
+        at = solved(known, explained, near, keep_face=keep_face)
+        near, explained, left = at.traction, at.explained, at.left
         # This noise equals its residual, or is below it: noise that is not given is only lowered.
         settled = left > known / policy.noise.again and (left < known * policy.noise.again or not certain)
         fits = left <= floor or (certain and left <= known and (turn > 0 or known <= 1.0))
         if settled or fits:
             break
-        before, gain = gain, gain_of(free, total, left, floor)
+        before, gain = gain, gain_of(at.free, total, left, floor)
         hopeless = gain < min(before, beat)
         if hopeless or (certain and turn >= 2):
             break
         known = max(left, floor, 1.0 if certain else 0.0)
+    left, free = at.left, at.free
     gain = gain_of(free, total, left, floor) if total > 0 else 0.0
     change: Floats = np.zeros(0)
     deviation: Floats = np.zeros(0)
     if patterns is not None and used:
-        change, deviation = _step(estimator, model, patterns, data - explained, noise, observed)
+        change, deviation = _step(estimator, at.model, patterns, data - explained, readings.std * known, observed)
         deviation = deviation * (max(left, floor) / known)
-    edge = estimator.edge_load(first[-1])
+    edge = estimator.edge_load(at.traction[-1])
     beside = None
     if shifts is not None:
-        beside = _beside(estimator, model, shifts, data - explained, noise, observed)
-    return Rough(gain, left, free, first, explained, edge, change, deviation, beside)
+        beside = _beside(estimator, at.model, shifts, data - explained, readings.std * known, observed)
+    return Rough(gain, left, free, at.traction, explained, edge, change, deviation, beside)
+
+
+def largest_gain(estimator: PreparedContact, h: Explanation, data: Floats, observed: Flags, total: float) -> float:
+    """The largest gain of contact ``h`` at its noise and above.
+
+    With noise far below what coarse cells leave, contact follows every reading, and gains less than a smoother one.
+    """
+    clean, floor = h.sign * (data - estimator.shifts @ h.sizes), estimator.least_noise(data)
+    gain, known, explained, near = h.rough.gain, 2.0 * h.rough.left, h.rough.explained, h.rough.traction
+    while 0.0 < known < total:
+        at = _at_noise(estimator, clean, observed, int(h.present.sum()), known, explained, near)
+        more = gain_of(at.free, total, at.left, floor)
+        if not more > gain:
+            break
+        gain, known, explained, near = more, 2.0 * known, at.explained, at.traction
+    return gain
+
+
+class _AtNoise(NamedTuple):
+    """Contact solved for one noise: traction, predicted readings, model, residual noise and degrees of freedom left."""
+
+    traction: Floats
+    explained: Floats
+    model: ContactModel
+    left: float
+    free: float
+
+
+def _at_noise(
+    estimator: PreparedContact,
+    data: Floats,
+    observed: Flags,
+    used: int,
+    known: float,
+    explained: Floats,
+    near: Floats | None,
+    *,
+    keep_face: bool = False,
+) -> _AtNoise:
+    """Contact solved for the noise ``known``; readings that are not in use are filled with ``explained``."""
+    readings = estimator.readings
+    filled, noise = np.where(observed, data, explained), readings.std * known
+    found = estimator.start.evidence(estimator.orders[1], readings.planes(filled), known)
+    traction, explained, model = even_contact(
+        estimator, found.traction, data / noise, noise, observed, found.weight, near, keep_face=keep_face
+    )
+    misfit = readings.whitened(data - explained, observed)
+    free = max(float(observed.sum()) - used - estimator.taken(traction[-1], found.parameter), 1.0)
+    return _AtNoise(traction, explained, model, math.sqrt(float((misfit**2).sum()) / free), free)
 
 
 def _first_noise(estimator: PreparedContact, total: float, at_first: float | None, near: Floats | None) -> float:

@@ -22,7 +22,7 @@ from palpate.inverse.contact.explanation import Explanation, Rough
 from palpate.inverse.contact.prepared import PreparedContact
 from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.state import Search
-from palpate.inverse.contact.rough import rough_fit
+from palpate.inverse.contact.rough import largest_gain, rough_fit
 from palpate.inverse.contact.score import best_of, rivals_of, simplest_of, worth_of
 
 __all__ = ["PROPOSALS", "explanation_of"]
@@ -60,7 +60,7 @@ def explanation_of(
         search.add(propose(search))
         proposal = propose.__module__.rpartition(".")[2]
         trace.explanations(proposal, (h for h in search.tried if not any(h is o for o in before)), terms, total, policy)
-    best = best_of(search.tried, policy)
+    best = _of_either_sign(search, best_of(search.tried, policy))
     trace.best(best, search.tried, terms, policy)
     best, refuted = _regular(search, best)
     if estimator.noise_known and best.present.any():
@@ -71,6 +71,20 @@ def explanation_of(
         rival = simplest_of(search.tried, policy)
     best = replace(best, rival=rival, refuted=refuted)
     return best if noise is None else replace(best, noise=noise)
+
+
+def _of_either_sign(search: Search, best: Explanation) -> Explanation:
+    """The best explanation. If contact alone of the other sign leaves less, both count as smooth as they gain most: it
+    may have followed every reading, which the best one cannot.
+    """
+    other = search.alone(-best.sign)
+    if best.sign == 0 or other is None or not other.rough.left < best.rough.left:
+        return best
+    for h in (best, other):
+        gain = largest_gain(search.estimator, h, search.data, search.observed, search.total)
+        trace.decided(f"gain of {trace.named(h, search.terms)} if it is smoother", gain, h.rough.gain)
+        search.tried = [replace(t, rough=replace(t.rough, gain=gain)) if t is h else t for t in search.tried]
+    return best_of(search.tried, search.estimator.policy)
 
 
 def _regular(search: Search, best: Explanation) -> tuple[Explanation, Explanation | None]:
