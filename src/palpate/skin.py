@@ -523,12 +523,10 @@ class Skin(SkinProperties):
 
     def _answer_by(self, found: SkinCalibration, readings: Any, time: Any, options: dict[str, Any]) -> Touch:
         """Do `reconstruct` for a calibrated skin."""
-        from palpate.calibrate.answer import calibrated_touch, skin_for_pad, unflat
+        from palpate.calibrate.answer import calibrated_touch, elastic_skin
 
         if self._plain is None and found.elastic:
-            plain = skin_for_pad(self, found)._uncalibrated()
-            rest = None if self._problem.zeroed else found.rest
-            self._plain = plain if rest is None else plain.at_rest(rest * unflat(self._planes, found.factors))
+            self._plain = elastic_skin(self, found)
         return calibrated_touch(found, self, self._plain, readings, time, options)
 
     def _zeroed(self, rest: Rest) -> Skin:

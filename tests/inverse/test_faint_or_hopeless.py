@@ -104,4 +104,4 @@ def test_a_pressure_of_next_to_nothing_has_a_finite_center() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         touch = frame.skin.reconstruct(frame.readings)
-    assert float(touch.force[2]) == pytest.approx(float(frame.load.force[2]), rel=0.1)
+    assert float(touch.force[2]) == pytest.approx(float(frame.load.force[2]), rel=0.2)

@@ -20,7 +20,7 @@ from palpate.sensing.readings import checked_planes
 from palpate.sensing.times import as_seconds
 from palpate.touch import Touch
 
-__all__ = ["at_calibrated_zero", "calibrated_touch", "skin_for_pad", "unflat", "with_calibration"]
+__all__ = ["at_calibrated_zero", "calibrated_touch", "elastic_skin", "skin_for_pad", "with_calibration"]
 
 
 def calibrated_touch(
@@ -48,6 +48,14 @@ def skin_for_pad(skin: Any, found: SkinCalibration) -> Any:
     zero = skin._problem.zero
     out._problem.zero = None if zero is None else [np.nan_to_num(part * f) for part, f in zip(zero, factors)]
     return out
+
+
+def elastic_skin(skin: Any, found: SkinCalibration) -> Any:
+    """Return the skin of the elastic model: without the calibration, for readings in the unit of the pad."""
+    plain = skin_for_pad(skin, found)._uncalibrated()
+    if skin._problem.zeroed or found.rest is None:
+        return plain
+    return plain.at_rest(found.rest * unflat(skin.planes, found.factors))
 
 
 def planewise(planes: Sequence[Any], flat: Floats) -> list[Floats]:
