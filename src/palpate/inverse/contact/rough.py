@@ -43,7 +43,8 @@ def rough(
 
     ``patterns`` (reading, nuisance) are the nuisances that were subtracted, each of which takes a degree of freedom;
     ``near`` is passed to `cells.even_contact`. Stop lowering the noise once the gain decreases and is below ``beat``.
-    ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for."""
+    ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for.
+    """
     policy = estimator.policy
     readings, certain = estimator.readings, estimator.noise_known
     floor = estimator.least_noise(data)
@@ -69,12 +70,12 @@ def rough(
     change: Floats = np.zeros(0)
     deviation: Floats = np.zeros(0)
     if patterns is not None and used:
-        change, deviation = _step(estimator, at.model, patterns, data - explained, readings.std * known, observed)
+        change, deviation = _step(estimator, at.model, patterns, data - explained, at.noise, observed)
         deviation = deviation * (max(left, floor) / known)
     edge = estimator.edge_load(at.traction[-1])
     beside = None
     if shifts is not None:
-        beside = _beside(estimator, at.model, shifts, data - explained, readings.std * known, observed)
+        beside = _beside(estimator, at.model, shifts, data - explained, at.noise, observed)
     return Rough(gain, left, free, at.traction, explained, edge, change, deviation, beside)
 
 
@@ -95,8 +96,11 @@ def largest_gain(estimator: PreparedContact, h: Explanation, data: Floats, obser
 
 
 class _AtNoise(NamedTuple):
-    """Contact solved for one noise: traction, predicted readings, model, residual noise and degrees of freedom left."""
+    """Contact solved for one noise (reading,): traction, predicted readings, model, residual noise and degrees of freedom
+    left.
+    """
 
+    noise: Floats
     traction: Floats
     explained: Floats
     model: ContactModel
@@ -124,7 +128,7 @@ def _at_noise(
     )
     misfit = readings.whitened(data - explained, observed)
     free = max(float(observed.sum()) - used - estimator.taken(traction[-1], found.parameter), 1.0)
-    return _AtNoise(traction, explained, model, math.sqrt(float((misfit**2).sum()) / free), free)
+    return _AtNoise(noise, traction, explained, model, math.sqrt(float((misfit**2).sum()) / free), free)
 
 
 def _first_noise(estimator: PreparedContact, total: float, at_first: float | None, near: Floats | None) -> float:
