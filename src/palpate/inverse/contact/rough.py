@@ -46,7 +46,7 @@ def rough(
     ``shifts`` (reading, nuisance) are nuisances to compute `Rough.beside` for.
     """
     policy = estimator.policy
-    readings, certain = estimator.readings, estimator.noise_known
+    certain = estimator.noise_known
     floor = estimator.least_noise(data)
     known = _first_noise(estimator, total, noise_at_first, near)
     used = 0 if patterns is None else patterns.shape[1]
