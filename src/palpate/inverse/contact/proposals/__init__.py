@@ -19,7 +19,7 @@ import numpy.typing as npt
 from palpate.elastic.pad import Floats
 from palpate.inverse.contact import trace
 from palpate.inverse.contact.explanation import Explanation, Rough
-from palpate.inverse.contact.prepared import PreparedContact
+from palpate.inverse.contact.prepared import PreparedContact, TooLarge
 from palpate.inverse.contact.proposals import both, groups, offsets, pull, push, ramps
 from palpate.inverse.contact.proposals.state import Search
 from palpate.inverse.contact.rough import largest_gain, rough_fit
@@ -80,8 +80,12 @@ def _of_either_sign(search: Search, best: Explanation) -> Explanation:
     other = search.alone(-best.sign)
     if best.sign == 0 or other is None or not other.rough.left < best.rough.left:
         return best
-    for h in (best, other):
-        gain = largest_gain(search.estimator, h, search.data, search.observed, search.total)
+    try:
+        gains = [largest_gain(search.estimator, h, search.data, search.observed, search.total) for h in (best, other)]
+    except TooLarge as error:
+        trace.step(f"skipped: {error}")
+        return best
+    for h, gain in zip((best, other), gains):
         trace.decided(f"gain of {trace.named(h, search.terms)} if it is smoother", gain, h.rough.gain)
         search.tried = [replace(t, rough=replace(t.rough, gain=gain)) if t is h else t for t in search.tried]
     return best_of(search.tried, search.estimator.policy)
