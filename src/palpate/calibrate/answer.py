@@ -43,11 +43,17 @@ def calibrated_touch(
 
 def skin_for_pad(skin: Any, found: SkinCalibration) -> Any:
     """Return the skin for readings times the factors of its calibration: noise, limits and zero are in that unit."""
-    factors = planewise(skin.planes, found.factors)
-    out = skin._with(skin.pad, [plane.rescaled(each) for plane, each in zip(skin.planes, factors)])
     zero = skin._problem.zero
-    out._problem.zero = None if zero is None else [np.nan_to_num(part * f) for part, f in zip(zero, factors)]
-    return out
+    if zero is None and all(plane.noise is None and plane.limits is None for plane in skin.planes):
+        return skin
+
+    def made() -> Any:
+        factors = planewise(skin.planes, found.factors)
+        out = skin._with(skin.pad, [plane.rescaled(each) for plane, each in zip(skin.planes, factors)])
+        out._problem.zero = None if zero is None else [np.nan_to_num(part * f) for part, f in zip(zero, factors)]
+        return out
+
+    return skin._rests.get(found.factors.tobytes(), made)
 
 
 def elastic_skin(skin: Any, found: SkinCalibration) -> Any:
