@@ -137,3 +137,17 @@ def test_a_zero_far_from_0_beside_a_calibration_without_one_has_a_note(skin: pp.
     notes = calibrated.reconstruct(300.0 + readings[0], zero=at_rest(5) + 293.0).notes
     assert any("the calibration knew none" in note for note in notes)
     assert not any("knew none" in note for note in calibrated.reconstruct(readings[0], zero=at_rest(5) - 7.0).notes)
+
+
+@pytest.mark.long
+def test_saturation_limits_are_in_the_unit_of_the_sensor() -> None:
+    """Readings that lie at the limit are saturated, and no others: of 16 taxels 15 were above a limit in counts."""
+    frames, force = told()
+    press = bench(1, 5003)[0][0]
+    limit = 0.7 * float(press.max())
+    cut = pp.Skin(PAD, dataclasses.replace(taxels(), limits=(-np.inf, limit)))
+    calibrated = cut.calibrate(frames - 7.0, reference=force)
+    assert calibrated.calibration is not None
+    assert calibrated.calibration.elastic
+    clipped = np.minimum(press, limit)
+    assert calibrated.reconstruct(clipped).at_limit.tolist() == (clipped >= limit).ravel().tolist()
