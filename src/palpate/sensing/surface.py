@@ -19,9 +19,9 @@ __all__ = ["DEPTHS", "check_above", "check_depth", "check_thickness", "default_s
 #: The surface extends past the array by this many times the greatest depth.
 DEPTHS = 2.0
 
-#: Largest number of surface cells per taxel pitch; and per typical distance of markers in a pad on a base that are
-#: scattered or move only sideways (camera dots, marker tables). For the latter, three determine a ball's force no better and take twice the time, four six times, and
-#: one is too few for a tracker (benchmarks/markers.py).
+#: Largest number of surface cells per taxel pitch; and per typical distance of markers scattered in a pad on a base
+#: (camera dots, marker tables). For the latter, three determine a ball's force no better and take twice the time, four
+#: six times, and one is too few for a tracker (benchmarks/markers.py).
 FINEST, FINEST_MARKERS = 4, 2
 #: A press moves markers up to one thickness away, so the margin is one thickness, at most this many marker distances,
 #: which keeps large fields small. With a margin of 15 % of the array's width a ball at its corner read 0.82 of its
@@ -49,9 +49,9 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     cost time. A cell's centre lies above each taxel of the first plane. The grid extends past the arrays by ``depths``
     times the greatest depth and at least one pitch, so that a contact beyond the edge is not moved inside. For
     displacement, it also extends by 15 % of the array's width, because loads change displacement that far away. If all
-    readings are displacements of markers in a pad of this ``thickness`` on a base (None: no base), and the markers are
-    scattered or move only sideways, cells are no finer than half the markers' typical distance, and the grid extends a
-    thickness past them, or two of these distances.
+    readings are displacements of markers scattered in a pad of this ``thickness`` on a base (None: no base), cells are
+    no finer than half the markers' typical distance, and the grid extends a thickness past them, or two of these
+    distances.
 
     Examples
     --------
@@ -65,9 +65,7 @@ def default_surface(planes: Sequence[Array], *, depths: float = DEPTHS, thicknes
     depth = min(p.depth for p in planes)
     absolute = [find_channel(c).kind.absolute for p in planes for c in p.channels]
     far = any(absolute)
-    sideways = not any("displacement_z" in p.channels for p in planes)
-    markers = first.dimensions == 2 and all(absolute) and thickness is not None
-    markers = markers and (sideways or isinstance(first, ScatteredArray))
+    markers = isinstance(first, ScatteredArray) and first.dimensions == 2 and all(absolute) and thickness is not None
     finest = FINEST_MARKERS if markers else FINEST
     if markers:
         depth = first.depth  # a surface map beside them needs no other cells
