@@ -74,21 +74,27 @@ def explanation_of(
 
 
 def _of_either_sign(search: Search, best: Explanation) -> Explanation:
-    """The best explanation. If contact alone of the other sign leaves less, both count as smooth as they gain most: it
-    may have followed every reading, which the best one cannot.
+    """The best explanation; the best one of the other sign, if contact alone of that sign leaves less, and is worth more
+    when both are as smooth as they gain most: it may have followed every reading, which the first one cannot.
     """
     other = search.alone(-best.sign)
     if best.sign == 0 or other is None or not other.rough.left < best.rough.left:
         return best
     try:
-        gains = [largest_gain(search.estimator, h, search.data, search.observed, search.total) for h in (best, other)]
+        first, second = (worth_of(_smooth(search, h), search.estimator.policy) for h in (best, other))
     except TooLarge as error:
         trace.step(f"skipped: {error}")
         return best
-    for h, gain in zip((best, other), gains):
-        trace.decided(f"gain of {trace.named(h, search.terms)} if it is smoother", gain, h.rough.gain)
-        search.tried = [replace(t, rough=replace(t.rough, gain=gain)) if t is h else t for t in search.tried]
+    if second > first:
+        search.tried = [h for h in search.tried if h.sign != best.sign]
     return best_of(search.tried, search.estimator.policy)
+
+
+def _smooth(search: Search, h: Explanation) -> Explanation:
+    """The contact with the gain that it has at the noise at which it gains most."""
+    gain = largest_gain(search.estimator, h, search.data, search.observed, search.total)
+    trace.decided(f"gain of {trace.named(h, search.terms)} if it is smoother", gain, h.rough.gain)
+    return replace(h, rough=replace(h.rough, gain=gain))
 
 
 def _regular(search: Search, best: Explanation) -> tuple[Explanation, Explanation | None]:
