@@ -87,11 +87,13 @@ def test_frames_of_one_press_are_one_label() -> None:
     """Frames in a row with equal labels and alike readings; the same force at another place is another press."""
     force = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0])
     flat = np.outer(force, [1.0, 0.0]) + 1e-3 * np.random.default_rng(0).standard_normal((8, 2))
-    assert plateaus({"fz": force}, flat).tolist() == [0, 0, 1, 1, 1, 1, 2, 3]
+    assert plateaus({"fz": force}, flat, np.arange(8)).tolist() == [0, 0, 1, 1, 1, 1, 2, 3]
+    apart = np.array([0, 1, 2, 3, 7, 8, 9, 10])  # the frames between have no label
+    assert plateaus({"fz": force}, flat, apart).tolist() == [0, 0, 1, 1, 2, 2, 3, 4]
     flat[4:6] = [0.0, 1.0]
-    assert len(np.unique(plateaus({"fz": force}, flat)[2:6])) == 4
+    assert len(np.unique(plateaus({"fz": force}, flat, np.arange(8))[2:6])) == 4
     place = np.array([0.0, 0.0, 0.0, 0.0, 1e-3, 1e-3, 0.0, 0.0])
-    assert plateaus({"fz": force, "x": place}, flat).tolist() == [0, 0, 1, 1, 2, 2, 3, 4]
+    assert plateaus({"fz": force, "x": place}, flat, np.arange(8)).tolist() == [0, 0, 1, 1, 2, 2, 3, 4]
 
 
 @pytest.mark.long

@@ -504,7 +504,7 @@ def _join_runs(
                 f"run {number} has no frame with a known force and complete readings. Give the force of a frame whose readings are all finite, or leave the run out."
             )
         # without times, each frame is a press of its own
-        plateau = np.arange(len(at)) if run.time is None else plateaus({n: v[at] for n, v in one.items()}, flat[at])
+        plateau = np.arange(len(at)) if run.time is None else plateaus({n: v[at] for n, v in one.items()}, flat[at], at)
         first = np.unique(plateau, return_index=True)[1]
         kept = spread_over(np.nan_to_num(forces[at][first]), per_run)
         rows["flat"].append(_means(flat[at], first)[kept])

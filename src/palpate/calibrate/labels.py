@@ -205,12 +205,12 @@ def press_numbers(
     return out
 
 
-def plateaus(known: Mapping[str, Floats], flat: Floats) -> npt.NDArray[np.int64]:
-    """Return the number of the plateau of each frame: frames in a row whose labels are exactly equal, and whose readings
-    (frame, reading) hardly vary. They share the error of the label, so that they count as one.
+def plateaus(known: Mapping[str, Floats], flat: Floats, number_of_frame: npt.NDArray[np.intp]) -> npt.NDArray[np.int64]:
+    """Return the number of the plateau of each labelled frame: frames in a row whose labels are exactly equal, and whose
+    readings (frame, reading) hardly vary. They share the error of the label, so that they count as one.
     """
     labels = np.nan_to_num(np.stack(list(known.values()), axis=1))
-    alike = (labels[1:] == labels[:-1]).all(axis=1)
+    alike = (labels[1:] == labels[:-1]).all(axis=1) & (np.diff(number_of_frame) == 1)
     number = np.cumsum(np.r_[True, ~alike]) - 1
     usual = STUCK_VARIES * float(np.nanvar(flat, axis=0).sum())
     vary = [float(flat[number == k].var(axis=0).sum()) > usual for k in range(number[-1] + 1)]
