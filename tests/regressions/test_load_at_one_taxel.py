@@ -102,7 +102,7 @@ def test_what_noise_explains_ill_may_be_contact() -> None:
     frame = make_frame("clean", 55, seed=2203)
     touch = frame.skin.reconstruct(frame.readings, friction=frame.friction)
     assert touch.status == pp.Status.UNDECIDED
-    assert 0.01 < float(touch.fit) < 0.5
+    assert 0.01 < float(touch.fit) < 0.1
     assert np.abs(touch.interval(0.95, "force")[1][1]) > 0.8 * frame.load.force[1]
 
 

@@ -397,12 +397,14 @@ def _weighed(
 
 def _still_before(planes: Sequence[Any], run: Run, start: float) -> list[Weight]:
     """Return the frames before the first weight as a weight of 0 g, if they are enough, and do not move."""
+    if run.time is None:
+        return []
     index = np.repeat(
         np.arange(sum(len(p.channels) for p in planes)), [int(p.valid.sum()) for p in planes for _ in p.channels]
     )
-    at = np.flatnonzero(np.asarray(run.time) < start)
+    at = np.flatnonzero(run.time < start)
     at = at[: len(at) - int(BEFORE * len(at))]
-    if len(at) < FRAMES_FOR_NOISE or run.time is None or moved(run.flat[at], index):
+    if len(at) < FRAMES_FOR_NOISE or moved(run.flat[at], index):
         return []
     return [Weight(0.0, float(run.time[at[0]]), float(run.time[at[-1]]))]
 

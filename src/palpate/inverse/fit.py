@@ -107,8 +107,8 @@ def misfit_probability(
     others : sequence of float
         Probabilities of other tests: the least of all counts, times their number (Bonferroni).
     channels : array (reading,) of int, optional
-        Channel of each reading. Each then counts by the size of its own residual, so that the noise of a loud channel
-        does not hide the order of a quiet one.
+        Channel of each reading. Whiteness is then also tested with every channel divided by the size of its residual,
+        and the larger z counts, so that the noise of a loud channel does not hide the order of a quiet one.
 
     Notes
     -----
@@ -119,20 +119,20 @@ def misfit_probability(
     import scipy.special
 
     tests = list(others)
-    free, left = float(observed.sum()) - taken, float((residual[observed] ** 2).sum()) / (1.0 + detail**2)
+    free = float(observed.sum()) - taken
     i, j = pairs
     both = observed[i] & observed[j]
     i, j = i[both], j[both]
     if len(i) >= MIN_DEGREES and free >= MIN_DEGREES:
         size = residual**2 + detail**2
+        products, sizes = residual[i] * residual[j], size[i] * size[j]
+        z = float(products.sum()) / max(math.sqrt(float(sizes.sum())), 1e-300)
         if channels is not None:
-            count = np.bincount(channels, observed)
-            level = np.bincount(channels, size * observed) / np.maximum(count, 1.0)
-            scale = np.where(level > 0.0, level, 1.0)[channels]
-            residual, size = residual / np.sqrt(scale), size / scale
-        std = math.sqrt(float((size[i] * size[j]).sum()))
-        z = float((residual[i] * residual[j]).sum()) / max(std, 1e-300)
+            count = np.maximum(np.bincount(channels, observed), 1.0)
+            level = np.maximum(np.bincount(channels, size * observed) / count, 1e-150)[channels[i]]
+            z = max(z, float((products / level).sum()) / max(math.sqrt(float((sizes / level**2).sum())), 1e-300))
         tests.append(0.5 * math.erfc(z / math.sqrt(2.0)))
     if known and free >= 1.0:
+        left = float((residual[observed] ** 2).sum()) / (1.0 + detail**2)
         tests.append(float(scipy.special.gammaincc(0.5 * free, 0.5 * left)))
     return min(1.0, len(tests) * min(tests)) if tests else math.nan

@@ -80,7 +80,7 @@ def misfit_of(estimator: PreparedContact, run: Solved, residual: Floats, taken: 
         known=known,
         detail=detail * stretch,
         others=() if math.isnan(run.drift) else (run.drift,),
-        channels=estimator.noise.index,
+        channels=None if known else estimator.noise.index,
     )
 
 
