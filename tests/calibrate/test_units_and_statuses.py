@@ -137,8 +137,10 @@ def test_a_zero_far_from_0_beside_a_calibration_without_one_has_a_note(skin: pp.
     assert calibrated.calibration is not None
     assert calibrated.calibration.zero is None
     notes = calibrated.reconstruct(300.0 + readings[0], zero=at_rest(5) + 293.0).notes
-    assert any("the calibration knew none" in note for note in notes)
-    assert not any("knew none" in note for note in calibrated.reconstruct(readings[0], zero=at_rest(5) - 7.0).notes)
+    assert any("had no frames at rest" in note for note in notes)
+    assert not any(
+        "had no frames at rest" in note for note in calibrated.reconstruct(readings[0], zero=at_rest(5) - 7.0).notes
+    )
 
 
 @pytest.mark.long

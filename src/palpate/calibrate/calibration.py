@@ -40,7 +40,7 @@ TOO_WIDE = "readings differ from those at rest, but by this calibration the forc
 #: Frames whose readings have less than this root mean square, in standard deviations of a frame at rest, may be at rest.
 AT_REST = 3.0
 #: Note for a new zero, if the calibration has none.
-NO_ZERO = "the readings at rest are far from 0, and the calibration knew none: it took them for part of its presses, so that every force is wrong. Calibrate again with frames at rest: baseline=, or a weight of 0 g"
+NO_ZERO = "the readings at rest are far from 0, but the calibration had no frames at rest and took these offsets for load, so that every force is wrong. Calibrate again with frames at rest: baseline=, or a weight of 0 g"
 #: A note says that a new zero differs from that of the calibration if the difference exceeds this fraction of the
 #: largest labelled value (a convention) and two of its standard deviations.
 STANDING = 0.1
